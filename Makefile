@@ -132,7 +132,7 @@ sanitize: $(VENV)/.installed-dev ## the tests that reach the kernels, under Addr
 
 .PHONY: schemas
 schemas: $(VENV)/.installed-dev ## writes schemas/ anew from the messages
-	$(BIN)/python -m rwa_monitor.messages.schemas schemas
+	$(BIN)/python tools/schemas.py schemas
 
 .PHONY: references
 references: $(VENV)/.installed-dev ## makes the reference recordings in replay/ anew, after a change meant to change diagnoses

@@ -34,11 +34,11 @@ from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import last_settings
 from rwa_monitor.monitor.recording.recorder import Recorder
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -117,8 +117,7 @@ def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
     folder.mkdir()
     recorder = Recorder(
         folder,
-        wheel_toml=core.wheel.to_toml(),
-        model_json=built_in_model().to_json(),
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

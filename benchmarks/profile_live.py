@@ -29,10 +29,9 @@ from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor import windows
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import OrderGuard
-from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
+from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import Recorder
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.telemetry.friction import FrictionSource
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
@@ -46,7 +45,7 @@ STAGES: dict[str, tuple[Any, str]] = {
     "lists to arrays": (SamplesMessage, "samples"),
     "record the message: MCAP, zstd": (Recorder, "input"),
     "sequencer": (Sequencer, "put"),
-    "order guard": (OrderGuard, "next_piece"),
+    "order guard": (SlotAssignment, "next_piece"),
     "ring buffer": (RingBuffer, "extend"),
     "screen": (Screen, "run"),
     "friction": (FrictionSource, "friction"),
@@ -89,8 +88,7 @@ def monitor_in(folder: Path) -> Monitor:
     options = RunOptions(model=built_in_model())
     recorder = Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        model_json=built_in_model().to_json(),
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

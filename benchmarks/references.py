@@ -24,14 +24,12 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Message, SamplesMessage, Status, samples_json
-from rwa_monitor.monitor.bus import Inbox
-from rwa_monitor.monitor.earlier_run import read_past
-from rwa_monitor.monitor.ingest.backfill import Arrival
-from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
+from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.recording.recorder import Recorder
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.state_recovery import recover_state
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -232,11 +230,10 @@ def _as_telemetry(samples: Samples) -> Samples:
 
 
 def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *, killed: bool) -> None:
-    past = read_past(folder, options.setup(), Event(), lambda _: None)
+    past = recover_state(folder, options.setup(), Event(), lambda _: None)
     recorder = Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        model_json=options.model.to_json() if options.model else "",
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=past.predecessor,
         wall_ns=clock.wall_ns,

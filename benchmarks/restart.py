@@ -35,7 +35,7 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.publisher import ReliablePublisher
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate

@@ -37,8 +37,7 @@ from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel
 from rwa_monitor.messages import Diagnosis, diagnosis_message
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed
-from rwa_monitor.monitor.outputs import trouble_in
+from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed, trouble_in
 from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
 from rwa_monitor.monitor.telemetry_files import read_telemetry

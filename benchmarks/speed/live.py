@@ -24,15 +24,15 @@ from benchmarks.window import Window
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.monitor.bus import BusOptions, Inbox, MonitorBus, open_session
+from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.earlier_run import Past
-from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.monitor.ingest.backfill import Inbox
+from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.recording.recorder import REFUSED, Recorder
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.state_recovery import RecoveredState
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -231,8 +231,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     clock = Clock()
     recorder = Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        model_json=built_in_model().to_json(),
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=clock.wall_ns,
@@ -241,7 +240,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     with open_session(options.bus) as session, MonitorBus(session, Inbox()) as bus:
         said: list[str] = []
         monitor = Monitor(options, bus, recorder, said.append, clock)
-        monitor.begin(Past())
+        monitor.begin(RecoveredState())
         bus.subscribe(options.wheels)
         bus.offer_health()
         left = messages

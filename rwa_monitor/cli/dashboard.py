@@ -88,8 +88,8 @@ def command(
     except ImportError as error:
         raise click.ClickException(f"{error.name} is missing: pip install 'rwa-monitor[dashboard]'") from error
     from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.dashboard.recordings import import_recordings
     from rwa_monitor.errors import InputError
-    from rwa_monitor.history.imports import import_recordings
     from rwa_monitor.history.retention import Retention
     from rwa_monitor.history.store import History
     from rwa_monitor.monitor.bus import endpoints, open_session

@@ -68,8 +68,8 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.monitor.bus import open_session
+    from rwa_monitor.monitor.monitor import RunOptions
     from rwa_monitor.monitor.publisher import publish
-    from rwa_monitor.monitor.run_options import RunOptions
     from rwa_monitor.monitor.service import run
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
@@ -81,7 +81,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         wheel=satellite.wheel,
         model=built_in_model(),
         record=record,
-        tell_verdicts=False,  # the view has a line for each window
+        log_verdicts=False,  # the view has a line for each window
     )
     with (
         stop_on_signals() as stop,
@@ -93,7 +93,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         served = _serve_page(page, session, record, port, satellite, no_browser=no_browser)
         view = DemoView(session, spacecraft, satellite.start_ns)
         ended = Event()
-        monitor = workers.submit(run, options, ended, session=session, say=log)
+        monitor = workers.submit(run, options, ended, session=session, log=log)
         sender = workers.submit(
             publish, satellite.telemetry, session, speed=satellite.speed, batch_samples=BATCH_SAMPLES, stop=ended
         )
@@ -202,7 +202,7 @@ class DemoView:
     """
 
     def __init__(self, session: Any, spacecraft: str, start_ns: int) -> None:
-        from rwa_monitor.monitor.bus import Inbox
+        from rwa_monitor.monitor.ingest.backfill import Inbox
 
         self.rows: dict[str, WheelRow] = {}
         self._start_ns = start_ns

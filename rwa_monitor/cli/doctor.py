@@ -193,7 +193,7 @@ def _settings(ctx: click.Context) -> str:
 
 def _wheel(wheel_file: Path | None) -> str:
     """Check that the wheel file can be used, and return what it lacks."""
-    from rwa_monitor.monitor.wheel_words import first_verdict
+    from rwa_monitor.monitor.service import first_verdict
     from rwa_monitor.telemetry.wheel_file import read_wheel
     from rwa_monitor.words import counted
 
@@ -308,8 +308,7 @@ def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
     import time
     from threading import Event
 
-    from rwa_monitor.monitor.bus import endpoints, open_session
-    from rwa_monitor.monitor.bus_watch import BusWatch
+    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.words import counted, first_few
 
     def listed(wheels: set[WheelKey]) -> str:

@@ -119,7 +119,7 @@ def _publish(paths: Path | tuple[Path, ...], speed: float, from_ns: int | None, 
     """Send the recorded inputs in the pace of their own time."""
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.monitor.bus import open_session
-    from rwa_monitor.monitor.replay import replay_to_bus
+    from rwa_monitor.monitor.publisher import replay_to_bus
     from rwa_monitor.words import counted
 
     warn_if_alone(bus)

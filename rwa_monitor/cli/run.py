@@ -79,9 +79,8 @@ def command(
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.cli.signals import stop_on_signals
-    from rwa_monitor.monitor.run_options import RunOptions
-    from rwa_monitor.monitor.service import run
-    from rwa_monitor.monitor.supervisor import Supervisor
+    from rwa_monitor.monitor.monitor import RunOptions
+    from rwa_monitor.monitor.service import Supervisor, run
     from rwa_monitor.telemetry.model_file import read_model
     from rwa_monitor.telemetry.wheel_file import read_wheel, read_wheel_folder
 
@@ -104,4 +103,4 @@ def command(
         shard=shard,
     )
     with stop_on_signals() as stop:
-        run(options, stop, say=log, supervisor=Supervisor(os.environ, alive))
+        run(options, stop, log=log, supervisor=Supervisor(os.environ, alive))

@@ -143,8 +143,7 @@ def publish(
     """
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.monitor.bridge import PacketSender, UdpAddress
-    from rwa_monitor.monitor.bus import endpoints, open_session
-    from rwa_monitor.monitor.bus_watch import BusWatch
+    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import SamplesPublisher, SamplesSink, send
     from rwa_monitor.telemetry.ccsds_example import FIRST_APID, MAX_EXAMPLE_WHEELS
 

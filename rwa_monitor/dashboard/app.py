@@ -9,51 +9,45 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
+from fastapi import Depends, FastAPI, Query, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi.concurrency import run_in_threadpool
+from fastapi.exceptions import RequestValidationError
+from fastapi.middleware import Middleware
+from fastapi.middleware.trustedhost import TrustedHostMiddleware
+from fastapi.responses import FileResponse, JSONResponse
+from fastapi.security import HTTPBearer
+from fastapi.staticfiles import StaticFiles
 from pydantic import BaseModel, ValidationError
-from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
-from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
-from starlette.routing import Mount, Route, WebSocketRoute
-from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
-from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rwa_monitor.dashboard.alarm_notifier import Voices, alarm_entry
+from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier, alarm_entry
+from rwa_monitor.dashboard.api_models import Acknowledgement, Entry, Refusal, Replay, Retirement, Shelving, WheelNow
 from rwa_monitor.dashboard.feed import Client, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
-from rwa_monitor.dashboard.listener import aside_entry
+from rwa_monitor.dashboard.listener import retirement_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
-from rwa_monitor.dashboard.openapi import (
-    MAX_ESTIMATES,
-    MAX_WINDOWS,
-    Acknowledgement,
-    PuttingAside,
-    Shelving,
-    openapi,
-)
-from rwa_monitor.dashboard.recordings import list_recordings, replay_json
-from rwa_monitor.dashboard.retired_wheels import Aside
-from rwa_monitor.dashboard.trends import trends
+from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, replay_json
+from rwa_monitor.dashboard.trends import TrendRecord, trends
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord, WheelLine
+from rwa_monitor.history.records import AlarmRecord, EstimateRecord, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Diagnosis, Discrepancy, Status, dump_json, key_of
+from rwa_monitor.messages import Diagnosis, Discrepancy, Message, Status, dump_json, key_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.version import RELEASE, SOFTWARE
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
+MAX_WINDOWS: Final = 1_000
+MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
+DEFAULT_LIMIT: Final = 200
 MAX_WATCH: Final = 300  # characters of a wheel that a page asks for
 Wanted = TypeVar("Wanted", bound=BaseModel)
 HEADERS: Final = {
@@ -66,54 +60,78 @@ HEADERS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """What the application shows: fleet, history, what is put aside, folder of recordings or None; voices and token."""
+    """What the application shows: fleet, history, folder of recordings or None; alarm notifier and token."""
 
     fleet: Fleet
     history: History
-    aside: Aside
-    voices: Voices
+    notifier: AlarmNotifier
     recordings: Path | None
     token: str
 
 
-def create_app(sources: Sources) -> Starlette:
-    """Return the application."""
-    api = Api(sources)
+def create_app(sources: Sources) -> FastAPI:
+    """Return the application; the pages of FastAPI's documentation, which load scripts from elsewhere, are off."""
 
     @asynccontextmanager
-    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         del app
-        feeding = asyncio.create_task(sources.voices.hub.run())
+        feeding = asyncio.create_task(sources.notifier.hub.run())
         yield
         feeding.cancel()
 
-    return Starlette(
-        routes=[
-            Route("/", lambda _: FileResponse(STATIC / "index.html")),
-            Route("/api/openapi.json", lambda _: JSONResponse(openapi())),
-            Route("/api/fleet", api.fleet),
-            Route("/api/wheels/{spacecraft}/{wheel}", api.wheel),
-            Route("/api/wheels/{spacecraft}/{wheel}/windows", api.windows),
-            Route("/api/wheels/{spacecraft}/{wheel}/estimates", api.estimates),
-            Route("/api/wheels/{spacecraft}/{wheel}/trend", api.trend),
-            Route("/api/wheels/{spacecraft}/{wheel}/aside", api.deeds, methods=["GET"]),
-            Route("/api/wheels/{spacecraft}/{wheel}/aside", api.put_aside, methods=["POST"]),
-            Route("/api/alarms", api.alarms),
-            Route("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, methods=["POST"]),
-            Route("/api/alarms/{alarm:int}/shelve", api.shelve, methods=["POST"]),
-            Route("/api/recordings", api.recordings),
-            Route("/api/recordings/{name}", api.recording),
-            Route("/metrics", api.metrics),
-            WebSocketRoute("/api/feed", api.feed),
-            Mount("/static", StaticFiles(directory=STATIC)),
-        ],
+    app = FastAPI(
+        title="rwa-monitor dashboard",
+        version=RELEASE,
+        description="Reading needs no token, changing does. Times in ns; `wall` is this machine's clock.",
+        openapi_url="/api/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+        lifespan=lifespan,
         middleware=[
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"]),
             Middleware(SameOrigin),
         ],
-        exception_handlers={HTTPException: _told, InputError: _refused, HistoryError: _unavailable},
-        lifespan=lifespan,
+        exception_handlers=dict.fromkeys((HTTPException, RequestValidationError, InputError, HistoryError), _refused),
+        responses={422: {"model": Refusal}, 503: {"model": Refusal}},
     )
+    _add_routes(app, Api(sources))
+    app.mount("/static", StaticFiles(directory=STATIC))
+    return app
+
+
+def _add_routes(app: FastAPI, api: Api) -> None:
+    app.add_route("/", lambda _: FileResponse(STATIC / "index.html"), include_in_schema=False)
+    app.add_route("/metrics", api.metrics, include_in_schema=False)
+    app.add_api_websocket_route("/api/feed", api.feed)
+    wheel = "/api/wheels/{spacecraft}/{wheel}"
+    get = app.add_api_route
+    refused: dict[int | str, dict[str, Any]] = {401: {"model": Refusal}, 404: {"model": Refusal}}
+    get("/api/feed", api.frames, response_model=list[Entry])
+    get("/api/fleet", api.fleet, response_model=list[Entry])
+    get(wheel, api.wheel, response_model=WheelNow, responses=refused)
+    get(f"{wheel}/windows", api.windows, response_model=list[Diagnosis])
+    get(f"{wheel}/estimates", api.estimates, response_model=list[EstimateRecord])
+    get(f"{wheel}/trend", api.trend, response_model=list[TrendRecord])
+    get(f"{wheel}/aside", api.retirement, response_model=list[RetirementEvent])
+    get("/api/alarms", api.alarms, response_model=list[AlarmRecord])
+    get("/api/recordings", api.recordings, response_model=list[RecordingFile])
+    get("/api/recordings/{name}", api.recording, response_model=Replay)
+    token = Depends(HTTPBearer(scheme_name="token", auto_error=False))
+    for path, change, body, answer in (
+        (f"{wheel}/aside", api.retire, Retirement, RetirementEvent),
+        ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, Acknowledgement, AlarmRecord),
+        ("/api/alarms/{alarm:int}/shelve", api.shelve, Shelving, AlarmRecord),
+    ):
+        content = {"application/json": {"schema": body.model_json_schema()}}
+        app.add_api_route(
+            path,
+            change,
+            methods=["POST"],
+            response_model=answer,
+            responses=refused,
+            dependencies=[token],
+            openapi_extra={"requestBody": {"required": True, "content": content}},
+        )
 
 
 class SameOrigin:
@@ -142,7 +160,10 @@ class SameOrigin:
 
 
 class Api:
-    """The handlers, over the sources. Those that are no coroutines run in threads of their own."""
+    """The handlers, over the sources. Those that are no coroutines run in threads of their own.
+
+    Answers are written as bytes, as they came or are kept: FastAPI describes them, and does not make them anew.
+    """
 
     def __init__(self, sources: Sources) -> None:
         self.sources = sources
@@ -156,107 +177,106 @@ class Api:
             first += self.sources.fleet.snapshot()
         return frame([*(entry for entry in first if not entry.brief), *pulse(entry for entry in first if entry.brief)])
 
-    def fleet(self, request: Request) -> Response:
-        """Answer with the latest diagnosis and status of every wheel, as entries of the feed."""
-        del request
+    def fleet(self) -> Response:
+        """Answer with the latest diagnosis and status of every wheel, and all open alarms, as entries of the feed."""
         return _json(frame(self._snapshot()).encode())
 
     def _snapshot(self) -> list[Received]:
-        """Return what a page needs first: live wheels, those only the history knows, the alarms, what is put aside."""
+        """Return what a page needs first: live wheels, those only of the history, the alarms, retired wheels."""
         history, live = self.sources.history, self.sources.fleet.snapshot()
         known = {entry.key for entry in live}
-        past = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
-        past = [entry for entry in past if entry.key not in known]
-        deeds = [aside_entry(line) for line in self.sources.aside.lines()]
-        return [*live, *past, *(alarm_entry(alarm) for alarm in history.alarms()), *deeds]
+        earlier = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
+        earlier = [entry for entry in earlier if entry.key not in known]
+        retired = [retirement_entry(event) for event in history.retired.latest()]
+        return [*live, *earlier, *(alarm_entry(alarm) for alarm in history.alarms()), *retired]
 
-    def wheel(self, request: Request) -> Response:
+    def wheel(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
-        name = (request.path_params["spacecraft"], request.path_params["wheel"])
+        history, name = self.sources.history, (spacecraft, wheel)
         if name not in self.sources.fleet.names():
-            if name not in self.sources.history.wheels():
+            if name not in history.wheels():
                 raise HTTPException(404, "no such wheel")
-            return _json(_wheel_json(b"null", [], [], self.sources.history.discrepancy(*name), b"null"))
-        wheel = self.sources.fleet.wheel(*name)
-        assert wheel is not None  # it is known, as asked above
+            return _json(_wheel_json(b"null", [], [], history.discrepancy(*name), b"null"))
+        known = self.sources.fleet.wheel(*name)
+        assert known is not None  # as looked up above
         with self.sources.fleet.lock:
-            samples, jumps = wheel.trace.message(), [entry.payload for entry in wheel.provisional]
-            curves = [*wheel.curves]
-            so_far = wheel.open_window.evidence_so_far(wheel.diagnosis, wheel.constants)
-            found = wheel.latest.get(Discrepancy.kind)
-            status = wheel.latest.get(Status.kind)
+            samples, jumps = known.decimated.message(), [entry.payload for entry in known.provisional]
+            curves = [*known.curves]
+            so_far = known.open_window.evidence_so_far(known.diagnosis, known.constants)
+            found = known.latest.get(Discrepancy.kind)
+            status = known.latest.get(Status.kind)
         curves += [so_far.to_json()] if so_far else []
-        known = found.payload if found else self.sources.history.discrepancy(*name)
-        return _json(_wheel_json(samples, jumps, curves, known, status.payload if status else b"null"))
+        discrepancy = found.payload if found else history.discrepancy(*name)
+        return _json(_wheel_json(samples, jumps, curves, discrepancy, status.payload if status else b"null"))
 
-    def windows(self, request: Request) -> Response:
+    def windows(
+        self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_WINDOWS)] = DEFAULT_LIMIT
+    ) -> Response:
         """Answer with the latest diagnoses of one wheel, the oldest first."""
-        diagnoses = self.sources.history.windows(*_wheel(request), limit=_limit(request))
-        return _json(b"[" + b",".join(diagnosis.to_json() for diagnosis in diagnoses) + b"]")
+        return _list(self.sources.history.windows(spacecraft, wheel, limit))
 
-    def estimates(self, request: Request) -> Response:
+    def estimates(
+        self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_ESTIMATES)] = DEFAULT_LIMIT
+    ) -> Response:
         """Answer with the latest estimates of one wheel, the oldest first."""
-        estimates = self.sources.history.estimates(*_wheel(request), limit=_limit(request, MAX_ESTIMATES))
-        return _json(b"[" + b",".join(estimate.to_json() for estimate in estimates) + b"]")
+        return _list(self.sources.history.estimates(spacecraft, wheel, limit))
 
-    def trend(self, request: Request) -> Response:
+    def trend(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the trends of one wheel's estimates."""
         history = self.sources.history
-        found = trends(history.estimates(*_wheel(request), limit=MAX_ESTIMATES), history.policy)
-        return _json(b"[" + b",".join(trend.to_json() for trend in found) + b"]")
+        return _list(trends(history.estimates(spacecraft, wheel, MAX_ESTIMATES), history.policy))
 
-    def deeds(self, request: Request) -> Response:
-        """Answer with who has put a wheel aside and brought it back, the oldest first."""
-        lines = self.sources.history.wheel_list.lines(*_wheel(request))
-        return _json(b"[" + b",".join(line.to_json() for line in lines) + b"]")
+    def retirement(self, spacecraft: str, wheel: str) -> Response:
+        """Answer with who has retired a wheel and brought it back, the oldest event first."""
+        return _list(self.sources.history.retired.events(spacecraft, wheel))
 
-    async def put_aside(self, request: Request) -> Response:
-        """Put a wheel aside that is not heard, or bring it back; needs the token."""
-        who = await self._allowed(request, PuttingAside)
-        name, aside = _wheel(request), self.sources.aside
+    async def retire(self, request: Request, spacecraft: str, wheel: str) -> Response:
+        """Retire a wheel that sends no telemetry, or bring it back; needs the token."""
+        who = await self._allowed(request, Retirement)
+        retired = self.sources.history.retired
 
-        def change() -> WheelLine:
+        def change() -> RetirementEvent:
             if not who.aside:
-                return aside.bring_back(*name, who.name, who.note)
-            self._check_quiet(*name)
-            return aside.put(*name, who.name, who.note)
+                return retired.restore(spacecraft, wheel, who.name, who.note)
+            self._check_quiet(spacecraft, wheel)
+            return retired.retire(spacecraft, wheel, who.name, who.note)
 
-        line = await run_in_threadpool(change)
-        self.sources.voices.hub.post(aside_entry(line))
-        return _json(line.to_json())
+        event = await run_in_threadpool(change)
+        self.sources.notifier.hub.post(retirement_entry(event))
+        return _json(event.to_json())
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
-        """Refuse to put a wheel aside that nobody knows, or whose telemetry comes."""
+        """Refuse to retire a wheel that is unknown, or whose telemetry comes."""
         known = self.sources.fleet.wheel(spacecraft, wheel)
         if known is None:
             if (spacecraft, wheel) not in self.sources.history.wheels():
                 raise HTTPException(404, "no such wheel")
             return
         with self.sources.fleet.lock:
-            heard_ns, stale_after_s = known.rhythm.wall_ns, known.rhythm.stale_after_s
-        if heard_ns is not None and time.time_ns() - heard_ns < stale_after_s * NANOSECONDS_PER_SECOND:
-            reason = f"its telemetry is of now: it can be put aside when none has come for {stale_after_s:.0f} s"
+            last_ns, stale_after_s = known.rhythm.wall_ns, known.rhythm.stale_after_s
+        if last_ns is not None and time.time_ns() - last_ns < stale_after_s * NANOSECONDS_PER_SECOND:
+            reason = f"its telemetry is of now: it can be retired when none has come for {stale_after_s:.0f} s"
             raise InputError(f"{spacecraft}/{wheel}", reason)
 
-    def alarms(self, request: Request) -> Response:
+    def alarms(self) -> Response:
         """Answer with all open alarms and the latest closed ones."""
-        del request
-        return _json(b"[" + b",".join(a.model_dump_json().encode() for a in self.sources.history.alarms()) + b"]")
+        return _list(self.sources.history.alarms())
 
-    async def acknowledge(self, request: Request) -> Response:
+    async def acknowledge(self, request: Request, alarm: int) -> Response:
         """Acknowledge an alarm; needs the token."""
         who = await self._allowed(request, Acknowledgement)
-        history, number = self.sources.history, request.path_params["alarm"]
-        return await self._change(lambda: history.acknowledge(number, who.name, who.note))
+        return await self._change(lambda: self.sources.history.acknowledge(alarm, who.name, who.note))
 
-    async def shelve(self, request: Request) -> Response:
+    async def shelve(self, request: Request, alarm: int) -> Response:
         """Shelve an alarm for a while; needs the token."""
         who = await self._allowed(request, Shelving)
-        history, number = self.sources.history, request.path_params["alarm"]
-        return await self._change(lambda: history.shelve(number, who.name, who.seconds, who.note))
+        return await self._change(lambda: self.sources.history.shelve(alarm, who.name, who.seconds, who.note))
 
     async def _allowed(self, request: Request, wanted: type[Wanted]) -> Wanted:
-        """Return what a request wants changed; refuses it without the token, or where it is not understood."""
+        """Return what a request wants changed; refuses it without the token, or where it is not understood.
+
+        The body is read here: FastAPI would read it whole, however large, before it looks at the token.
+        """
         given = request.headers.get("authorization", "")
         if not secrets.compare_digest(given.encode(), f"Bearer {self.sources.token}".encode()):
             raise HTTPException(401, "the token is missing or wrong; it is printed where the dashboard was started")
@@ -268,15 +288,14 @@ class Api:
         try:
             return wanted.model_validate_json(body)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            raise HTTPException(422, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+            raise RequestValidationError(error.errors(include_url=False)) from error
 
     async def _change(self, work: Callable[[], AlarmRecord]) -> Response:
-        """Change an alarm, and tell pages and bus of it."""
+        """Change an alarm, and report it to pages and bus."""
 
         def change() -> AlarmRecord:
             alarm = work()
-            self.sources.voices.announce(alarm)
+            self.sources.notifier.publish(alarm)
             return alarm
 
         alarm = await run_in_threadpool(change)
@@ -286,29 +305,32 @@ class Api:
         """Answer with all metrics, for Prometheus."""
         del request
         sources = self.sources
-        alarms, aside = sources.history.alarms(closed=0), sources.aside.names()
-        text = metrics(sources.fleet, alarms, len(sources.voices.hub.clients), aside)
+        alarms, retired = sources.history.alarms(closed=0), sources.history.retired.names()
+        text = metrics(sources.fleet, alarms, len(sources.notifier.hub.clients), retired)
         return Response(text, media_type=CONTENT_TYPE)
 
-    def recordings(self, request: Request) -> Response:
-        """Answer with the recordings there are."""
-        del request
-        return _json(dump_json([asdict(entry) for entry in list_recordings(self.sources.recordings)]))
+    def recordings(self) -> Response:
+        """Answer with the recordings there are, the latest first."""
+        return _list(list_recordings(self.sources.recordings))
 
-    def recording(self, request: Request) -> Response:
-        """Answer with one recording as entries of the feed."""
-        return _json(replay_json(self.sources.recordings, request.path_params["name"]))
+    def recording(self, name: str) -> Response:
+        """Answer with one recording as entries of the feed, samples thinned."""
+        return _json(replay_json(self.sources.recordings, name))
+
+    def frames(self) -> Response:
+        """Entries as they come, in frames over a WebSocket; a page asks for close-ups with {"watch": "{wheel}"}."""
+        return JSONResponse({"error": "this is a WebSocket"}, 426)
 
     async def feed(self, socket: WebSocket) -> None:
         """Serve one page until it leaves."""
         await socket.accept()
         client = Client()
-        self.sources.voices.hub.clients.add(client)
+        self.sources.notifier.hub.clients.add(client)
         try:
             await socket.send_text(await self._first.get())
             await _until_first(_send(socket, client), _listen(socket, client))
         finally:
-            self.sources.voices.hub.clients.discard(client)
+            self.sources.notifier.hub.clients.discard(client)
 
 
 class Shared:
@@ -364,32 +386,20 @@ def _wheel_json(
     return b"{" + b",".join(parts) + b"}"
 
 
-def _wheel(request: Request) -> tuple[str, str]:
-    return request.path_params["spacecraft"], request.path_params["wheel"]
-
-
-def _limit(request: Request, most: int = MAX_WINDOWS) -> int:
-    text = request.query_params.get("limit", "200")
-    if not (text.isascii() and text.isdigit() and len(text) <= len(str(most)) and 1 <= int(text) <= most):
-        raise HTTPException(422, f"limit: a number from 1 to {most}")
-    return int(text)
-
-
 def _json(content: bytes) -> Response:
     return Response(content, media_type="application/json")
 
 
-async def _told(request: Request, error: Exception) -> Response:
-    del request
-    assert isinstance(error, HTTPException)
-    return JSONResponse({"error": error.detail}, error.status_code)
+def _list(messages: Iterable[Message]) -> Response:
+    return _json(b"[" + b",".join(message.to_json() for message in messages) + b"]")
 
 
 async def _refused(request: Request, error: Exception) -> Response:
+    """Answer a request that failed, as `Refusal`."""
     del request
-    return JSONResponse({"error": str(error)}, 422)
-
-
-async def _unavailable(request: Request, error: Exception) -> Response:
-    del request
-    return JSONResponse({"error": str(error)}, 503)
+    if isinstance(error, HTTPException):
+        return JSONResponse({"error": error.detail}, error.status_code)
+    if isinstance(error, RequestValidationError):
+        first = error.errors()[0]
+        return JSONResponse({"error": f"{'.'.join(map(str, first['loc']))}: {first['msg']}"}, 422)
+    return JSONResponse({"error": str(error)}, 503 if isinstance(error, HistoryError) else 422)

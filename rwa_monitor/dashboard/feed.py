@@ -19,7 +19,7 @@ from rwa_monitor.dashboard.fleet import Received
 from rwa_monitor.messages import dump_json
 
 FRAME_PERIOD_S: Final = 0.1
-BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds knows that the server is gone
+BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds takes the server for gone
 MAX_FRAMES: Final = 100  # that wait for one page
 MAX_ENTRIES: Final = 20_000  # of one frame
 MAX_POSTED: Final = 200_000  # that wait for a frame
@@ -57,19 +57,19 @@ class Hub:
         self._own: list[Received] = []
 
     def post(self, received: Received) -> None:
-        """Take a message, from any thread; while nobody looks, nobody needs it."""
+        """Take a message, from any thread; it is dropped while no page is open."""
         if self.clients:
             self._posted.append(received)
 
     def note(self, what: str, trouble: str) -> None:
-        """Tell every page what is wrong with something of the dashboard, "" where nothing is."""
+        """Report to every page what is wrong with something of the dashboard, "" where nothing is."""
         if trouble:
             self.notes[what] = trouble
         else:
             self.notes.pop(what, None)
 
     def watched(self, wheel: str) -> bool:
-        """Tell whether a page wants the samples of a wheel ("spacecraft/wheel")."""
+        """Return whether a page wants the samples of a wheel ("spacecraft/wheel")."""
         return any(client.watches == wheel for client in tuple(self.clients))
 
     async def run(self) -> None:

@@ -1,4 +1,4 @@
-"""Serves what the bus says to Foxglove, live, through foxglove-sdk: the topics that `rwa-monitor foxglove` writes."""
+"""Serves the bus to Foxglove, live, through foxglove-sdk: the topics that `rwa-monitor foxglove` writes."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import zenoh
 from foxglove import Channel, Context, Schema
 from foxglove.websocket import ChannelView, Client, ServerListener
 
-from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import dump_json
+from rwa_monitor.monitor.bus import BusThread
 from rwa_monitor.reporting.foxglove import LOG_SCHEMA, Translator, View, schemas
 from rwa_monitor.version import SOFTWARE
 
@@ -22,7 +22,7 @@ BACKLOG: Final = 16_384  # messages that wait for a client that is slow; a batch
 
 
 class FoxgloveServer:
-    """Serves Foxglove on loopback; use it with `with`. It only tells: nothing that a client sends is used.
+    """Serves Foxglove on loopback; use it with `with`. It only sends: nothing from a client is used.
 
     Whoever subscribes to a topic gets its latest message at once, as a diagnosis comes every few minutes only.
 
@@ -119,7 +119,7 @@ class _Latest(ServerListener):
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """Send a topic's latest message again; called in the server's threads.
 
-        All of the topic's clients get it: the SDK does not tell which is which. For a value that changes nothing; a
+        All of the topic's clients get it: the SDK does not name the new one. For a value that changes nothing; a
         line of the log would stand there twice, and is left out.
         """
         del client

@@ -1,7 +1,7 @@
-"""Listens on the bus and passes on what it hears: to the fleet, to the history, to the feed.
+"""Receives the messages of the bus and passes them on: to the fleet, to the history, to the feed.
 
 Zenoh's threads only fill the inbox; one thread of ours does the rest. A history that cannot be written just now holds
-nobody up: its windows wait, and are written when it can be again.
+nothing up: its windows wait, and are written when it can be again.
 """
 
 from __future__ import annotations
@@ -15,17 +15,13 @@ from typing import Final, Self
 
 import zenoh
 
-from rwa_monitor.dashboard.alarm_notifier import Voices
-from rwa_monitor.dashboard.bus_thread import BusThread
-from rwa_monitor.dashboard.decimated_samples import thinned_json
-from rwa_monitor.dashboard.fleet import Fleet, Received, Wheel
+from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier
+from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel
 from rwa_monitor.dashboard.monitor_watch import SILENT_S, MonitorWatch
-from rwa_monitor.dashboard.retired_wheels import Aside
-from rwa_monitor.dashboard.telemetry import Evidence
-from rwa_monitor.dashboard.verdict_history import REMEMBERED
+from rwa_monitor.dashboard.telemetry import Evidence, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import WheelLine
+from rwa_monitor.history.records import RetirementEvent
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
     Changepoints,
@@ -37,13 +33,13 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.bus_watch import BusWatch
+from rwa_monitor.monitor.bus import BusThread, BusWatch
 
 KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
-BATCH_WORDS: Final = 200  # of monitors; the alarms of a thousand wheels take some seconds
+BATCH_REPORTS: Final = 200  # of monitors; the alarms of a thousand wheels take some seconds
 CHECK_PERIOD_S: Final = 1.0
 PRUNE_PERIOD_S: Final = 3600.0
 CURVE_PERIOD_NS: Final = 1_000_000_000  # between two pictures of a window that is still open
@@ -57,13 +53,13 @@ class Listener:
     session
         An open Zenoh session; it is left open.
     key_expression
-        What to listen to.
-    fleet, history, aside, voices
-        Where it goes.
-    say
-        Takes lines of talk.
+        What to subscribe to.
+    fleet, history, notifier
+        Where messages go.
+    log
+        Takes lines of the log.
     connect
-        Endpoints that the session was told to connect to.
+        Endpoints that the session should connect to.
     silent_s
         Silence from which a wheel's monitor is an alarm [s]; 0 for none.
 
@@ -79,17 +75,16 @@ class Listener:
         key_expression: str,
         fleet: Fleet,
         history: History,
-        aside: Aside,
-        voices: Voices,
-        say: Callable[[str], None],
+        notifier: AlarmNotifier,
+        log: Callable[[str], None],
         connect: Sequence[str] = (),
         silent_s: float = SILENT_S,
     ) -> None:
-        self.fleet, self.history, self.aside = fleet, history, aside
-        self.voices, self.hub = voices, voices.hub
-        self.say = say
+        self.fleet, self.history = fleet, history
+        self.notifier, self.hub = notifier, notifier.hub
+        self.log = log
         self.refused = 0
-        self._waiting: deque[Diagnosis | Discrepancy | WheelLine] = deque(maxlen=MAX_WAITING)
+        self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
@@ -116,42 +111,42 @@ class Listener:
             self._check_due_s = now_s + CHECK_PERIOD_S
             trouble = self._watch.trouble()
             self.hub.note("bus", trouble)
-            if now_s >= self._retry_due_s:  # before what may take long: here all that has come so far has been heard
-                self._hear_monitors(trouble)
+            if now_s >= self._retry_due_s:  # before what may take long: here all that has come so far is read
+                self._report_monitors(trouble)
         if self._waiting and now_s >= self._retry_due_s:
             self._store()
         if check_is_due and not self._waiting and self._use_history(self.history.check):
-            self._use_history(self._hear_others)
+            self._use_history(self._show_others)
         if now_s >= self._prune_due_s:
             self._prune_due_s = now_s + PRUNE_PERIOD_S
             self._use_history(self.history.prune)
 
-    def _hear_monitors(self, trouble: str) -> None:
-        """Write down which monitors are heard and which not any more, and tell of the alarms that it makes."""
-        news = self._monitors.news(self.aside.names(), trouble)[:BATCH_WORDS]  # the others the next second
+    def _report_monitors(self, trouble: str) -> None:
+        """Write down which monitors report and which do not any more, and report the alarms that it makes."""
+        news = self._monitors.news(self.history.retired.names(), trouble)[:BATCH_REPORTS]  # the others the next second
 
         def write() -> None:
-            changed = self.history.hear_monitors(news)
+            changed = self.history.take_monitors(news)
             self._monitors.written(news)
             for alarm in changed:
-                self.voices.announce(alarm)
+                self.notifier.publish(alarm)
 
         if news:
             self._use_history(write)
 
-    def _hear_others(self) -> None:
+    def _show_others(self) -> None:
         """Show what other dashboards on the same history did on the list of wheels."""
-        for line in self.aside.refresh():
-            self.hub.post(aside_entry(line))
+        for event in self.history.retired.refresh():
+            self.hub.post(retirement_entry(event))
 
     def _use_history(self, work: Callable[[], object]) -> bool:
-        """Do something with the history, and say so where it cannot be used."""
+        """Do something with the history, and log it where it cannot be used."""
         try:
             work()
         except HistoryError as error:
             self._retry_due_s = time.monotonic() + RETRY_S
             if "history" not in self.hub.notes:
-                self.say(str(error))
+                self.log(str(error))
             self.hub.note("history", f"{error}. {len(self._waiting)} windows wait to be stored.")
             return False
         self.hub.note("history", "")
@@ -175,11 +170,11 @@ class Listener:
             self.refused += 1
             return
         if isinstance(message, Diagnosis):
-            self._bring_back(spacecraft, wheel, message.window_end_ns)
+            self._telemetry_arrived(spacecraft, wheel, message.window_end_ns)
         elif isinstance(message, Status):
-            self._monitors.hear(spacecraft, wheel, message.last_sample_ns)
+            self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
             if _got_samples(known.status, message):
-                self._bring_back(spacecraft, wheel)
+                self._telemetry_arrived(spacecraft, wheel)
         shown, curve = self.fleet.take(
             known, message, Received(key, message.model_dump_json().encode(), time.time_ns())
         )
@@ -189,22 +184,22 @@ class Listener:
         if isinstance(message, Diagnosis | Discrepancy):
             self._waiting.append(message)
 
-    def _bring_back(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
-        """Bring a wheel back to the list that was put aside, and speaks; have it written down."""
-        line = self.aside.hear(spacecraft, wheel, window_end_ns)
-        if line is not None:
-            self.hub.post(aside_entry(line))
-            self._waiting.append(line)
+    def _telemetry_arrived(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
+        """Bring a retired wheel back to the list, and have it written down."""
+        event = self.history.retired.telemetry_arrived(spacecraft, wheel, window_end_ns)
+        if event is not None:
+            self.hub.post(retirement_entry(event))
+            self._waiting.append(event)
 
     def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
-        """Return a wheel; one that is new comes with its past from the history. None where there are too many."""
+        """Return a wheel; a new one with its earlier windows from the history. None where there are too many."""
         known = self.fleet.wheel(spacecraft, wheel)
         if known is not None:
             return known
-        past: list[Diagnosis] = []
-        with suppress(HistoryError):  # its past is an ornament; `_store` tells of a history that cannot be used
-            past = self.history.windows(spacecraft, wheel, REMEMBERED)
-        return self.fleet.begin(spacecraft, wheel, past)
+        earlier: list[Diagnosis] = []
+        with suppress(HistoryError):  # they are an ornament; `_store` reports a history that cannot be used
+            earlier = self.history.windows(spacecraft, wheel, REMEMBERED)
+        return self.fleet.begin(spacecraft, wheel, earlier)
 
     def _receive_samples(self, key: str, payload: bytes, spacecraft: str, wheel: str) -> None:
         samples = SamplesMessage.parse(payload, key).samples()
@@ -212,7 +207,7 @@ class Listener:
         if known is None:
             self.refused += 1
             return
-        self._bring_back(spacecraft, wheel)
+        self._telemetry_arrived(spacecraft, wheel)
         self._monitors.expect(spacecraft, wheel)
         watched, wall_ns = self.hub.watched(f"{spacecraft}/{wheel}"), time.time_ns()
         picked = self.fleet.take_samples(known, samples, wall_ns, watched=watched)
@@ -231,7 +226,7 @@ class Listener:
             self.hub.post(Received(key_of(Evidence, spacecraft, name), curve.to_json(), wall_ns))
 
     def _store(self) -> None:
-        """Write what waits into the history, and tell of alarms that changed."""
+        """Write what waits into the history, and report alarms that changed."""
         while self._waiting and self._use_history(self._store_some):
             pass
 
@@ -239,23 +234,23 @@ class Listener:
         """Store windows together: to bring one to the disk takes as long as to bring a hundred."""
         some = list(itertools.islice(self._waiting, BATCH_WINDOWS))
         diagnoses = [message for message in some if isinstance(message, Diagnosis)]
-        self.history.wheel_list.spoke_again(message for message in some if isinstance(message, WheelLine))
+        self.history.retired.record(message for message in some if isinstance(message, RetirementEvent))
         changed = self.history.take(diagnoses)
         for message in some:
             if isinstance(message, Discrepancy):
                 self.history.add_discrepancy(message)
             self._waiting.popleft()
         for alarm in changed:
-            self.voices.show(alarm)
+            self.notifier.show(alarm)
         for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in changed):
-            self.voices.herald.tell(*name)
+            self.notifier.health.publish(*name)
 
 
 def _got_samples(before: Status | None, now: Status) -> bool:
-    """Tell whether a monitor got samples since its status before; its first one does not tell how old they are."""
+    """Return whether a monitor got samples since its status before; the first one does not show how old they are."""
     return before is not None and now.last_sample_ns not in {None, before.last_sample_ns}
 
 
-def aside_entry(line: WheelLine) -> Received:
-    """Return a deed on the list of wheels as an entry of the feed."""
-    return Received(f"rwa/{line.spacecraft}/{line.wheel}/aside", line.to_json(), time.time_ns())
+def retirement_entry(event: RetirementEvent) -> Received:
+    """Return an audit event of the list of wheels as an entry of the feed."""
+    return Received(f"rwa/{event.spacecraft}/{event.wheel}/aside", event.to_json(), time.time_ns())

@@ -8,22 +8,22 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.decimated_samples import samples_of, thinned_json
-from rwa_monitor.dashboard.fleet import Received
-from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow
-from rwa_monitor.dashboard.verdict_history import Course
+from rwa_monitor.dashboard.fleet import Received, VerdictHistory
+from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, samples_of, thinned_json
 from rwa_monitor.errors import InputError
+from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
     Discrepancy,
+    Message,
     SamplesMessage,
     Status,
     dump_json,
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX
+from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, read_chain
 from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording, time_span
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
@@ -33,8 +33,7 @@ POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
 SHOWN: Final = {kind.schema_name(): kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingFile:
+class RecordingFile(Message):
     """One recording of the folder; the first and last time in it on the wheels' clocks, None where none is known."""
 
     name: str
@@ -53,7 +52,15 @@ def list_recordings(folder: Path | None) -> list[RecordingFile]:
         if path.is_file():
             facts = path.stat()
             first_ns, last_ns = _span(path, facts.st_size, facts.st_mtime_ns)
-            found.append(RecordingFile(path.name, facts.st_size, facts.st_mtime_ns, first_ns, last_ns))
+            found.append(
+                RecordingFile(
+                    name=path.name,
+                    size_bytes=facts.st_size,
+                    changed_wall_ns=facts.st_mtime_ns,
+                    first_ns=first_ns,
+                    last_ns=last_ns,
+                )
+            )
     return sorted(found, key=lambda entry: entry.name, reverse=True)
 
 
@@ -82,7 +89,7 @@ def replay_json(folder: Path | None, name: str) -> bytes:
         raise InputError(name, f"is larger than {MAX_REPLAY_BYTES} bytes")
     recording = read_recording(path)
     entries = list(_Replay(recording).entries())
-    # Reading stops at what is damaged; the page says so.
+    # Reading stops at what is damaged; the page shows it.
     problems = dump_json(recording.problems)
     return b'{"problems":' + problems + b',"entries":[' + b",".join(entries) + b"]}"
 
@@ -102,7 +109,7 @@ def latest_wheels(folder: Path | None) -> WheelSet | None:
                 recording = read_recording(folder / entry.name)
                 if COMMON in recording.attachments:
                     return wheels_of(recording)
-            except InputError:  # damaged: an earlier one tells as well
+            except InputError:  # damaged: an earlier one serves as well
                 continue
     return None
 
@@ -120,7 +127,7 @@ class _Replay:
                 self._counts[message.topic] = self._counts.get(message.topic, 0) + known
         self._phases: dict[str, int] = dict.fromkeys(self._counts, 0)
         self._derived = {topic: DerivedFriction(self.wheels.of(*split_key(topic)[:2])) for topic in self._counts}
-        self._courses: dict[str, Course] = {}
+        self._verdicts: dict[str, VerdictHistory] = {}
         self._open = {topic: OpenWindow() for topic in self._counts}
 
     def entries(self) -> Iterator[bytes]:
@@ -150,9 +157,9 @@ class _Replay:
     def _diagnosis(self, message: RecordedMessage) -> Iterator[bytes]:
         spacecraft, wheel, _ = split_key(message.topic)
         window = Diagnosis.parse(message.data, f"{self.recording.path.name}: {message.topic}")
-        course = self._courses.setdefault(message.topic, Course())
-        course.extend([window])
-        yield _entry(message, message.topic, window.to_json(), course.to_json())
+        verdicts = self._verdicts.setdefault(message.topic, VerdictHistory())
+        verdicts.extend([window])
+        yield _entry(message, message.topic, window.to_json(), verdicts.to_json())
         held = self._open.get(key_of(SamplesMessage, spacecraft, wheel))
         constants = self.wheels.of(spacecraft, wheel)
         curve = held.evidence(window, constants) if held else None
@@ -165,3 +172,46 @@ class _Replay:
 def _entry(message: RecordedMessage, key: str, payload: bytes, beside: bytes = b"null") -> bytes:
     entry = Received(key, payload, message.publish_time, beside).to_json()
     return b'{"time_ns":' + str(message.log_time).encode() + b"," + entry[1:]
+
+
+# ---- into the history ------------------------------------------------------------------------------------------------
+
+
+BATCH_WINDOWS: Final = 200  # of one transaction
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What an import did: windows found, those that were new, and what could not be read."""
+
+    windows: int
+    new: int
+    problems: tuple[str, ...]
+
+
+def import_recordings(history: History, path: Path) -> Imported:
+    """Import a recording, or all of a folder.
+
+    Raises
+    ------
+    InputError
+        If there is no recording there, or one holds a diagnosis that is none.
+    HistoryError
+        If the database cannot be written; what was imported before stays.
+    """
+    windows = new = 0
+    problems: list[str] = []
+    for recording in read_chain(path):
+        problems += [f"{recording.path.name}: {problem}" for problem in recording.problems]
+        diagnoses = [
+            Diagnosis.parse(message.data, f"{recording.path}: {message.topic}")
+            for message in recording.messages
+            if message.schema == Diagnosis.schema_name()
+        ]
+        for message in recording.messages:
+            if message.schema == Discrepancy.schema_name():
+                history.add_discrepancy(Discrepancy.parse(message.data, f"{recording.path}: {message.topic}"))
+        windows += len(diagnoses)
+        for begin in range(0, len(diagnoses), BATCH_WINDOWS):
+            new += history.add_all(diagnoses[begin : begin + BATCH_WINDOWS])
+    return Imported(windows, new, tuple(problems))

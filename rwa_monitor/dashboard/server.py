@@ -15,16 +15,13 @@ from typing import TYPE_CHECKING, Final
 import uvicorn
 import zenoh
 
-from rwa_monitor.dashboard.alarm_notifier import Voices
+from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier, HealthPublisher, Webhook
 from rwa_monitor.dashboard.app import Sources, create_app
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.health_publisher import Herald
 from rwa_monitor.dashboard.listener import Listener
 from rwa_monitor.dashboard.monitor_watch import SILENT_S
 from rwa_monitor.dashboard.recordings import latest_wheels
-from rwa_monitor.dashboard.retired_wheels import Aside
-from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.retention import Retention
 from rwa_monitor.history.store import History
@@ -57,7 +54,7 @@ class DashboardOptions:
         Constants of the wheels, for friction that is derived from current; None: those of the latest recording in the
         folder, the built-in wheel's where there is none.
     connect
-        Endpoints that the session was told to connect to: the page says so when none of them can be reached.
+        Endpoints that the session should connect to: the page shows when none of them can be reached.
     history
         URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
     retention
@@ -100,7 +97,7 @@ class Running:
 
 
 @contextmanager
-def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str], None] = print) -> Iterator[Running]:
+def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str], None] = print) -> Iterator[Running]:
     """Serve the dashboard while the context lasts.
 
     Raises
@@ -113,12 +110,11 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
         history = stack.enter_context(History(options.history_place, retention=options.retention))
-        aside = Aside(history.wheel_list)
         fleet, hub = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
-        herald = stack.enter_context(Herald(session, history))
-        voices = Voices(hub, stack.enter_context(Webhook(options.webhook, hub)), herald)
-        app = create_app(Sources(fleet, history, aside, voices, options.record, token))
+        health = stack.enter_context(HealthPublisher(session, history))
+        notifier = AlarmNotifier(hub, stack.enter_context(Webhook(options.webhook, hub)), health)
+        app = create_app(Sources(fleet, history, notifier, options.record, token))
         config = uvicorn.Config(
             app,
             log_level="error",
@@ -143,17 +139,16 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
                 options.listen_to,
                 fleet,
                 history,
-                aside,
-                voices,
-                say,
+                notifier,
+                log,
                 options.connect,
                 options.silent_s,
             )
         )
         if options.foxglove is not None:
-            say(f"Foxglove connects to {stack.enter_context(_foxglove(session, options)).address}")
+            log(f"Foxglove connects to {stack.enter_context(_foxglove(session, options)).address}")
         if options.port is None and listening.getsockname()[1] != DEFAULT_PORT:
-            say(f"port {DEFAULT_PORT} is taken by another program; the page is elsewhere")
+            log(f"port {DEFAULT_PORT} is taken by another program; the page is elsewhere")
         address = f"http://{HOST}:{listening.getsockname()[1]}/"
         yield Running(address, f"{address}#token={token}", token)
 
@@ -163,12 +158,12 @@ def _foxglove(session: zenoh.Session, options: DashboardOptions) -> FoxgloveServ
         from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
     except ImportError as error:
         raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[foxglove]'") from error
-    assert options.foxglove is not None  # else nobody asks
+    assert options.foxglove is not None  # else it is not started
     return FoxgloveServer(session, options.listen_to, options.foxglove)
 
 
 def _socket(port: int | None) -> socket.socket:
-    # Only of a socket that says that it is TCP does asyncio send small answers at once (TCP_NODELAY), not after 40 ms.
+    # Only of a socket that is declared as TCP does asyncio send small answers at once (TCP_NODELAY), not after 40 ms.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from rwa_monitor.changepoints.evidence_curve import evidence_curve
-from rwa_monitor.messages import Diagnosis, Message, Number, TimeNs, dump_json
+from rwa_monitor.messages import Diagnosis, Message, Number, SamplesMessage, TimeNs, dump_json
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, concatenate
 from rwa_monitor.slots import SlotGrid
 from rwa_monitor.wheel.torque_balance import half_width, mended_friction, torque_per_ampere
@@ -96,7 +96,7 @@ class OpenWindow:
     count: int = 0
 
     def add(self, samples: Samples) -> None:
-        """Keep samples; those without friction say nothing here."""
+        """Keep samples; those without friction do not count here."""
         if samples.friction_torque_Nm is not None and len(samples):
             self._time_ns.append(samples.time_ns)
             self._speed.append(samples.speed_rad_s.astype(np.float32))
@@ -175,7 +175,7 @@ class Rhythm:
         self._last_sample_ns: int | None = None
         self._intervals: deque[float] = deque(maxlen=RHYTHMS)
 
-    def hear(self, time_ns: IntArray, wall_ns: int) -> None:
+    def take_samples(self, time_ns: IntArray, wall_ns: int) -> None:
         """Note a message of samples."""
         self._span_s = float(time_ns[-1] - time_ns[0]) / NANOSECONDS_PER_SECOND
         if self.wall_ns is not None:
@@ -184,10 +184,10 @@ class Rhythm:
                 self._intervals.append(interval_s)
         self.wall_ns = wall_ns
 
-    def hear_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
-        """Note what the monitor says came last: where its samples are not heard, its progress tells of them.
+    def take_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
+        """Note the latest sample of a status: where no samples are received, its progress stands for them.
 
-        The first one begins the wait, for it does not tell how old what it knows is.
+        The first one begins the wait, as it does not show how old its sample is.
         """
         goes_on = last_sample_ns is not None and last_sample_ns != self._last_sample_ns
         if self.wall_ns is None or (goes_on and not self._intervals):
@@ -204,3 +204,74 @@ class Rhythm:
     def to_json(self) -> bytes:
         """Return it as it goes with a status in the feed."""
         return dump_json({"wall_ns": self.wall_ns, "stale_after_s": round(self.stale_after_s, 3)})
+
+
+# ---- samples thinned for a picture -----------------------------------------------------------------------------------
+
+
+MAX_POINTS: Final = 6_000  # a screen is some 1,500 pixels wide, and a picture spans up to two windows
+
+
+class DecimatedSamples:
+    """The latest samples of one wheel, every `stride`-th of them; the stride doubles where they span too long a time.
+
+    Samples are picked, not averaged: noise looks as it is. What lies before `keep_from` may be dropped.
+    """
+
+    def __init__(self) -> None:
+        self.stride = 1
+        self._phase = 0  # samples to skip before the next one that is picked
+        self._time_ns: IntArray = np.zeros(0, dtype=np.int64)
+        self._speed: FloatArray = np.zeros(0)
+        self._friction: FloatArray = np.zeros(0)
+
+    def add(self, samples: Samples) -> Samples:
+        """Take samples in; returns those that were picked."""
+        picked = samples[self._phase :: self.stride]
+        self._phase = (self._phase - len(samples)) % self.stride
+        friction = picked.friction_torque_Nm
+        self._time_ns = np.concatenate([self._time_ns, picked.time_ns])
+        self._speed = np.concatenate([self._speed, picked.speed_rad_s])
+        self._friction = np.concatenate(
+            [self._friction, np.full(len(picked), np.nan) if friction is None else friction]
+        )
+        if self._time_ns.size > MAX_POINTS:
+            self._thin()
+        return picked
+
+    def keep_from(self, time_ns: int) -> None:
+        """Drop what is older than a time; the stride is small again where there is room for it."""
+        keep = self._time_ns >= time_ns
+        self._time_ns, self._speed, self._friction = self._time_ns[keep], self._speed[keep], self._friction[keep]
+        if self._time_ns.size > MAX_POINTS // 2:
+            self._thin()
+
+    def _thin(self) -> None:
+        self.stride *= 2
+        self._phase = 0
+        self._time_ns, self._speed, self._friction = self._time_ns[::2], self._speed[::2], self._friction[::2]
+
+    def message(self) -> bytes:
+        """Return the samples as the JSON of a `SamplesMessage`, "null" where it is empty."""
+        return thinned_json(Samples(self._time_ns, self._speed, self._friction)) if self._time_ns.size else b"null"
+
+
+def thinned_json(samples: Samples) -> bytes:
+    """Return time, speed and friction of samples as the JSON of a `SamplesMessage`."""
+    friction = samples.friction_torque_Nm
+    return dump_json(
+        {
+            "time_ns": samples.time_ns.tolist(),
+            "speed_rad_s": _readings(samples.speed_rad_s),
+            "friction_torque_Nm": _readings(np.full(len(samples), np.nan) if friction is None else friction),
+        }
+    )
+
+
+def samples_of(payload: bytes, key: str) -> Samples:
+    """Read a samples message; raises InputError where it is none."""
+    return SamplesMessage.parse(payload, key).samples()
+
+
+def _readings(values: FloatArray) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in np.round(values, 9).tolist()]

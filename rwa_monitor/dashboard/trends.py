@@ -24,7 +24,7 @@ class ReachRecord(Message):
 
 
 class TrendRecord(Message):
-    """What the windows of a wheel say about the course of one estimate (`diagnosis.trend`)."""
+    """What the windows of a wheel show of the trend of one estimate (`diagnosis.trend`)."""
 
     name: str
     unit: str
@@ -37,7 +37,7 @@ class TrendRecord(Message):
 
 
 def trends(estimates: Sequence[EstimateRecord], policy: Policy) -> list[TrendRecord]:
-    """Return the trends of the estimates that have a standard deviation, and windows enough to tell one.
+    """Return the trends of the estimates that have a standard deviation, and windows enough for one.
 
     Parameters
     ----------
@@ -56,10 +56,10 @@ def trends(estimates: Sequence[EstimateRecord], policy: Policy) -> list[TrendRec
 
 
 def _trend(own: Sequence[EstimateRecord], policy: Policy) -> TrendRecord | None:
-    course = coefficient_trend(own[-1].name, own)
-    if course is None:
+    coefficient = coefficient_trend(own[-1].name, own)
+    if coefficient is None:
         return None
-    trend, now_s = course.trend, course.trend.lines.now_s
+    trend, now_s = coefficient.trend, coefficient.trend.lines.now_s
     above = [(limit, level) for limit, level in _limits(own, policy) if limit > trend.value]
     reach = trend.reach(above[0][0]) if above else None
     return TrendRecord(

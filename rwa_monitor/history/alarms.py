@@ -3,8 +3,8 @@
 One possible anomaly of one wheel has one alarm. Each decided window gives it a level on the ladder normal, watch,
 warning, distress, critical. The alarm's level is the highest that at least k of the last n windows reach, so that one
 bad window does not shout. It clears only when it is normal again *and* acknowledged; an alarm that climbs above what
-was acknowledged wants to be acknowledged again (ISA-18.2). Time is the windows' own, except that of a person's deed.
-The silence of a wheel's monitor goes through the same machine, a word of it in the place of a window.
+was acknowledged wants to be acknowledged again (ISA-18.2). Time is the windows' own, except that of what a person does.
+The silence of a wheel's monitor goes through the same machine, its reports in the place of windows.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Final
 from rwa_monitor.messages import Anomaly, Diagnosis
 
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
-MONITOR_ALARM: Final = "monitor"  # the alarm that nobody watches the wheel: its monitor is not heard
+MONITOR_ALARM: Final = "monitor"  # the alarm that the wheel is not watched: its monitor does not report
 
 
 class Level(IntEnum):
-    """How bad it is, as operations rooms say it."""
+    """How bad it is, in the words of operations rooms."""
 
     NORMAL = 0
     WATCH = 1
@@ -40,7 +40,7 @@ ADVICE: Final = {
     Level.NORMAL: "Acknowledge it, and note what was the matter.",
     Level.WATCH: "Today: look at the next windows and the trend. Change nothing in operations.",
     Level.WARNING: (
-        "In this shift: tell the attitude control engineer. Compare with temperature, with the other wheels and with"
+        "In this shift: inform the attitude control engineer. Compare with temperature, with the other wheels and with"
         " the current at the same speed; look whether the wheel's trend has begun to rise."
     ),
     Level.DISTRESS: (
@@ -57,9 +57,9 @@ ADVICE_MODEL: Final = (
     " While friction grows, do not extend the wheel file: a drift can be the fault itself."
 )
 ADVICE_MONITOR: Final = (
-    "Nothing is diagnosed until the monitor is back: look whether rwa-monitor run still runs there, what it said last,"
-    " and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it goes on where"
-    " it was, with all that publishers still hold; after that samples are lost."
+    "Nothing is diagnosed until the monitor is back: look whether rwa-monitor run still runs there, at the end of its"
+    " log, and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it goes on"
+    " where it was, with all that publishers still hold; after that samples are lost."
 )
 
 
@@ -89,7 +89,7 @@ class EventKind(StrEnum):
     RELAPSED = "relapsed"
     ACKNOWLEDGED = "acknowledged"
     CLEARED = "cleared"
-    SHELVED = "shelved"  # set aside for a while by a person; the state machine goes on as if it was not
+    SHELVED = "shelved"  # for a while, by a person; the state machine goes on as if it was not
     UNSHELVED = "unshelved"
 
 
@@ -157,7 +157,7 @@ class Alarm:
     peak
         The highest level since it was raised.
     acknowledged_level
-        The level that somebody has seen; NORMAL while nobody has.
+        The level that a person has seen; NORMAL while none has.
     raised_ns, changed_ns
         Ends of the windows at which it was raised and last changed [ns, wheel's clock]; None while it is quiet.
     """
@@ -181,11 +181,11 @@ class AlarmEvent:
 
 
 def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
-    """Return what a window says to each alarm of its wheel: nothing of the wheel if undecided, nothing if partial."""
+    """Return what a window means for each alarm of its wheel: nothing of the wheel if undecided, nothing if partial."""
     time_ns, fits = diagnosis.window_end_ns, diagnosis.model_adequate
     if diagnosis.partial:
         return {}  # the end of a file, however short: it must not count like a whole window among k of n
-    # A wrong model is no fault of the wheel, but what it says of the wheel is then worth less.
+    # A wrong model is no fault of the wheel, but its estimates of the wheel are then worth less.
     model = {MODEL_ALARM: Observation(Level.NORMAL if fits else Level.WATCH, time_ns)}
     if diagnosis.verdict == "inconclusive":
         return {} if fits else model  # a window that shows nothing does not show either that the model fits
@@ -198,7 +198,7 @@ def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
 
 
 def advance(alarm: Alarm, observation: Observation, policy: Policy) -> tuple[Alarm, list[AlarmEvent]]:
-    """Take one window into an alarm; returns the alarm after it and what is to be told."""
+    """Take one window into an alarm; returns the alarm after it and the events to report."""
     recent = (*alarm.recent, observation.level)[-policy.n :]
     level = _level(recent, policy)
     if level == Level.NORMAL and alarm.phase != Phase.QUIET and any(recent):
@@ -237,7 +237,7 @@ def _level(recent: tuple[Level, ...], policy: Policy) -> Level:
 
 
 def _events(alarm: Alarm, level: Level, time_ns: int) -> Iterator[AlarmEvent]:
-    """Tell what a new level means for an alarm."""
+    """Yield what a new level means for an alarm."""
     if alarm.phase == Phase.QUIET:
         if level > Level.NORMAL:
             yield AlarmEvent(EventKind.RAISED, level, time_ns)

@@ -14,13 +14,13 @@ from threading import Condition
 from typing import Any, Final
 from urllib.parse import quote
 
-from sqlalchemy import URL, Engine, create_engine, event, make_url
+from sqlalchemy import URL, Engine, create_engine, event, insert, make_url, select
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.history.schema import bring_up_to_date
+from rwa_monitor.history.tables import REVISION, RevisionRow, Table
 from rwa_monitor.telemetry.files import make_folder
 
 POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
@@ -174,7 +174,7 @@ def _url(place: Path | str | None) -> URL:
 
 
 def _open_engine(url: URL) -> Engine:
-    """Open the database and bring its tables up to date."""
+    """Open the database and make its tables where they are missing."""
     try:
         engine = _engine(url)
     except ModuleNotFoundError as error:
@@ -182,7 +182,7 @@ def _open_engine(url: URL) -> Engine:
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _set_up_connection)
     try:
-        bring_up_to_date(engine)
+        make_tables(engine)
     except SQLAlchemyError as error:
         engine.dispose()
         raise InputError(url.render_as_string(), f"cannot be used as a history: {_reason(error)}") from error
@@ -213,3 +213,21 @@ def _set_up_connection(connection: Any, record: object) -> None:
 
 def _reason(error: Exception) -> str:
     return str(getattr(error, "orig", None) or error).splitlines()[0]
+
+
+def make_tables(engine: Engine) -> None:
+    """Make the tables where they are missing, in one transaction where the database can do that.
+
+    Raises
+    ------
+    InputError
+        If the database has tables of another revision.
+    """
+    with engine.begin() as connection:
+        Table.metadata.create_all(connection)
+        found = connection.scalar(select(RevisionRow.number))
+        if found is None:
+            connection.execute(insert(RevisionRow).values(number=REVISION))
+        elif found != REVISION:
+            reason = f"is of another release: its tables are of revision {found}, this program's of {REVISION}"
+            raise InputError("history", reason)

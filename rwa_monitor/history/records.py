@@ -1,13 +1,15 @@
-"""What the history tells: plain records, as the API shows them."""
+"""The records of the history, as the API shows them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Message, Number
+from rwa_monitor.monitor.trends import FrictionEstimate
 
 LevelWord = Literal["normal", "watch", "warning", "distress", "critical"]
 PhaseWord = Literal["quiet", "active", "acknowledged", "returned"]
@@ -30,7 +32,7 @@ class AlarmLine(Message):
 class AlarmRecord(Message):
     """One alarm from its rise to its end; `closed_ns` is null while it is open, `advice` what to do about it.
 
-    Until `shelved_until_wall_ns`, on this machine's clock, somebody has set it aside.
+    Until `shelved_until_wall_ns`, on this machine's clock, it is shelved.
     """
 
     id: int
@@ -50,19 +52,19 @@ class AlarmRecord(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class MonitorWord:
-    """Whether the monitor of a wheel is heard.
+class MonitorState:
+    """Whether the monitor of a wheel reports.
 
     Attributes
     ----------
     spacecraft, wheel
         The wheel's.
     silent
-        True where it has not been heard for too long.
+        True where it has not reported for too long.
     time_ns
         The latest time known of the wheel [ns, the wheel's clock]; None where none is.
     reason
-        In one sentence, since when; "" where it is heard.
+        In one sentence, since when; "" where it reports.
     """
 
     spacecraft: str
@@ -72,10 +74,10 @@ class MonitorWord:
     reason: str = ""
 
 
-class WheelLine(Message):
-    """One deed on the list of wheels: put aside by somebody, brought back by somebody, or back because it spoke again.
+class RetirementEvent(Message):
+    """One audit event on the list of wheels: retired by a person, brought back by one, or back with its telemetry.
 
-    `time_ns` is the end of the latest window that was known when it was put aside, `wall_ns` when the deed was done, on
+    `time_ns` is the end of the latest window that was known when it was retired, `wall_ns` the time of the event, on
     this machine's clock.
     """
 
@@ -88,22 +90,36 @@ class WheelLine(Message):
     note: str
 
     @property
-    def aside(self) -> bool:
-        """Whether the wheel is put aside by this."""
+    def retired(self) -> bool:
+        """Whether the wheel is retired after this."""
         return self.event == "put_aside"
 
 
-class EstimateRecord(Message):
-    """One estimate of one window, with its nominal range."""
+class EstimateRecord(FrictionEstimate):
+    """One estimate of one window, with its nominal range and what was diagnosed of it."""
 
     name: str
-    window_start_ns: int
-    window_end_ns: int
-    value: Number | None
-    std: Number | None
-    nominal_low: Number | None
-    nominal_high: Number | None
-    unit: str
     probability: Annotated[float, Field(ge=0, le=1)]
     severity: Number | None
     active: bool
+
+
+# ---- who did something -----------------------------------------------------------------------------------------------
+
+
+MAX_NAME: Final = 100  # characters of a person's name
+MAX_NOTE: Final = 2_000
+
+
+def signed(person: str, note: str) -> tuple[str, str]:
+    """Return name and note as they are kept.
+
+    Raises
+    ------
+    InputError
+        If the name is missing, or one of both too long.
+    """
+    person, note = person.strip(), note.strip()
+    if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
+        raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
+    return person, note

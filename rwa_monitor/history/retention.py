@@ -47,7 +47,7 @@ def oldest_ns(end_ns: int, days: float) -> int:
 
 
 def prune(session: Session, retention: Retention) -> int:
-    """Remove what is older than the policy says; returns the number of diagnoses removed."""
+    """Remove what is older than the policy keeps; returns the number of diagnoses removed."""
     latest = select(EstimateRow.spacecraft, EstimateRow.wheel, func.max(EstimateRow.window_end_ns)).group_by(
         EstimateRow.spacecraft, EstimateRow.wheel
     )

@@ -1,4 +1,4 @@
-"""The history on a database: takes diagnoses in, runs the alarms over them, and tells what it knows.
+"""The history on a database: takes diagnoses in, runs the alarms over them, and gives records of both.
 
 A window is taken in once, whether it comes live, again after a restart, or from an imported recording; what it means
 for the alarms is written in the same transaction.
@@ -32,9 +32,9 @@ from rwa_monitor.history.alarms import (
     observe,
 )
 from rwa_monitor.history.database import Database
-from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorWord
+from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorState, signed
 from rwa_monitor.history.retention import Retention, oldest_ns, prune
-from rwa_monitor.history.signature import signed
+from rwa_monitor.history.retired_wheels import RetiredWheels
 from rwa_monitor.history.tables import (
     AlarmEventRow,
     AlarmRow,
@@ -43,7 +43,6 @@ from rwa_monitor.history.tables import (
     DiscrepancyRow,
     EstimateRow,
 )
-from rwa_monitor.history.wheel_list import WheelList
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
@@ -68,8 +67,8 @@ class History:
 
     Attributes
     ----------
-    wheel_list
-        Which wheels somebody has put aside.
+    retired
+        Which wheels are retired.
 
     Raises
     ------
@@ -88,7 +87,7 @@ class History:
         self.retention = retention or Retention()
         self._wall_ns = wall_ns
         self._database = Database(place)
-        self.wheel_list = WheelList(self._database, wall_ns)
+        self.retired = RetiredWheels(self._database, wall_ns)
 
     def __enter__(self) -> Self:
         return self
@@ -147,10 +146,10 @@ class History:
         session.flush()
         return True
 
-    def hear_monitors(self, words: Iterable[MonitorWord]) -> list[AlarmRecord]:
-        """Note of which wheels the monitor is heard, and of which not any more; returns the alarms that this changed.
+    def take_monitors(self, reports: Iterable[MonitorState]) -> list[AlarmRecord]:
+        """Take in of which wheels the monitor reports, and of which not any more; returns the alarms that this changed.
 
-        From its first word on a monitor is expected, by every dashboard on this history, until its wheel is put aside.
+        From its first status on a monitor is expected, by every dashboard on this history, until its wheel is retired.
 
         Raises
         ------
@@ -158,15 +157,15 @@ class History:
             If the database cannot be written; nothing is noted then.
         """
         with self._database.session() as session:
-            for word in words:
-                state = _state_of(session, (word.spacecraft, word.wheel, MONITOR_ALARM))
-                time_ns = max(state.last_window_ns, 0) if word.time_ns is None else word.time_ns
-                observation = Observation(Level.WARNING if word.silent else Level.NORMAL, time_ns)
-                self._advance(session, state, observation, MONITOR_POLICY, word.reason)
+            for report in reports:
+                state = _state_of(session, (report.spacecraft, report.wheel, MONITOR_ALARM))
+                time_ns = max(state.last_window_ns, 0) if report.time_ns is None else report.time_ns
+                observation = Observation(Level.WARNING if report.silent else Level.NORMAL, time_ns)
+                self._advance(session, state, observation, MONITOR_POLICY, report.reason)
             return _changed(session)
 
     def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:
-        """Tell whether a window is older than the policy keeps any: of an old recording that is imported again."""
+        """Return whether a window is older than the policy keeps any: of an old recording that is imported again."""
         newest = select(func.max(EstimateRow.window_end_ns)).filter_by(
             spacecraft=diagnosis.spacecraft, wheel=diagnosis.wheel
         )
@@ -214,12 +213,12 @@ class History:
                 row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
-                    self._tell(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
-            self._tell(session, row, happened)
+                    self._log(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
+            self._log(session, row, happened)
         if row is not None:
             _write(row, state, after, observation.time_ns)
 
-    def _tell(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
+    def _log(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
         session.info.setdefault(CHANGED, set()).add(row.id)
         session.add(
             AlarmEventRow(
@@ -251,13 +250,13 @@ class History:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
             for happened in events:
                 by_person = (person, note) if happened.kind == EventKind.ACKNOWLEDGED else ("", "")
-                self._tell(session, row, happened, *by_person)
+                self._log(session, row, happened, *by_person)
             _write(row, state, after, state.last_window_ns)
             session.flush()
             return _records(session, [row])[0]
 
     def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
-        """Set an open alarm aside for a while; 0 s brings it back. It comes back by itself when it gets worse.
+        """Shelve an open alarm for a while; 0 s ends it, and so does an alarm that gets worse.
 
         Raises
         ------
@@ -274,7 +273,7 @@ class History:
             kind = EventKind.SHELVED if seconds else EventKind.UNSHELVED
             until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
             row.shelved_until_wall_ns = until_ns if seconds else None
-            self._tell(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
+            self._log(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
             session.flush()
             return _records(session, [row])[0]
 
@@ -286,7 +285,7 @@ class History:
         return row, state
 
     def prune(self) -> int:
-        """Remove what is older than the policy says; returns the number of diagnoses removed."""
+        """Remove what is older than the policy keeps; returns the number of diagnoses removed."""
         with self._database.session() as session:
             return prune(session, self.retention)
 
@@ -297,7 +296,7 @@ class History:
     # ---- out -----------------------------------------------------------------------------------------------------
 
     def wheels(self) -> list[tuple[str, str]]:
-        """Return spacecraft and wheel of everything the history knows, sorted."""
+        """Return spacecraft and wheel of everything in the history, sorted."""
         with self._database.session() as session:
             pairs = session.execute(select(DiagnosisRow.spacecraft, DiagnosisRow.wheel).distinct()).all()
             return sorted((spacecraft, wheel) for spacecraft, wheel in pairs)
@@ -338,10 +337,7 @@ class History:
         )
         with self._database.session() as session:
             rows = session.scalars(wanted).all()
-            return [
-                EstimateRecord(**{name: getattr(row, name) for name in EstimateRecord.model_fields})
-                for row in reversed(rows)
-            ]
+            return [EstimateRecord.model_validate(row, from_attributes=True) for row in reversed(rows)]
 
     def discrepancy(self, spacecraft: str, wheel: str) -> bytes | None:
         """Return the latest discrepancy report of a wheel, as JSON; None where there is none."""
@@ -350,7 +346,7 @@ class History:
             return None if row is None else row.message.encode()
 
     def monitors(self) -> dict[tuple[str, str], bool]:
-        """Return spacecraft and name of wheels whose monitor was ever heard; True where it is known to be silent."""
+        """Return spacecraft and name of wheels that ever had a monitor; True where it is known to be silent."""
         states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
             AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
         )
@@ -475,16 +471,10 @@ def _reason(diagnosis: Diagnosis, name: str) -> str:
 def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
     stds = {"dry": diagnosis.friction.base_dry.std, "viscous": diagnosis.friction.viscous.std}
     for name, anomaly in diagnosis.anomalies.items():
-        yield {
+        yield anomaly.model_dump(exclude={"estimate", "severity_std"}) | {
             "name": name,
             "window_start_ns": diagnosis.window_start_ns,
             "window_end_ns": diagnosis.window_end_ns,
             "value": anomaly.estimate,
             "std": stds.get(name),
-            "nominal_low": anomaly.nominal_low,
-            "nominal_high": anomaly.nominal_high,
-            "unit": anomaly.unit,
-            "probability": anomaly.probability,
-            "severity": anomaly.severity,
-            "active": anomaly.active,
         }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from sqlalchemy import BigInteger, ForeignKey, Index, Integer, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
@@ -9,10 +11,21 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 _RowId = BigInteger().with_variant(Integer, "sqlite")
 
 
+REVISION: Final = 1  # of all tables; a change of one raises it, and brings a migration along
+
+
 class Table(DeclarativeBase):
     """Base of all tables."""
 
-    type_annotation_map = {int: BigInteger, str: Text}  # noqa: RUF012 - SQLAlchemy's own way to say it
+    type_annotation_map = {int: BigInteger, str: Text}  # noqa: RUF012 - SQLAlchemy's own way
+
+
+class RevisionRow(Table):
+    """The revision of the tables that a database holds: one row."""
+
+    __tablename__ = "revision"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
 
 
 class DiagnosisRow(Table):
@@ -67,7 +80,7 @@ class DiscrepancyRow(Table):
 
 
 class WheelEventRow(Table):
-    """One deed on the list of wheels: who has put which wheel aside; never changed."""
+    """One audit event on the list of wheels: who has retired which wheel; never changed."""
 
     __tablename__ = "wheel_events"
     __table_args__ = (Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
@@ -78,7 +91,7 @@ class WheelEventRow(Table):
     event: Mapped[str]
     time_ns: Mapped[int | None]  # end of the latest window known then
     wall_ns: Mapped[int]
-    person: Mapped[str]  # "" where the wheel came back by itself
+    person: Mapped[str]  # "" where the wheel came back with its telemetry
     note: Mapped[str]
 
 

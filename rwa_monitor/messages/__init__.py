@@ -4,8 +4,8 @@ Every message is one JSON object on the key rwa/{spacecraft}/{wheel}/{kind}, wit
 application/json;rwa.<Message>; in a recording the same name is the schema. Times are integer nanoseconds of the wheel's
 own clock. `schemas/` is generated from here (`make schemas`) and is the contract for every field.
 
-In the order of the flow: `samples` come in; `monitor` tells of the running window; `diagnosis` closes it; `discrepancy`
-is what a search found. `base` is what all have in common.
+In the order of the flow: `samples` come in; `monitor` reports on the running window; `diagnosis` closes it;
+`discrepancy` is what a search found. `base` is what all have in common.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoin
 
 
 def schema_files() -> dict[str, str]:
-    """Return the JSON Schemas of all messages as file name and text; `messages.schemas` writes them into `schemas/`."""
+    """Return the JSON Schemas of all messages as file name and text."""
     return {
         f"{message.schema_name()}.json": json.dumps(message.json_schema(), indent=2, ensure_ascii=False) + "\n"
         for message in MESSAGES

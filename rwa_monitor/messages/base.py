@@ -17,7 +17,7 @@ from rwa_monitor.slots import MAX_TIME_NS
 
 MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
-MAX_CLOCK_NS: Final = 2**62  # of times that a monitor tells: beyond every sample, and sums of two fit in 64 bits
+MAX_CLOCK_NS: Final = 2**62  # of times in outputs: beyond every sample, and sums of two fit in 64 bits
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]

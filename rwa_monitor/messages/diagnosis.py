@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar
+from dataclasses import asdict
+from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import Field
 
 from rwa_monitor.changepoints.stage_results import Method
-from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Value, WindowDiagnosis
+from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.messages.base import ClockNs, Count, Message, Name, Number, Slot, Verdict, dump_json
+
+# Fields of a `WindowDiagnosis` that the message, and its provenance, have as they are.
+UNCHANGED: Final = ("coverage", "verdict", "reason", "fit", "model_adequate", "suspected_effect", "explanation")
+MADE_WITH: Final = ("method", "model_sha256", "wheel_sha256", "prior_sha256")
 
 
 class Quantity(Message):
@@ -60,7 +65,7 @@ class AttributedChangepoint(Message):
 
 
 class Residuals(Message):
-    """How well the friction model fits the window; null where too few samples tell."""
+    """How well the friction model fits the window; null where the samples are too few."""
 
     rmse_Nm: Number | None
     excess_rmse_Nm: Number | None
@@ -132,7 +137,7 @@ def diagnosis_message(
     Parameters
     ----------
     diagnosis
-        What the diagnosis room says.
+        Of the window.
     spacecraft, wheel
         From the bus key; "" and the wheel's name for a table.
     window_start_ns, window_end_ns, period_ns, partial
@@ -142,71 +147,20 @@ def diagnosis_message(
     source
         File, only for tables.
     """
-    return Diagnosis(
-        spacecraft=spacecraft,
-        wheel=wheel,
-        source=source,
-        window_start_ns=window_start_ns,
-        window_end_ns=window_end_ns,
-        samples=diagnosis.slots,
-        coverage=diagnosis.coverage,
-        partial=partial,
-        verdict=diagnosis.verdict,
-        reason=diagnosis.reason,
-        anomalies={anomaly.name: _anomaly(anomaly) for anomaly in diagnosis.anomalies},
-        friction=Friction(
-            base_dry=_quantity(diagnosis.base_dry),
-            viscous=_quantity(diagnosis.viscous),
-            fss={
-                system.name: Sojourns(
-                    configuration=list(system.configuration),
-                    friction_Nm=list(system.friction_Nm),
-                    start_index=list(system.start_index),
-                )
-                for system in diagnosis.fss
-            },
-        ),
-        changepoints=[
-            AttributedChangepoint(
-                index=changepoint.index,
-                time_ns=window_start_ns + changepoint.index * period_ns,
-                jump_Nm=changepoint.jump_Nm,
-                std_Nm=changepoint.std_Nm,
-                fss=changepoint.fss,
-                confidence=changepoint.confidence,
-            )
-            for changepoint in diagnosis.changepoints
+    fss = {system.name: {name: [*getattr(system, name)] for name in Sojourns.model_fields} for system in diagnosis.fss}
+    content = {name: getattr(diagnosis, name) for name in UNCHANGED} | {
+        "spacecraft": spacecraft,
+        "wheel": wheel,
+        "source": source,
+        "window_start_ns": window_start_ns,
+        "window_end_ns": window_end_ns,
+        "samples": diagnosis.slots,
+        "partial": partial,
+        "anomalies": {anomaly.name: anomaly for anomaly in diagnosis.anomalies},
+        "friction": {"base_dry": diagnosis.base_dry, "viscous": diagnosis.viscous, "fss": fss},
+        "changepoints": [
+            {**asdict(one), "time_ns": window_start_ns + one.index * period_ns} for one in diagnosis.changepoints
         ],
-        fit=Residuals(
-            rmse_Nm=diagnosis.fit.rmse_Nm,
-            excess_rmse_Nm=diagnosis.fit.excess_rmse_Nm,
-            noise_std_Nm=diagnosis.fit.noise_std_Nm,
-        ),
-        model_adequate=diagnosis.model_adequate,
-        suspected_effect=diagnosis.suspected_effect,
-        explanation=diagnosis.explanation,
-        provenance=Provenance(
-            software=software,
-            method=diagnosis.method,
-            model_sha256=diagnosis.model_sha256,
-            wheel_sha256=diagnosis.wheel_sha256,
-            prior_sha256=diagnosis.prior_sha256,
-        ),
-    )
-
-
-def _quantity(value: Value) -> Quantity:
-    return Quantity(value=value.value, std=value.std, unit=value.unit)
-
-
-def _anomaly(anomaly: AnomalyDiagnosis) -> Anomaly:
-    return Anomaly(
-        active=anomaly.active,
-        probability=anomaly.probability,
-        severity=anomaly.severity,
-        severity_std=anomaly.severity_std,
-        estimate=anomaly.estimate,
-        nominal_low=anomaly.nominal_low,
-        nominal_high=anomaly.nominal_high,
-        unit=anomaly.unit,
-    )
+        "provenance": {"software": software, **{name: getattr(diagnosis, name) for name in MADE_WITH}},
+    }
+    return Diagnosis.model_validate(content, from_attributes=True)

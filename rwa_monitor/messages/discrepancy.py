@@ -10,7 +10,7 @@ from rwa_monitor.messages.base import ClockNs, Count, Message, Name, Number
 
 
 class Uncertain(Message):
-    """A parameter of an effect; `note` says why it is not determined, where it is not (at its bound, …)."""
+    """A parameter of an effect; `note` is why it is not determined, where it is not (at its bound, …)."""
 
     value: Number
     std: Number | None

@@ -1,4 +1,4 @@
-"""What a monitor tells between diagnoses: provisional changepoints, a wheel's health, its own status."""
+"""What a monitor publishes between diagnoses: provisional changepoints, a wheel's health, its own status."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Changepoints(Message):
 
 
 class HealthAlarm(Message):
-    """An open alarm: what several windows amount to, and whether somebody has seen it."""
+    """An open alarm: what several windows amount to, and whether it is acknowledged."""
 
     level: Literal["normal", "watch", "warning", "distress", "critical"]
     phase: Literal["quiet", "active", "acknowledged", "returned"]
@@ -42,7 +42,7 @@ class HealthAlarm(Message):
 class Health(Message):
     """A wheel's health in brief: `severity` of its worst active anomaly, `alarms` the names of all of them.
 
-    `alarm_states` are the open alarms by name, where a dashboard keeps them; a monitor tells none.
+    `alarm_states` are the open alarms by name, where a dashboard keeps them; a monitor has none.
     """
 
     kind: ClassVar[str] = "health"
@@ -70,7 +70,7 @@ MODEL_LACKS: Final = (
 
 
 def health_message(diagnosis: Diagnosis) -> Health:
-    """Return the wheel's health as its latest diagnosis tells it."""
+    """Return the wheel's health by its latest diagnosis."""
     active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
     alarmed = diagnosis.verdict == "anomalous"
     reason = diagnosis.reason if diagnosis.model_adequate else f"{diagnosis.reason} {MODEL_LACKS}"

@@ -61,7 +61,7 @@ class SamplesMessage(Message):
 
 
 def is_json(payload: bytes) -> bool:
-    """Tell whether a message is JSON of any kind; one that is not was cut off or damaged, or never was."""
+    """Return whether a message is JSON of any kind; one that is not was cut off or damaged, or never was."""
     try:
         from_json(payload[:MAX_MESSAGE_BYTES])
     except ValueError:

@@ -21,7 +21,7 @@ from rwa_monitor.telemetry.ccsds_example import packets_of
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, split_packets
 from rwa_monitor.words import counted
 
-MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can say
+MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
 HOLD_S: Final = 1.0  # how long a sample waits for others at most
 WAIT_S: Final = 0.1  # for a datagram, before it is looked at what waits
@@ -37,7 +37,7 @@ class UdpAddress:
 
     @classmethod
     def parse(cls, text: str, option: str) -> UdpAddress:
-        """Read [HOST:]PORT; the host is 127.0.0.1 unless told, and an IPv6 address stands in brackets."""
+        """Read [HOST:]PORT; the host is 127.0.0.1 by default, and an IPv6 address stands in brackets."""
         host, _, port = text.rpartition(":")
         if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 2**16:
             raise InputError(option, f"{text!r} is no [HOST:]PORT such as 127.0.0.1:5005")
@@ -138,7 +138,7 @@ class Bridge:
         return {"datagrams": self.datagrams, **counts, "samples": self.samples}
 
     def news(self) -> list[str]:
-        """Say what was left out and what is missing so far."""
+        """Return what was left out and what is missing so far."""
         counts = self._decoder.counts
         bad = [f"{counted(counts.bad, 'packet')} cannot be read, the first: {counts.first_bad}"] if counts.bad else []
         return [*bad, *packet_notes(counts)]
@@ -148,20 +148,20 @@ def run_bridge(
     bridge: Bridge,
     receiver: socket.socket,
     stop: Event,
-    say: Callable[[str], None],
+    log: Callable[[str], None],
     look: Callable[[float], None] = lambda _: None,
 ) -> None:
-    """Hand on what a socket receives until told to stop; what is left out is said, each line once.
+    """Hand on what a socket receives until stopped; what is left out is logged, each line once.
 
     `look` is called with the time of a clock that only goes forward [s], many times a second.
     """
-    said: set[str] = set()
+    logged: set[str] = set()
 
-    def tell() -> None:
+    def log_news() -> None:
         for line in bridge.news():
-            if line not in said:
-                say(line)
-                said.add(line)
+            if line not in logged:
+                log(line)
+                logged.add(line)
 
     next_news_s = 0.0
     while not stop.is_set():
@@ -172,9 +172,9 @@ def run_bridge(
         look(now_s)
         if now_s >= next_news_s:
             next_news_s = now_s + NEWS_S
-            tell()
+            log_news()
     bridge.close()
-    tell()
+    log_news()
 
 
 class PacketSender:

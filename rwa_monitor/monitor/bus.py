@@ -1,4 +1,4 @@
-"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for unless told.
+"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for by default.
 
 Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
 inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
@@ -12,11 +12,11 @@ from __future__ import annotations
 import json
 import re
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Condition, Event
+from threading import Event, Thread
 from types import TracebackType
 from typing import Any, Final, Literal, Self
 
@@ -25,23 +25,20 @@ from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, Message
-from rwa_monitor.monitor.ingest.backfill import MAX_SOURCES, Arrival, Backfill, arrival_of, ask_publisher
+from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arrival_of, ask_publisher
 from rwa_monitor.telemetry.files import read_text
 
-INBOX_MESSAGES: Final = 65_536
-INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
-PATIENCE_S: Final = 2.0  # for room in the inbox; publishers give up a connection that is stuck for 5 s
 MAX_QUERIES: Final = 1_000  # questions that wait for an answer; more are left to time out
-# Of each publisher, at a start. It must be said: without a number the first live message ends Zenoh's wait for the
+# Of each publisher, at a start. It must be set: without a number the first live message ends Zenoh's wait for the
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
-OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses go on telling their last number, what is less important tells it once
+OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses repeat their last number, what is less important sends it once
 MAX_CONFIG_BYTES: Final = 1_000_000
 ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
 MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
 
-# What Zenoh does unless told, and what we do instead. What a configuration file says otherwise than Zenoh's own default
+# What Zenoh does by default, and what we do instead. What a configuration file sets otherwise than Zenoh's own default
 # counts; shared memory and plug-ins stay off in any case.
 _SECURE: Final[tuple[tuple[str, Any], ...]] = (
     ("listen/endpoints", []),
@@ -71,12 +68,12 @@ class BusOptions:
     Attributes
     ----------
     mode
-        -m: peer, client or router. Unless told, what only connects is a client where somebody answers: peers behind a
-        router do not hear each other. Where nobody answers yet it is a peer, which waits for whoever comes.
+        -m: peer, client or router. By default, what only connects is a client where a router answers: peers behind a
+        router do not reach each other. Where none answers yet it is a peer, which waits for one.
     connect, listen
         -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, the process talks to itself without a socket.
     config
-        -c: a Zenoh configuration file; the other options change what it says.
+        -c: a Zenoh configuration file; the other options change its settings.
     no_multicast_scouting
         Accepted because every Zenoh tool has it; scouting is off anyway unless the file turns it on.
     """
@@ -127,7 +124,7 @@ def session_config(options: BusOptions) -> zenoh.Config:
 
 
 def _plain(error: zenoh.ZError) -> str:
-    """Return what Zenoh says without the places of its sources."""
+    """Return what Zenoh reports without the places of its sources."""
     return re.sub(r" at /\S+\.rs:\d+\.?", "", str(error))
 
 
@@ -164,7 +161,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
     zenoh.init_log_from_env_or("error")
     if _only_connects(options):
         as_client = session_config(replace(options, mode="client"))
-        with suppress(zenoh.ZError):  # nobody answers: as a peer it can wait
+        with suppress(zenoh.ZError):  # none answers: as a peer it can wait
             return zenoh.open(as_client)
     try:
         return zenoh.open(config)
@@ -174,91 +171,8 @@ def open_session(options: BusOptions) -> zenoh.Session:
 
 
 def _only_connects(options: BusOptions) -> bool:
-    """Tell whether nobody said which role a session has that connects and does not listen."""
+    """Return whether a session only connects, and its role is not set."""
     return options.mode is None and options.config is None and bool(options.connect) and not options.listen
-
-
-# ---- in --------------------------------------------------------------------------------------------------------------
-
-
-class Inbox:
-    """A bounded queue from Zenoh's threads to ours.
-
-    Parameters
-    ----------
-    max_messages, max_bytes
-        What it holds at most.
-    patience_s
-        How long to wait for room, before a message is dropped and counted [s].
-
-    Attributes
-    ----------
-    dropped
-        Messages dropped so far.
-    wake
-        Set when something has arrived.
-    """
-
-    def __init__(
-        self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES, patience_s: float = PATIENCE_S
-    ) -> None:
-        self.max_messages = max_messages
-        self.max_bytes = max_bytes
-        self.patience_s = patience_s
-        self.dropped = 0
-        self.wake = Event()
-        self._messages: deque[Arrival] = deque()
-        self._lost: dict[str, Arrival] = {}  # of each publisher the last message that was dropped, without its content
-        self._bytes = 0
-        self._room = Condition()  # held for a few operations only
-        self._patient = True
-
-    def __len__(self) -> int:
-        """Count the messages that wait."""
-        return len(self._messages)
-
-    def put(self, key: str, payload: bytes, source: str = "", number: int = 0) -> None:
-        """Append a message; when full, wait for room, or drop and count it after a while."""
-        message = Arrival(key, payload, source, number)
-        with self._room:
-            # A reader that stands still costs the wait once, not once for each message.
-            if not self._fits(message) and not (
-                self._patient and self._room.wait_for(lambda: self._fits(message), self.patience_s)
-            ):
-                self._patient = False
-                self.dropped += 1
-                if source and (source in self._lost or len(self._lost) < MAX_SOURCES):
-                    self._lost[source] = message._replace(payload=b"")
-            else:
-                self._messages.append(message)
-                self._bytes += len(message.payload)
-        self.wake.set()
-
-    def take(self) -> Arrival | None:
-        """Return the oldest message, or None when there is none."""
-        with self._room:
-            if not self._messages:
-                return None
-            message = self._messages.popleft()
-            self._bytes -= len(message.payload)
-            self._patient = True
-            self._room.notify_all()
-            return message
-
-    def take_lost(self) -> list[Arrival]:
-        """Return the last message of each publisher that was dropped since the last call, without its content."""
-        with self._room:
-            lost, self._lost = list(self._lost.values()), {}
-            return lost
-
-    def close(self) -> None:
-        """Let nobody wait any more."""
-        with self._room:
-            self.patience_s = 0.0
-            self._room.notify_all()
-
-    def _fits(self, message: Arrival) -> bool:
-        return len(self._messages) < self.max_messages and self._bytes + len(message.payload) <= self.max_bytes
 
 
 # ---- the monitor's end of the bus ------------------------------------------------------------------------------------
@@ -298,7 +212,7 @@ class MonitorBus:
         self._open = True  # callbacks go on after undeclare(): they look here
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        self._told: dict[str, Any] = {}  # when each wheel's health was published
+        self._reported: dict[str, Any] = {}  # when each wheel's health was published
 
     def __enter__(self) -> Self:
         """Enter; nothing is declared yet."""
@@ -368,9 +282,9 @@ class MonitorBus:
                     publisher_detection=True,
                 )
         if message.kind == "health":
-            # A dashboard tells the same wheel's health when an alarm changes: the asker shall get the later of both.
-            self._told[key] = self.session.new_timestamp()
-            self._publishers[key].put(payload, timestamp=self._told[key])
+            # A dashboard publishes the same wheel's health when an alarm changes: a query shall get the later of both.
+            self._reported[key] = self.session.new_timestamp()
+            self._publishers[key].put(payload, timestamp=self._reported[key])
         else:
             self._publishers[key].put(payload)
 
@@ -380,7 +294,7 @@ class MonitorBus:
             query = self.queries.popleft()
             for key, payload in latest().items():
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, payload, encoding=encoding, timestamp=self._told.get(key))
+                    query.reply(key, payload, encoding=encoding, timestamp=self._reported.get(key))
             query.drop()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
@@ -405,3 +319,134 @@ class MonitorBus:
         if self._open:
             self.queries.append(query)
             self.inbox.wake.set()
+
+
+# ---- whether the bus is there ----------------------------------------------------------------------------------------
+
+
+LOOK_PERIOD_S: Final = 1.0  # between two looks at the connections
+
+
+class BusWatch:
+    """Looks at the connections of a session that should connect somewhere.
+
+    Parameters
+    ----------
+    session
+        An open session.
+    connect
+        Endpoints that it should connect to; empty where it only listens, or is embedded.
+    """
+
+    def __init__(self, session: zenoh.Session, connect: Sequence[str]) -> None:
+        self._session = session
+        self._where = connect
+
+    def trouble(self) -> str:
+        """Return in words what is wrong, "" where nothing is."""
+        if not self._where:
+            return ""
+        try:
+            info = self._session.info
+            connected = any((*info.routers_zid(), *info.peers_zid()))
+        except zenoh.ZError as error:
+            return f"The bus is gone: {error}."
+        where = " or ".join(self._where)
+        return "" if connected else f"The bus is gone: there is no connection to {where}. Trying again."
+
+
+class BusNews:
+    """Logs once that the bus is gone, and once that it is there again.
+
+    Parameters
+    ----------
+    watch
+        Looks at the connections.
+    log
+        Takes a line of the log.
+    """
+
+    def __init__(self, watch: BusWatch, log: Callable[[str], None]) -> None:
+        self._watch, self._log = watch, log
+        self._reported = ""
+        self._due_s = 0.0
+
+    def look(self, now_s: float) -> None:
+        """Look whether it is time to, and log what changed."""
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + LOOK_PERIOD_S
+        trouble = self._watch.trouble()
+        if trouble != self._reported:
+            self._log(trouble or "connected to the bus again")
+        self._reported = trouble
+
+
+# ---- a subscription with a thread of its own -------------------------------------------------------------------------
+
+
+IDLE_WAIT_S: Final = 0.1
+
+
+class BusThread:
+    """A subscription and the one thread that works on what it brings. What was published before is asked for, too.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session; it is left open.
+    key_expression
+        What to listen to.
+    receive
+        Takes key and payload of each message, cut behind the largest size that a message may have.
+    tend
+        Called whenever the inbox is empty, again and again while nothing comes.
+    name
+        Of the thread.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        key_expression: str,
+        receive: Callable[[str, bytes], None],
+        tend: Callable[[], None] = lambda: None,
+        *,
+        name: str,
+    ) -> None:
+        self._receive, self._tend = receive, tend
+        self._inbox = Inbox()
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name=name, daemon=True)
+        self._subscriber: Any = ext.declare_advanced_subscriber(
+            session,
+            key_expression,
+            self._on_sample,
+            history=ext.HistoryConfig(detect_late_publishers=True),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+
+    def start(self) -> None:
+        """Begin to work on what came since the subscription."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Work on nothing more, and wait for the thread."""
+        self._stop.set()
+        with suppress(zenoh.ZError):  # the session may have been closed under us
+            self._subscriber.undeclare()
+        self._inbox.wake.set()
+        self._thread.join()
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        """Called in Zenoh's threads: append, and nothing else."""
+        if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
+            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._inbox.wake.clear()
+            while not self._stop.is_set() and (message := self._inbox.take()) is not None:
+                self._receive(message.key, message.payload)
+            self._tend()
+            self._inbox.wake.wait(IDLE_WAIT_S)

@@ -1,4 +1,4 @@
-"""A checkpoint: everything a wheel's monitor core knows, as JSON, so that another one can go on from there.
+"""A checkpoint: the whole state of a wheel's monitor core, as JSON, so that another one can go on from there.
 
 Every recording begins with one checkpoint for each wheel: a recording alone is enough to replay it, and after a crash
 the last one is enough to go on. Floats are written in full; a core that was resumed gives the same bits. The samples of
@@ -26,7 +26,6 @@ from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import MEMORY, Channel, Screen
 
 CHECKPOINT_VERSION: Final = 2
-OLDEST_VERSION: Final = 1  # wrote the samples of open windows as lists of numbers
 MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slots are some 30 MB
 
 
@@ -52,17 +51,19 @@ class HeldBatch(_Part):
 
 
 class SequencerState(_Part):
-    """State of `sequencer.Sequencer`."""
+    """State of `sequencer.Sequencer`; in the file a takeover is called a challenge."""
+
+    model_config = ConfigDict(populate_by_name=True)
 
     current: str | None
     expected: Slot | None
     held: list[HeldBatch]
     skipped: list[Slot]
-    challenge: list[HeldBatch]
-    challenge_doubtful: bool = False
-    largest: Slot = 0
-    replaced: list[str] = Field(default_factory=list)
-    latest_ns: int | None = None
+    takeover: list[HeldBatch] = Field(alias="challenge")
+    takeover_uncertain: bool = Field(alias="challenge_doubtful")
+    largest: Slot
+    replaced: list[str]
+    latest_ns: int | None
 
 
 class GridState(_Part):
@@ -76,8 +77,7 @@ class GridState(_Part):
 class SlotsState(_Part):
     """The slots [begin, end) of the ring buffer that are still needed, and the values of the last of them.
 
-    Null in `values` stands for NaN. Files of older releases, whose windows did
-    not keep their own samples, hold the values of all slots.
+    Null in `values` stands for NaN.
     """
 
     begin: Slot
@@ -98,15 +98,6 @@ class SlotsState(_Part):
         """Whether the numbers fit each other."""
         lengths = {len(values) for values in self.values.values()}
         return sum(self.filled) == self.end - self.begin and len(lengths) == 1 and max(lengths) <= sum(self.filled)
-
-    @property
-    def values_begin(self) -> int:
-        """First slot whose values are there."""
-        return self.end - max(len(values) for values in self.values.values())
-
-    def read(self, name: str, start: int, stop: int) -> FloatArray:
-        """Return the values of the slots [start, stop), NaN where empty."""
-        return _with_nan(self.values[name][start - self.values_begin : stop - self.values_begin])
 
     def restore(self, ring: RingBuffer) -> None:
         """Put the slots into a ring buffer."""
@@ -166,35 +157,31 @@ class ScreenState(_Part):
 
     @classmethod
     def of(cls, screen: Screen) -> Self:
-        """Keep what the screen remembers of the slots so far."""
+        """Keep the state of the sensor validation."""
         return cls(done=screen.done, speed=ChannelState.of(screen.speed), torque=ChannelState.of(screen.torque))
 
     def restore(self, screen: Screen) -> None:
-        """Let a screen of the same wheel go on from here."""
+        """Let the sensor validation of the same wheel go on from here."""
         screen.done, screen.speed, screen.torque = self.done, self.speed.channel(), self.torque.channel()
 
 
 class EffectsState(_Part):
     """What the wheel's effects, and the friction before them, remember of the slots so far."""
 
-    friction: ChannelState | None = None
+    friction: ChannelState
     angle_rad: float
     last_speed_rad_s: float
     memories: list[list[float] | None]
 
 
 def _floats(value: object) -> FloatArray:
-    """Return an array, the base64 of one in little-endian float64, or a list with null for NaN, as an array."""
-    if isinstance(value, str):
-        array = np.frombuffer(b64decode(value, validate=True), dtype="<f8").astype(np.float64)
-    else:
-        try:
-            array = np.asarray(value, dtype=np.float64)
-        except (TypeError, OverflowError) as error:
-            raise ValueError("must be a list of numbers") from error
-    if array.ndim != 1 or np.isinf(array).any():
-        raise ValueError("must be a list of finite numbers")
-    return array
+    """Return an array, float64 (n,), or the base64 of one in little-endian float64, as an array."""
+    if not isinstance(value, str | np.ndarray):
+        raise ValueError("must be text in base64")
+    array = value if isinstance(value, np.ndarray) else np.frombuffer(b64decode(value, validate=True), dtype="<f8")
+    if np.isinf(array).any():
+        raise ValueError("must be finite numbers")
+    return array.astype(np.float64)
 
 
 def _base64(array: FloatArray) -> str:
@@ -226,36 +213,38 @@ class GatheredState(_Part):
 class WindowsState(_Part):
     """Where the windows stand: first slots of the open ones, of the next one, and what has been worked off.
 
-    `gathered` holds the samples of the open windows; None in files of older releases, whose slots hold them.
+    `gathered` holds the samples of the open windows.
     """
 
     done: Slot
     next_start: Slot
     last_end: Slot
     open: list[Slot]
-    gathered: list[GatheredState] | None = None
+    gathered: list[GatheredState]
 
 
 class Checkpoint(_Part):
-    """Everything a `core.WheelCore` knows besides its wheel, its model and its method."""
+    """The whole state of a `core.WheelCore` besides its wheel, its model and its method."""
 
-    version: Annotated[int, Field(ge=OLDEST_VERSION, le=CHECKPOINT_VERSION)] = CHECKPOINT_VERSION
+    version: Annotated[int, Field(ge=CHECKPOINT_VERSION, le=CHECKPOINT_VERSION)] = CHECKPOINT_VERSION
     source: Source | Literal[""]
     said_missing: bool
     counts: dict[str, Count]
     carried: CarriedState
     sequencer: SequencerState
-    waiting: WaitingSample | None = None
+    waiting: WaitingSample | None
     epoch_origin_ns: ClockNs
     grid: GridState
     slots: SlotsState
-    screen: ScreenState | None = None
+    screen: ScreenState
     effects: EffectsState
     windows: WindowsState
 
     def to_json(self) -> bytes:
         """Write the checkpoint; the same state always gives the same bytes."""
-        return self.model_dump_json().encode()  # every number is finite; json.dumps takes thirteen times as long
+        return self.model_dump_json(
+            by_alias=True
+        ).encode()  # every number is finite; json.dumps takes thirteen times as long
 
     @classmethod
     def from_json(cls, data: bytes, source: str) -> Self:

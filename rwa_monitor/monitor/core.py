@@ -1,6 +1,7 @@
 """The monitor core of one wheel: samples in, events out. Pure: no clock, no network, no file.
 
-    messages → sequencer → order guard → ring buffer → screen → friction less known effects → open windows → diagnosis
+    messages → sequencer → slot assignment → ring buffer → sensor validation → friction less known effects
+    → open windows → diagnosis
 
 Live monitor, replay and the diagnosis of tables all feed this one core, so that they agree by construction, and its
 result does not depend on how the samples are cut into messages.
@@ -32,7 +33,7 @@ from rwa_monitor.monitor.events import (
     WindowDiagnosed,
 )
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, OrderGuard, Rows
+from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
 from rwa_monitor.monitor.settings_check import SettingsCheck
 from rwa_monitor.monitor.windows import Windows, forget_positions
 from rwa_monitor.samples import FloatArray, IntArray, Samples
@@ -55,7 +56,7 @@ class WheelCore:
     method
         "joint" or "paper".
     carried
-        What earlier windows told; None for nothing.
+        The state that earlier windows handed on; None for none.
 
     Attributes
     ----------
@@ -78,9 +79,9 @@ class WheelCore:
         self._windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
         limits, most_torque_Nm = wheel.limits, wheel.max_motor_torque_Nm
         self._sequencer = Sequencer(self.counts)
-        self._guard = OrderGuard(wheel.period_ns, wheel.window.samples, limits, most_torque_Nm, self.counts)
+        self._assignment = SlotAssignment(wheel.period_ns, wheel.window.samples, limits, most_torque_Nm, self.counts)
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
-        self._said_missing = False
+        self._reported_missing = False
         self._settings_check = SettingsCheck(wheel)
         self._waiting: Rows | None = None  # one sample that the next one judges
 
@@ -95,13 +96,13 @@ class WheelCore:
 
     @property
     def carried(self) -> CarriedState:
-        """What the windows so far tell the next one."""
+        """The state that the windows so far hand to the next one."""
         return self._windows.carried
 
     @property
     def last_sample_ns(self) -> int | None:
         """Time of the latest sample that was taken into the wheel's grid; a wild time is none."""
-        return self._guard.last_ns
+        return self._assignment.last_ns
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
@@ -113,9 +114,9 @@ class WheelCore:
         samples
             One message, or a whole table.
         publisher
-            Who sent it; "" when it does not say.
+            Who sent it; "" where it is not named.
         batch
-            Its number, counted up by one by each publisher; None when it does not say.
+            Its number, counted up by one by each publisher; None where it has none.
 
         Raises
         ------
@@ -127,7 +128,7 @@ class WheelCore:
             self._source = source_of(samples, self.wheel)
             if self._source != self._windows.friction.source:
                 self._windows.begin_source(self._source)
-        ready, notes = self._sequencer.put(Batch(publisher, batch, samples), self._guard.last_ns)
+        ready, notes = self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns)
         events: list[Event] = list(notes)
         for message in ready:
             events += self._take(message)
@@ -135,7 +136,7 @@ class WheelCore:
 
     def finish(self) -> list[Event]:
         """Take what waits, close the open window as it is, and return what happened: nothing more will come."""
-        ready, notes = self._sequencer.flush(self._guard.last_ns)
+        ready, notes = self._sequencer.flush(self._assignment.last_ns)
         events: list[Event] = list(notes)
         for message in ready:
             events += self._take(message)
@@ -143,7 +144,7 @@ class WheelCore:
             events += self._place(self._waiting, last=True)
             self._waiting = None
         events += self._windows.end_epoch()
-        self._guard.end_epoch()
+        self._assignment.end_epoch()
         return events
 
     @property
@@ -161,12 +162,12 @@ class WheelCore:
     def _take(self, message: Batch) -> list[Event]:
         samples, friction = message.samples, self._windows.friction
         torque = friction.torque(samples)
-        clean = torque is not None and self._guard.is_clean(samples)  # then there is nothing to look for
+        clean = torque is not None and self._assignment.is_clean(samples)  # then there is nothing to look for
         events: list[Event] = self._settings_check.look(samples, clean=clean)
         if torque is None:
             torque = np.full(len(samples), np.nan)
-            if not self._said_missing:
-                self._said_missing = True
+            if not self._reported_missing:
+                self._reported_missing = True
                 events.append(ChannelMissing(self._source))
         values = {"speed_rad_s": samples.speed_rad_s, "torque_Nm": torque}
         for name in friction.optional:
@@ -175,7 +176,7 @@ class WheelCore:
         if not clean:
             values = {name: np.where(np.isfinite(array), array, np.nan) for name, array in values.items()}
         rows = Rows(samples.time_ns, values)
-        allowed = None if clean else self._guard.reject_beyond_limits(samples)
+        allowed = None if clean else self._assignment.reject_beyond_limits(samples)
         if allowed is not None:
             rows = rows[np.flatnonzero(allowed)]
         return events + self._place(rows, passed=message.passed)
@@ -189,7 +190,9 @@ class WheelCore:
         strays: list[int] = []
         start = 0
         while start < len(rows):
-            piece = self._guard.next_piece(rows.time_ns, good, start, windows.ring.is_filled, passed=passed, last=last)
+            piece = self._assignment.next_piece(
+                rows.time_ns, good, start, windows.ring.is_filled, passed=passed, last=last
+            )
             if piece.waits:
                 self._waiting = rows[start : start + 1]
                 break
@@ -210,9 +213,9 @@ class WheelCore:
         """Bring new slots, and the empty ones before them, into the ring buffer piece by piece."""
         events: list[Event] = []
         ring = self._windows.ring
-        while ring.end < self._guard.frontier:
-            end = min(ring.end + PIECE_SLOTS, self._guard.frontier)
-            if slots.size and ring.end <= slots[0] and end == self._guard.frontier:  # all at once
+        while ring.end < self._assignment.frontier:
+            end = min(ring.end + PIECE_SLOTS, self._assignment.frontier)
+            if slots.size and ring.end <= slots[0] and end == self._assignment.frontier:  # all at once
                 ring.extend(end, slots, values)
             else:
                 rows = slice(*np.searchsorted(slots, (ring.end, end)))
@@ -223,11 +226,11 @@ class WheelCore:
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 
     def checkpoint(self) -> Checkpoint:
-        """Return everything the core knows; `resume` makes an equal core of it."""
-        sequencer, guard, windows = self._sequencer, self._guard, self._windows
+        """Return the whole state of the core; `resume` makes an equal core of it."""
+        sequencer, assignment, windows = self._sequencer, self._assignment, self._windows
         return Checkpoint(
             source=self._source,
-            said_missing=self._said_missing,
+            said_missing=self._reported_missing,
             counts=asdict(self.counts),
             carried=self.carried,
             sequencer=SequencerState(
@@ -235,8 +238,8 @@ class WheelCore:
                 expected=sequencer.expected,
                 held=[HeldBatch.of(batch) for batch in sequencer.held.values()],
                 skipped=list(sequencer.skipped),
-                challenge=[HeldBatch.of(batch) for batch in sequencer.challenge],
-                challenge_doubtful=sequencer.challenge_doubtful,
+                takeover=[HeldBatch.of(batch) for batch in sequencer.takeover],
+                takeover_uncertain=sequencer.takeover_uncertain,
                 largest=sequencer.largest,
                 replaced=list(sequencer.replaced),
                 latest_ns=sequencer.latest_ns,
@@ -244,7 +247,9 @@ class WheelCore:
             waiting=None if self._waiting is None else WaitingSample.of(self._waiting),
             epoch_origin_ns=windows.grid.origin_ns,
             grid=GridState(
-                origin_ns=guard.grid.origin_ns if guard.grid else None, frontier=guard.frontier, last_ns=guard.last_ns
+                origin_ns=assignment.grid.origin_ns if assignment.grid else None,
+                frontier=assignment.frontier,
+                last_ns=assignment.last_ns,
             ),
             slots=windows.slots_state(),
             screen=windows.screen_state(),
@@ -265,11 +270,11 @@ class WheelCore:
         if checkpoint.source:
             core._source = checkpoint.source
             core._windows.begin_source(checkpoint.source)
-        core._said_missing = checkpoint.said_missing
+        core._reported_missing = checkpoint.said_missing
         unknown = set(checkpoint.counts) - {field.name for field in fields(core.counts)}
         if unknown:
             raise InputError("checkpoint", f"{min(unknown)[:40]!r} is nothing that is counted", "counts")
-        for name, count in checkpoint.counts.items():  # the sequencer and the guard count in the same place
+        for name, count in checkpoint.counts.items():  # the sequencer and the slot assignment count in the same place
             setattr(core.counts, name, count)
         core._resume_order(checkpoint)
         core._windows.resume(checkpoint.slots, checkpoint.screen, checkpoint.effects, checkpoint.windows)
@@ -277,16 +282,16 @@ class WheelCore:
 
     def _resume_order(self, checkpoint: Checkpoint) -> None:
         state, grid = checkpoint.sequencer, checkpoint.grid
-        sequencer, guard = self._sequencer, self._guard
+        sequencer, assignment = self._sequencer, self._assignment
         sequencer.current, sequencer.expected = state.current, state.expected
         sequencer.held = {held.number: held.batch() for held in state.held if held.number is not None}
         sequencer.skipped = dict.fromkeys(state.skipped)
-        sequencer.challenge = [held.batch() for held in state.challenge]
-        sequencer.challenge_doubtful = state.challenge_doubtful
+        sequencer.takeover = [held.batch() for held in state.takeover]
+        sequencer.takeover_uncertain = state.takeover_uncertain
         sequencer.largest, sequencer.replaced = state.largest, list(state.replaced)
         sequencer.latest_ns = state.latest_ns
-        guard.grid = None if grid.origin_ns is None else SlotGrid(grid.origin_ns, self.wheel.period_ns)
-        guard.frontier, guard.last_ns = grid.frontier, grid.last_ns
+        assignment.grid = None if grid.origin_ns is None else SlotGrid(grid.origin_ns, self.wheel.period_ns)
+        assignment.frontier, assignment.last_ns = grid.frontier, grid.last_ns
         self._windows.grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
         waiting = checkpoint.waiting
         if waiting is not None and set(waiting.values) != set(self._windows.ring.channels):

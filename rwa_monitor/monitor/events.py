@@ -1,12 +1,30 @@
-"""What a wheel's monitor core says: its events, in the order in which they happen."""
+"""The events of a wheel's monitor core, in the order in which they happen, and the messages made of them.
+
+Live monitor and replay share both.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Final
 
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.messages import (
+    Changepoints,
+    Diagnosis,
+    Message,
+    ProvisionalJump,
+    diagnosis_message,
+    dump_json,
+    health_message,
+    key_of,
+)
 from rwa_monitor.monitor.ingest.sequencer import MessagesMissed, PublisherChanged, PublisherConflict
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import counted, is_or_are, time_text
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +78,7 @@ class WindowDiagnosed:
     partial
         True where samples or an epoch ended before the window was full.
     diagnosis
-        What it says.
+        Of the window.
     carried
         The wheel's state after it.
     """
@@ -117,7 +135,7 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True)
 class SamplePeriodDiffers:
-    """The samples come in other steps than the wheel file says.
+    """The samples come in other steps than the wheel file has.
 
     Attributes
     ----------
@@ -156,3 +174,137 @@ Event = (
     | PublisherConflict
     | MessagesMissed
 )
+
+
+# ---- the messages made of them ---------------------------------------------------------------------------------------
+
+
+CARRIED_KIND: Final = "carried"
+CARRIED_SCHEMA: Final = "rwa.Carried"
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """One message of the monitor.
+
+    Attributes
+    ----------
+    key
+        Bus key and topic.
+    message
+        Its class; None for what is recorded only.
+    schema
+        Name of the schema.
+    payload
+        JSON.
+    time_ns
+        On the wheel's clock.
+    """
+
+    key: str
+    message: type[Message] | None
+    schema: str
+    payload: bytes
+    time_ns: int
+
+
+def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[Output]:
+    """Return the outputs for events of a wheel, in order."""
+    outputs: list[Output] = []
+    for event in events:
+        if isinstance(event, ProvisionalChangepoint):
+            outputs.append(_changepoints(event, spacecraft, wheel))
+        elif isinstance(event, WindowDiagnosed):
+            outputs += _diagnosis(event, spacecraft, wheel)
+    return outputs
+
+
+def _output(message: Message, time_ns: int, spacecraft: str, wheel: str) -> Output:
+    kind = type(message)
+    return Output(key_of(kind, spacecraft, wheel), kind, kind.schema_name(), message.to_json(), time_ns)
+
+
+def _changepoints(event: ProvisionalChangepoint, spacecraft: str, wheel: str) -> Output:
+    jump = ProvisionalJump(
+        index=event.index,
+        time_ns=event.time_ns,
+        jump_Nm=event.jump_Nm,
+        std_Nm=event.std_Nm,
+        confidence=event.confidence,
+    )
+    message = Changepoints(
+        spacecraft=spacecraft, wheel=wheel, window_start_ns=event.window_start_ns, changepoints=[jump]
+    )
+    return _output(message, event.time_ns, spacecraft, wheel)
+
+
+def _diagnosis(event: WindowDiagnosed, spacecraft: str, wheel: str) -> list[Output]:
+    diagnosis = diagnosis_message(
+        event.diagnosis,
+        spacecraft=spacecraft,
+        wheel=wheel,
+        window_start_ns=event.start_ns,
+        window_end_ns=event.end_ns,
+        period_ns=event.period_ns,
+        partial=event.partial,
+        software=SOFTWARE,
+    )
+    carried = dump_json(
+        {
+            "window_end_ns": event.end_ns,
+            "sha256": event.carried.sha256(),
+            "state": event.carried.model_dump(mode="json"),
+        }
+    )
+    key = key_of(Diagnosis, spacecraft, wheel).removesuffix(Diagnosis.kind) + CARRIED_KIND
+    return [
+        _output(diagnosis, event.end_ns, spacecraft, wheel),
+        Output(key, None, CARRIED_SCHEMA, carried, event.end_ns),
+        health_output(diagnosis),
+    ]
+
+
+def health_output(diagnosis: Diagnosis) -> Output:
+    """Return the health message that goes with a diagnosis."""
+    return _output(health_message(diagnosis), diagnosis.window_end_ns, diagnosis.spacecraft, diagnosis.wheel)
+
+
+def trouble_in(event: Event) -> str | None:
+    """Return, in words, what an operator should read about an event, None where all is well."""
+    if isinstance(event, EpochStarted) and event.step_ns:
+        step_s = event.step_ns / NANOSECONDS_PER_SECOND
+        return (
+            f"the wheel's clock stepped by {step_s:.3f} s, to {time_text(event.origin_ns)}: a new epoch began, the open"
+            " window was closed as it was"
+        )
+    if isinstance(event, ChannelMissing):
+        return f"samples without {event.channel}, which this wheel's friction comes from: they are masked"
+    if isinstance(event, StraySamples):
+        return (
+            f"{counted(event.count, 'sample')} rejected with a time far from those before and after, "
+            f"the first at {time_text(event.time_ns)}"
+        )
+    if isinstance(event, SensorFault):
+        what = "repeats one value, as a sensor that hangs" if event.hangs else "stands out from the samples around it"
+        return f"{event.channel} {what}, at {time_text(event.time_ns)}: masked"
+    if isinstance(event, SamplePeriodDiffers):
+        return (
+            f"is sample_period_s = {event.expected_s:.6g} of the wheel file right? The samples come every"
+            f" {event.period_s:.3g} s"
+        )
+    if isinstance(event, SpeedsBeyondLimit):
+        return (
+            f"speeds beyond max_speed_rad_s = {event.limit_rad_s:.6g}, up to {event.largest_rad_s:.6g}, are rejected:"
+            " is it rpm, or is the wheel file another wheel's?"
+        )
+    if isinstance(event, PublisherConflict):
+        return (
+            f"two live publishers on one wheel: {counted(event.samples, 'sample')} of {event.refused!r} rejected, "
+            f"{event.current!r} goes on"
+        )
+    if isinstance(event, PublisherChanged):
+        return f"publisher {event.after!r} took over from {event.before!r}, which had gone silent"
+    if isinstance(event, MessagesMissed):
+        missing = f"{is_or_are(event.count)} missing, from batch {event.first} on"
+        return f"{counted(event.count, 'message')} of {event.publisher!r} {missing}"
+    return None

@@ -6,35 +6,104 @@ One thread does everything in this order, so that what is on the disk is always 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
-from typing import Final, Protocol
+from pathlib import Path
+from typing import Any, Final, Protocol
 
 import zenoh
 
+from rwa_monitor.changepoints.stage_results import Method
+from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
 from rwa_monitor.messages.samples import is_json, misspelt
-from rwa_monitor.monitor.bus import Inbox
+from rwa_monitor.monitor.bus import BusOptions
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.earlier_run import Past
-from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed
-from rwa_monitor.monitor.ingest.backfill import Arrival
-from rwa_monitor.monitor.outputs import Output, health_output, outputs_of, trouble_in
-from rwa_monitor.monitor.recording.recorder import Checkpoints, Recorder
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.events import (
+    Event,
+    Output,
+    SensorFault,
+    WindowDiagnosed,
+    health_output,
+    outputs_of,
+    trouble_in,
+)
+from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
+from rwa_monitor.monitor.ingest.sequencer import Counts
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
+from rwa_monitor.monitor.state_recovery import RecoveredState, Setup
+from rwa_monitor.monitor.wheel_set import WheelKey, WheelSet
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import counted, time_text
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
 TICK_S: Final = 0.05  # between two looks at what is due while messages flow
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
+SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 MANY_WHEELS: Final = 100  # whose state takes seconds to write
+STATUS_PERIOD_S: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """All settings of `run`; every one of them is in the recording.
+
+    Attributes
+    ----------
+    wheels
+        Key expression of the samples to listen to.
+    wheel
+        Constants of the wheels that have none of their own.
+    own_wheels
+        Constants of single wheels, by spacecraft and wheel.
+    model
+        What was learned about nominal and anomalous friction; None leaves all verdicts open.
+    method
+        "joint" or "paper".
+    record
+        Folder of the recordings, or None to record nothing.
+    max_file_bytes
+        Of one recording; then the next one is begun.
+    max_record_bytes
+        Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
+    bus
+        How to reach the bus.
+    shard
+        (I, N): this process serves share I of N, 1 ≤ I ≤ N.
+    status_period_s
+        Wall-clock time from one status message to the next [s].
+    log_verdicts
+        Whether each change of a verdict is logged, too; not where another view shows the diagnoses.
+    """
+
+    wheels: str = "rwa/*/*/samples"
+    wheel: Wheel = field(default_factory=built_in_wheel)
+    own_wheels: Mapping[WheelKey, Wheel] = field(default_factory=dict)
+    model: Model | None = None
+    method: Method = "joint"
+    record: Path | None = None
+    max_file_bytes: int = MAX_FILE_BYTES
+    max_record_bytes: int | None = None
+    bus: BusOptions = field(default_factory=BusOptions)
+    shard: tuple[int, int] = (1, 1)
+    status_period_s: float = STATUS_PERIOD_S
+    log_verdicts: bool = True
+
+    def setup(self) -> Setup:
+        """Return what diagnoses depend on."""
+        return Setup(WheelSet(self.wheel, self.own_wheels), self.model, self.method)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings as they are written into a recording."""
+        share, of = self.shard
+        return {"wheels": self.wheels, "method": self.method, "shard": f"{share}/{of}"}
 
 
 @dataclass(slots=True)
@@ -47,11 +116,11 @@ class _Served:
     last_sample_ns: int | None = None
     publisher: str = ""
     diagnosis: Output | None = None
-    verdict: tuple[str, ...] = ()  # and what is anomalous, as it was told last
+    verdict: tuple[str, ...] = ()  # and what is anomalous, as it was logged last
     health: Output | None = None
     windows: int = 0
     diagnosis_s: float | None = None
-    told: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
+    reported: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
     status_due_s: float = 0.0
     status_recorded_s: float = float("-inf")
 
@@ -100,8 +169,8 @@ class Monitor:
         Where samples come from and messages go.
     recorder
         None to record nothing.
-    say
-        Takes lines of talk.
+    log
+        Takes lines of the log.
     clock
         For flushing, status and how long things take; never for a diagnosis.
     """
@@ -111,41 +180,41 @@ class Monitor:
         options: RunOptions,
         bus: Bus,
         recorder: Recorder | None,
-        say: Callable[[str], None],
+        log: Callable[[str], None],
         clock: Clock,
     ) -> None:
         self.options = options
         self.bus = bus
         self.recorder = recorder
-        self.say = say
+        self.log = log
         self.clock = clock
         self._served: dict[tuple[str, str], _Served] = {}
         self._setup = options.setup()
-        self.searches = Searches(self._setup.wheels, options.record, say)
+        self.searches = Searches(self._setup.wheels, options.record, log)
         self._model_sha256 = options.model.sha256() if options.model else ""
         self._tick_due_s = 0.0
-        self._said: str = ""
+        self._logged: str = ""
 
-    def begin(self, past: Past, on_progress: Callable[[], None] = lambda: None) -> None:
+    def begin(self, recovered: RecoveredState, on_progress: Callable[[], None] = lambda: None) -> None:
         """Take over what an earlier run left behind, and begin the recording.
 
         Parameters
         ----------
-        past
+        recovered
             What was left behind.
         on_progress
             Called for each wheel whose state is written, for a supervisor that waits.
         """
-        for key, core in past.cores.items():
+        for key, core in recovered.cores.items():
             self._served[key] = _Served(core=core)
         if self.recorder is not None:
-            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in past.unrecorded]
-            if len(past.cores) >= MANY_WHEELS:  # some 6 ms each
-                self.say(f"beginning a recording with the state of {len(past.cores)} wheels")
+            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in recovered.unrecorded]
+            if len(recovered.cores) >= MANY_WHEELS:  # some 6 ms each
+                self.log(f"beginning a recording with the state of {len(recovered.cores)} wheels")
             self.recorder.begin(self._checkpoints(on_progress), self.clock.monotonic_s(), inherited)
-            self._tell_recorder()
+            self._log_recorder()
         health = {}
-        for output in (*past.diagnoses, *past.unrecorded):
+        for output in (*recovered.diagnoses, *recovered.unrecorded):
             self._publish(output)
             if output.message is Diagnosis:
                 health[output.key] = health_output(Diagnosis.parse(output.payload, output.key))
@@ -172,19 +241,21 @@ class Monitor:
     def close(self) -> None:
         """Write the last status of each wheel and the end of the recording."""
         windows = sum(served.windows for served in self._served.values())
-        self.say(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
+        self.log(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
         unused = [
-            f"{key[0]}/{key[1]}" for key in self.options.own_wheels if self._is_ours(*key) and not self._heard(key)
+            f"{key[0]}/{key[1]}"
+            for key in self.options.own_wheels
+            if self._is_ours(*key) and not self._has_samples(key)
         ]
         if unused:
-            self.say(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
+            self.log(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
         self.searches.close()
         for key, served in self._served.items():
             self._status(key, served, record=True)
         if self.recorder is not None:
             self.recorder.close(self.clock.monotonic_s())
 
-    def _heard(self, key: tuple[str, str]) -> bool:
+    def _has_samples(self, key: tuple[str, str]) -> bool:
         """Return whether samples of a wheel have come, in this run or before it."""
         return key in self._served and self._served[key].core is not None
 
@@ -222,10 +293,10 @@ class Monitor:
             self._refuse(key, payload, error)
             return True
         if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
-            self.say(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
+            self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         if self.recorder is not None:
-            self.recorder.input(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
+            self.recorder.write(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
         served.publisher = message.publisher
         self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
@@ -237,7 +308,7 @@ class Monitor:
         return True
 
     def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[Event]) -> None:
-        """Record what the core says, bring a diagnosis to the disk, then publish."""
+        """Record what the core reports, bring a diagnosis to the disk, then publish."""
         events = list(events)
         for event in events:
             trouble = trouble_in(event)
@@ -245,36 +316,36 @@ class Monitor:
                 continue
             served.last_error = trouble
             if isinstance(event, SensorFault):  # a broken sensor may give thousands in a window
-                if (event.channel, event.hangs) in served.told:
+                if (event.channel, event.hangs) in served.reported:
                     continue
-                served.told.add((event.channel, event.hangs))
-            self.say(f"{spacecraft}/{wheel}: {trouble}")
+                served.reported.add((event.channel, event.hangs))
+            self.log(f"{spacecraft}/{wheel}: {trouble}")
         outputs = outputs_of(events, spacecraft, wheel)
         closed = any(isinstance(event, WindowDiagnosed) for event in events)
         if self.recorder is not None:
             for output in outputs:
-                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
+                self.recorder.write(output.key, output.schema, output.payload, output.time_ns)
             if closed:
                 self.recorder.sync(self.clock.monotonic_s())
         for output in outputs:
             self._publish(output)
         if closed:
-            served.told.clear()
+            served.reported.clear()
             served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
             self._status((spacecraft, wheel), served, record=True)
         for event in events:
             if isinstance(event, WindowDiagnosed):
-                self._tell_verdict(served, spacecraft, wheel, event)
+                self._log_verdict(served, spacecraft, wheel, event)
             if isinstance(event, WindowDiagnosed) and not event.partial:
                 self.searches.take_diagnosis(spacecraft, wheel, adequate=event.diagnosis.model_adequate)
 
-    def _tell_verdict(self, served: _Served, spacecraft: str, wheel: str, event: WindowDiagnosed) -> None:
-        """Say what a window amounts to where that is news; a line for each window of a fleet would hide it."""
+    def _log_verdict(self, served: _Served, spacecraft: str, wheel: str, event: WindowDiagnosed) -> None:
+        """Log what a window amounts to where that is news; a line for each window of a fleet would hide it."""
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
-        if verdict != served.verdict and self.options.tell_verdicts:
+        if verdict != served.verdict and self.options.log_verdicts:
             until = time_text(event.end_ns)
-            self.say(f"{spacecraft}/{wheel}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
+            self.log(f"{spacecraft}/{wheel}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
         served.verdict = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
@@ -285,14 +356,14 @@ class Monitor:
             spacecraft, wheel, _ = split_key(key)
             served = self._serve(spacecraft, wheel)
         except InputError:
-            self._say_once(f"a message was refused: {error}")
+            self._log_once(f"a message was refused: {error}")
             return
         served.messages_rejected += 1
         text = ": ".join(part for part in (error.place, error.reason) if part)
         if meant := misspelt(payload):
             text = f"{text}; {meant}"
         if served.last_error != text:
-            self.say(f"{spacecraft}/{wheel}: a message was refused: {text}")
+            self.log(f"{spacecraft}/{wheel}: a message was refused: {text}")
         served.last_error = text
 
     def _is_ours(self, spacecraft: str, wheel: str) -> bool:
@@ -322,15 +393,15 @@ class Monitor:
         try:
             self.bus.publish(output.key, output.message, output.payload)
         except zenoh.ZError as error:
-            self._say_once(f"cannot publish: {error}")
+            self._log_once(f"cannot publish: {error}")
 
     def _tick(self, now_s: float) -> None:
         if self.recorder is not None:
             self.recorder.tend(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
-            self._tell_recorder()
+            self._log_recorder()
         for found in self.searches.poll():
             if self.recorder is not None:
-                self.recorder.output(found.key, found.schema, found.payload, found.time_ns)
+                self.recorder.write(found.key, found.schema, found.payload, found.time_ns)
             self._publish(found)
         self.bus.answer(Health.encoding(), self._latest_health)
         for key, served in self._served.items():
@@ -357,25 +428,19 @@ class Monitor:
         elif self.bus.inbox.dropped and last_error is None:
             dropped = counted(self.bus.inbox.dropped, "message")
             last_error = f"dropped {dropped}: they come faster than they can be diagnosed"
-        counts = core.counts if core else None
-        # Publishers that number their messages show a gap in any case; of others only the bus knows what it lost.
+        counts = core.counts if core else Counts()
+        # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
         missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
             last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
         status = Status(
             spacecraft=spacecraft,
             wheel=wheel,
-            samples_received=counts.received if counts else 0,
-            samples_used=counts.used if counts else 0,
-            samples_masked=counts.masked if counts else 0,
-            samples_late=counts.late if counts else 0,
-            samples_duplicate=counts.duplicate if counts else 0,
-            samples_rejected=counts.rejected if counts else 0,
-            samples_queued=counts.queued if counts else 0,
-            slots_missed=counts.slots_missed if counts else 0,
+            **{f"samples_{name}": getattr(counts, name) for name in SAMPLE_COUNTS},
+            slots_missed=counts.slots_missed,
             messages_rejected=served.messages_rejected,
             messages_dropped=self.bus.inbox.dropped,
-            messages_missed=max(counts.messages_missed if counts else 0, missed_by_bus),
+            messages_missed=max(counts.messages_missed, missed_by_bus),
             queue_depth=self.bus.waiting(),
             window_fill=core.window_fill if core else 0.0,
             last_error=last_error,
@@ -391,7 +456,7 @@ class Monitor:
         topic = key_of(Status, spacecraft, wheel)
         payload = status.to_json()
         if record and self.recorder is not None:
-            self.recorder.output(topic, Status.schema_name(), payload, None)
+            self.recorder.write(topic, Status.schema_name(), payload, None)
         self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
 
     def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Checkpoints:
@@ -407,12 +472,12 @@ class Monitor:
             if served.core is not None
         }
 
-    def _tell_recorder(self) -> None:
+    def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:
-            self._say_once(self.recorder.error)
+            self._log_once(self.recorder.error)
 
-    def _say_once(self, text: str) -> None:
-        """Say something, but not the same thing twice in a row."""
-        if text != self._said:
-            self.say(text)
-        self._said = text
+    def _log_once(self, text: str) -> None:
+        """Log something, but not the same thing twice in a row."""
+        if text != self._logged:
+            self.log(text)
+        self._logged = text

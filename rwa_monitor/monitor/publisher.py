@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from threading import Event
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
 import zenoh
 from zenoh import ext
 
 from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.monitor.recording.chain import recorded_inputs
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
-# How often a publisher tells the number of its last message. Zenoh's other way tells it once after each message: lost
+# How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
 # when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
 HEARTBEAT_S: Final = 1.0
+Content = TypeVar("Content")
 LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` hands it over before it is sent
 
 
@@ -66,7 +69,7 @@ class SamplesSink(Protocol):
 
 
 class SamplesPublisher:
-    """Numbers one wheel's samples and publishes them reliably, under a random name unless told."""
+    """Numbers one wheel's samples and publishes them reliably, under a random name by default."""
 
     def __init__(self, session: zenoh.Session, key: str, name: str | None = None) -> None:
         self.name = secrets.token_hex(8) if name is None else name
@@ -137,13 +140,8 @@ def send(
     stop = Event() if stop is None else stop
     sent = dict.fromkeys(telemetry, 0)
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
-    begin_s = time.monotonic()
     try:
-        for due_ns, key, batch in _batches(telemetry, batch_samples):
-            due_s = begin_s + (due_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
-            wait_s = 0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())
-            if stop.wait(wait_s):
-                break
+        for key, batch in _paced(_batches(telemetry, batch_samples), speed, stop, first_ns):
             sinks[key].put(batch)
             sent[key] += len(batch)
             if on_batch is not None:
@@ -153,6 +151,19 @@ def send(
         for sink in sinks.values():
             sink.close()
     return sum(sent.values())
+
+
+def _paced(
+    messages: Iterable[tuple[int, str, Content]], speed: float, stop: Event, first_ns: int | None = None
+) -> Iterator[tuple[str, Content]]:
+    """Yield key and content of messages when they are due; the pace begins with `first_ns`, or the first of them."""
+    begin_s = time.monotonic()
+    for due_ns, key, content in messages:
+        first_ns = due_ns if first_ns is None else first_ns
+        due_s = begin_s + (due_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
+        if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
+            return
+        yield key, content
 
 
 def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int, str, Samples]]:
@@ -166,3 +177,52 @@ def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int,
             cuts.append((due_ns, len(cuts), key, start))
     for due_ns, _, key, start in sorted(cuts):
         yield due_ns, key, telemetry[key][start : start + size]
+
+
+def replay_to_bus(
+    recordings: Path | Sequence[Path],
+    session: zenoh.Session,
+    *,
+    speed: float = 1.0,
+    from_ns: int | None = None,
+    stop: Event | None = None,
+) -> int:
+    """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
+
+    Parameters
+    ----------
+    recordings
+        As for `replay`.
+    session
+        An open Zenoh session.
+    speed
+        Times faster than real time; `math.inf` for as fast as the bus takes it.
+    from_ns
+        Messages that end earlier, on the wheel's clock [ns], are left out.
+    stop
+        Ends it early when set.
+
+    Returns
+    -------
+    int
+        Messages published.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, or nothing in them is of `from_ns` or later.
+    """
+    stop = Event() if stop is None else stop
+    publishers: dict[str, ReliablePublisher] = {}
+    sent = 0
+    try:
+        for topic, payload in _paced(recorded_inputs(recordings, from_ns), speed, stop):
+            if topic not in publishers:
+                publishers[topic] = ReliablePublisher(session, topic)
+            publishers[topic].put(payload)
+            sent += 1
+        stop.wait(LINGER_S)
+    finally:
+        for publisher in publishers.values():
+            publisher.close()
+    return sent

@@ -1,9 +1,12 @@
-"""Replays recordings: the same core on the recorded inputs must give the recorded diagnoses."""
+"""Replays recordings: the same core on the recorded inputs must give the recorded diagnoses.
+
+Messages are compared in order: lengths, types, bytes, then field by field with a tolerance.
+"""
 
 from __future__ import annotations
 
+import json
 import math
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -11,14 +14,9 @@ from pathlib import Path
 from threading import Event
 from typing import Any, Final
 
-import zenoh
-
-from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
 from rwa_monitor.monitor import state_recovery
-from rwa_monitor.monitor.compare import Comparable, Comparison, compare
-from rwa_monitor.monitor.publisher import LINGER_S, ReliablePublisher
-from rwa_monitor.monitor.recording.chain import file_sha256, recordings_of
+from rwa_monitor.monitor.recording.chain import file_sha256, recorded_inputs, recordings_of
 from rwa_monitor.monitor.recording.reader import (
     SOME_CHECKPOINTS,
     Attached,
@@ -27,11 +25,146 @@ from rwa_monitor.monitor.recording.reader import (
     Recording,
 )
 from rwa_monitor.monitor.searches import jobs_of, search_message
+from rwa_monitor.monitor.state_recovery import Comparable
 from rwa_monitor.monitor.wheel_set import WheelSet
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
-from rwa_monitor.words import counted, time_text
+from rwa_monitor.words import counted
 
 MAX_LISTED: Final = 20  # fields in the short report
+# Same code on another machine: sums may be taken in another order by its vector units, which moves the last bits.
+RELATIVE_TOLERANCE: Final = 1e-9
+# A difference of large numbers can be zero but for rounding; no torque, time or probability of ours is as small.
+ABSOLUTE_TOLERANCE: Final = 1e-15
+# Fields that are compared by their bytes only, with the reason: a hash of floats has no tolerance.
+HASHES_OF_WHAT_IS_COMPARED: Final = {
+    "provenance.prior_sha256": "the state that it hashes is compared as rwa.Carried",
+    "sha256": "the state beside it in rwa.Carried is compared",
+}
+MAX_DIFFERENCES: Final = 10_000  # listed one by one; the rest is counted
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """One field that differs: which message, where in it, and both values."""
+
+    message: str
+    path: str
+    recorded: str
+    replayed: str
+
+    def __str__(self) -> str:
+        """Return one line."""
+        return f"{self.message}: {self.path}: recorded {self.recorded}, replayed {self.replayed}"
+
+    @property
+    def field(self) -> str:
+        """The place without positions in lists, so that like differences count together."""
+        parts = [part for part in self.path.split(".") if not part.isdigit()]
+        return ".".join(parts)
+
+
+@dataclass(slots=True)
+class Comparison:
+    """Result of a comparison.
+
+    Attributes
+    ----------
+    compared
+        Messages compared, by schema.
+    differences
+        Beyond the tolerance.
+    bytes_equal
+        Whether all compared messages have equal bytes.
+    """
+
+    compared: Counter[str] = field(default_factory=Counter)
+    differences: list[Difference] = field(default_factory=list)
+    bytes_equal: bool = True
+
+    def add_all(self, other: Comparison) -> None:
+        """Take in the result of another comparison."""
+        self.compared += other.compared
+        self.differences += other.differences[: max(0, MAX_DIFFERENCES - len(self.differences))]
+        self.bytes_equal &= other.bytes_equal
+
+    def add(self, difference: Difference) -> None:
+        """Note a difference."""
+        self.bytes_equal = False
+        if len(self.differences) < MAX_DIFFERENCES:
+            self.differences.append(difference)
+
+
+def compare(recorded: Sequence[Comparable], replayed: Sequence[Comparable]) -> Comparison:
+    """Compare recorded with replayed messages, in order."""
+    result = Comparison()
+    if len(recorded) != len(replayed):
+        result.add(Difference("all messages", "length", str(len(recorded)), str(len(replayed))))
+    for position, (old, new) in enumerate(zip(recorded, replayed, strict=False)):
+        name = f"{old[0]} ({position})"
+        if old[:2] != new[:2]:
+            result.add(Difference(name, "type", f"{old[1]} on {old[0]}", f"{new[1]} on {new[0]}"))
+            break  # what follows is out of step
+        result.compared[old[1]] += 1
+        if old[2] == new[2]:
+            continue
+        result.bytes_equal = False
+        for path, left, right in differences(_parse(old[2]), _parse(new[2])):
+            if path not in HASHES_OF_WHAT_IS_COMPARED:
+                result.add(Difference(name, path, _short(left), _short(right)))
+    return result
+
+
+def differences(left: Any, right: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield (path, left, right) wherever two JSON values differ by more than 1e-9 relative."""
+    if _is_number(left) and _is_number(right):
+        if not _close(left, right):
+            yield path, left, right
+    elif isinstance(left, dict) and isinstance(right, dict):
+        for key in [*left, *(key for key in right if key not in left)]:
+            inner = f"{path}.{key}" if path else str(key)
+            if key in left and key in right:
+                yield from differences(left[key], right[key], inner)
+            else:
+                yield inner, left.get(key, _ABSENT), right.get(key, _ABSENT)
+    elif isinstance(left, list) and isinstance(right, list):
+        if len(left) != len(right):
+            yield f"{path}.length" if path else "length", len(left), len(right)
+        for position, (one, other) in enumerate(zip(left, right, strict=False)):
+            yield from differences(one, other, f"{path}.{position}" if path else str(position))
+    elif type(left) is not type(right) or left != right:
+        yield path, left, right
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _close(left: float, right: float) -> bool:
+    if isinstance(left, int) and isinstance(right, int):
+        return left == right  # counts, slots and times are exact
+    return left == right or math.isclose(left, right, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
+
+
+def _parse(payload: bytes) -> Any:
+    try:
+        return json.loads(payload)
+    except (ValueError, RecursionError):
+        return f"no JSON: {payload[:40]!r}"
+
+
+def _short(value: Any) -> str:
+    text = value if isinstance(value, _Absent) else json.dumps(value, ensure_ascii=False)
+    return str(text) if len(str(text)) <= 80 else f"{str(text)[:77]}..."
+
+
+class _Absent:
+    def __repr__(self) -> str:
+        return "nothing"
+
+
+_ABSENT: Final = _Absent()
+
+
+# ---- the replay ------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +236,7 @@ def replay(
     """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
-    `report.bytes_equal`; 3 where `report.unreadable` says something and the rest agrees.
+    `report.bytes_equal`; 3 where `report.unreadable` is not empty and the rest agrees.
 
     Parameters
     ----------
@@ -127,7 +260,7 @@ def replay(
 
 @dataclass(slots=True)
 class _Chain:
-    """Runs recordings one after the other and gathers what they say, from a time on."""
+    """Runs recordings one after the other and gathers their outputs, from a time on."""
 
     from_ns: int | None = None
     files: list[Path] = field(default_factory=list)
@@ -149,19 +282,19 @@ class _Chain:
             if on_message is not None:
                 on_message(gone_through)
 
-        rebuilt = state_recovery.run_passing(passing, Event(), count)
+        run = state_recovery.run_recording(passing, Event(), count)
         recording = passing.recording
         settings, setup = recording.settings(), state_recovery.Setup.of(recording)
         self._check_link(recording, settings)
         self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
         self.messages += [
             (output.key, output.payload)
-            for output in rebuilt.outputs
+            for output in run.outputs
             if output.message is not None and (self.from_ns is None or output.time_ns >= self.from_ns)
         ]
 
-        inherited, own = _split(recording, state_recovery.inherited_counts(settings))
-        replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in rebuilt.outputs]
+        inherited, own = state_recovery.split_outputs(recording)
+        replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
         elif self.files and inherited:
@@ -176,10 +309,10 @@ class _Chain:
             self.owed += lost
         self.comparison.add_all(compare(own, replayed))
 
-        self.spans_ns.append(rebuilt.spans_ns)
+        self.spans_ns.append(run.spans_ns)
         self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
-            self._note(recording, f"holds no closed window ({counted(rebuilt.inputs, 'message')} of samples)")
+            self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
         self.files.append(recording.path)
 
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
@@ -198,7 +331,7 @@ class _Chain:
             for report in reports:
                 span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
                 if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
-                    yield from ((topic, payload) for _, topic, payload in _inputs(file, None))
+                    yield from ((topic, payload) for _, topic, payload in recorded_inputs(file, None))
                     break
 
     def report(self) -> Report:
@@ -220,112 +353,23 @@ class _Chain:
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
         """Check that a recording names what it goes on from, and that this is as it was then."""
-        told = settings.get("predecessor")
-        if not isinstance(told, dict):
+        named = settings.get("predecessor")
+        if not isinstance(named, dict):
             if self.files:
                 self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
             return
         before = list(self.files)
         if not before:
-            self._note(recording, f"goes on from {told.get('name', '')}, which is not replayed")
-        while isinstance(told, dict) and before:
-            path, name = before.pop(), str(told.get("name", ""))
+            self._note(recording, f"goes on from {named.get('name', '')}, which is not replayed")
+        while isinstance(named, dict) and before:
+            path, name = before.pop(), str(named.get("name", ""))
             if path.name != name:
                 self.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
-            elif told.get("sha256", "") is None:
-                self._note(recording, f"was begun while {name} was written, and does not say its hash")
-            elif told.get("sha256") != file_sha256(path):
+            elif named.get("sha256", "") is None:
+                self._note(recording, f"was begun while {name} was written, and does not hold its hash")
+            elif named.get("sha256") != file_sha256(path):
                 self.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
-            told = told.get("rest")
+            named = named.get("rest")
 
     def _note(self, recording: Recording, text: str) -> None:
         self.notes.append(f"{recording.path}: {text}")
-
-
-def _split(recording: Recording, inherited: dict[str, int]) -> tuple[list[Comparable], list[Comparable]]:
-    """Return the compared messages of a recording: those for inputs of its predecessor, and its own."""
-    left = dict(inherited)
-    first: list[Comparable] = []
-    own: list[Comparable] = []
-    for message in recording.messages:
-        if message.schema not in state_recovery.COMPARED_SCHEMAS:
-            continue
-        entry = (message.topic, message.schema, message.data)
-        if left.get(message.topic, 0) > 0:
-            left[message.topic] -= 1
-            first.append(entry)
-        else:
-            own.append(entry)
-    return first, own
-
-
-# ---- onto the bus ----------------------------------------------------------------------------------------------------
-
-
-def replay_to_bus(
-    recordings: Path | Sequence[Path],
-    session: zenoh.Session,
-    *,
-    speed: float = 1.0,
-    from_ns: int | None = None,
-    stop: Event | None = None,
-) -> int:
-    """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
-
-    Parameters
-    ----------
-    recordings
-        As for `replay`.
-    session
-        An open Zenoh session.
-    speed
-        Times faster than real time; `math.inf` for as fast as the bus takes it.
-    from_ns
-        Messages that end earlier, on the wheel's clock [ns], are left out.
-    stop
-        Ends it early when set.
-
-    Returns
-    -------
-    int
-        Messages published.
-
-    Raises
-    ------
-    InputError
-        If a path is no recording, or nothing in them is of `from_ns` or later.
-    """
-    stop = Event() if stop is None else stop
-    publishers: dict[str, ReliablePublisher] = {}
-    sent = 0
-    first_ns: int | None = None
-    begin_s = time.monotonic()
-    try:
-        for time_ns, topic, payload in _inputs(recordings, from_ns):
-            first_ns = time_ns if first_ns is None else first_ns
-            due_s = begin_s + (time_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
-            if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
-                break
-            if topic not in publishers:
-                publishers[topic] = ReliablePublisher(session, topic)
-            publishers[topic].put(payload)
-            sent += 1
-        stop.wait(LINGER_S)
-    finally:
-        for publisher in publishers.values():
-            publisher.close()
-    return sent
-
-
-def _inputs(recordings: Path | Sequence[Path], from_ns: int | None) -> Iterator[tuple[int, str, bytes]]:
-    last_ns: int | None = None
-    found = False
-    for path in recordings_of(recordings):
-        for part in PassingRecording(path).parts():
-            if isinstance(part, RecordedMessage) and part.schema == SamplesMessage.schema_name():
-                last_ns = part.log_time if last_ns is None else max(last_ns, part.log_time)
-                if from_ns is None or part.log_time >= from_ns:
-                    found = True
-                    yield part.log_time, part.topic, part.data
-    if from_ns is not None and last_ns is not None and not found:
-        raise InputError(time_text(from_ns), f"the recordings hold nothing so late: they end at {time_text(last_ns)}")

@@ -23,7 +23,7 @@ import numpy as np
 
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import Discrepancy, SamplesMessage, key_of
-from rwa_monitor.monitor.outputs import Output
+from rwa_monitor.monitor.events import Output
 from rwa_monitor.monitor.wheel_set import WheelKey, WheelSet
 from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text
@@ -137,14 +137,14 @@ class Searches:
         Constants of all wheels.
     folder
         Where reports are written, `discrepancy/{spacecraft}/{wheel}/` below it; None for nowhere.
-    say
-        Takes lines of talk.
+    log
+        Takes lines of the log.
     """
 
-    def __init__(self, wheels: WheelSet, folder: Path | None, say: Callable[[str], None]) -> None:
+    def __init__(self, wheels: WheelSet, folder: Path | None, log: Callable[[str], None]) -> None:
         self.wheels = wheels
         self.folder = folder
-        self.say = say
+        self.log = log
         self._watched: dict[WheelKey, _Watched] = {}
         self._kept_bytes = 0
         self._waiting: deque[SearchJob] = deque()
@@ -158,7 +158,7 @@ class Searches:
         if watched is None or not watched.inadequate or watched.searched:
             return
         if self._kept_bytes + len(payload) > MAX_KEPT_BYTES:
-            self.say(f"{spacecraft}/{wheel}: no room to keep its samples for a discrepancy search")
+            self.log(f"{spacecraft}/{wheel}: no room to keep its samples for a discrepancy search")
             self._forget(watched)
             watched.searched = True
             return
@@ -178,9 +178,9 @@ class Searches:
             if len(self._waiting) < MAX_WAITING:
                 constants = self.wheels.of(spacecraft, wheel).to_toml()
                 self._waiting.append(SearchJob(spacecraft, wheel, constants, tuple(watched.payloads)))
-                self.say(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
+                self.log(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
             else:
-                self.say(f"{spacecraft}/{wheel}: its friction model does not fit; too many wheels wait for a search")
+                self.log(f"{spacecraft}/{wheel}: its friction model does not fit; too many wheels wait for a search")
             watched.searched = True
         self._forget(watched)
 
@@ -196,7 +196,7 @@ class Searches:
             answer: SearchAnswer = self._connection.recv()
         except (EOFError, OSError):  # it ended before its answer, or within it
             self._process.join(END_S)
-            self.say(f"a discrepancy search ended without an answer (exit code {self._process.exitcode})")
+            self.log(f"a discrepancy search ended without an answer (exit code {self._process.exitcode})")
             self._end_process()
             return []
         self._end_process()
@@ -219,12 +219,12 @@ class Searches:
             process.start()
         except OSError as error:
             connection.close()
-            self.say(f"{job.spacecraft}/{job.wheel}: no process for a discrepancy search: {error.strerror or error}")
+            self.log(f"{job.spacecraft}/{job.wheel}: no process for a discrepancy search: {error.strerror or error}")
             return
         finally:
             childs_end.close()
         self._process, self._connection = process, connection
-        # A window of samples is more than a pipe holds, and the child takes a second until it reads: nobody waits.
+        # A window of samples is more than a pipe holds, and the child takes a second until it reads: a thread waits.
         self._handing_over = Thread(target=_hand_over, args=(connection, job), name=HAND_OVER, daemon=True)
         self._handing_over.start()
 
@@ -232,7 +232,7 @@ class Searches:
         if self._process is not None:
             self._process.join(END_S)
             self._process = None
-        if self._handing_over is not None:  # nobody takes anything any more
+        if self._handing_over is not None:  # the child takes nothing any more
             self._handing_over.join(END_S)
             self._handing_over = None
         if self._connection is not None:
@@ -243,7 +243,7 @@ class Searches:
         job = answer.job
         name = f"{job.spacecraft}/{job.wheel}"
         if answer.problem:
-            self.say(f"{name}: the discrepancy search could not be made: {answer.problem}")
+            self.log(f"{name}: the discrepancy search could not be made: {answer.problem}")
             return []
         if self.folder is not None:
             self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, answer.report)
@@ -257,9 +257,9 @@ class Searches:
             for name, text in report.items():
                 write_text(folder / name, text)
         except (OSError, RwaMonitorError) as error:
-            self.say(f"the discrepancy report could not be written: {error}")
+            self.log(f"the discrepancy report could not be written: {error}")
         else:
-            self.say(f"discrepancy report in {folder}")
+            self.log(f"discrepancy report in {folder}")
 
     def _forget(self, watched: _Watched) -> None:
         self._kept_bytes -= watched.size

@@ -1,32 +1,35 @@
-"""The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is told to stop.
+"""The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is stopped.
 
 One thread does everything in order: take a message from the inbox, record it, feed the wheel's core, record what the
-core says, bring a diagnosis to the disk, publish. Other threads only fill the inbox (`bus.Inbox`): when it is full,
+core reports, bring a diagnosis to the disk, publish. Other threads only fill the inbox (`bus.Inbox`): when it is full,
 reliable publishers are slowed down to our pace, and what may be dropped in the end is counted and shown in `status`.
 
-After a crash the cores are rebuilt from the last recording, and what came in between is taken from the publishers'
+After a crash the state is recovered from the last recording, and what came in between is taken from the publishers'
 history (`backfill`). A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new
 recording; those of the last recordings are published again in any case.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import socket
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Event
+from typing import Final
 
 import zenoh
 
 from rwa_monitor.build import build
-from rwa_monitor.monitor.bus import Inbox, MonitorBus, check_wheels, endpoints, open_session
-from rwa_monitor.monitor.bus_watch import BusNews, BusWatch
-from rwa_monitor.monitor.earlier_run import Past, read_past
-from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.errors import InputError
+from rwa_monitor.monitor.bus import BusNews, BusWatch, MonitorBus, check_wheels, endpoints, open_session
+from rwa_monitor.monitor.ingest.backfill import Inbox
+from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import FolderLock, Recorder
-from rwa_monitor.monitor.run_options import RunOptions
-from rwa_monitor.monitor.supervisor import Supervisor
-from rwa_monitor.monitor.wheel_words import first_verdict
+from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
+from rwa_monitor.samples import SECONDS_PER_HOUR
+from rwa_monitor.wheel.wheel import Wheel
 
 
 def run(
@@ -34,7 +37,7 @@ def run(
     stop: Event,
     *,
     session: zenoh.Session | None = None,
-    say: Callable[[str], None] = print,
+    log: Callable[[str], None] = print,
     supervisor: Supervisor | None = None,
 ) -> None:
     """Monitor until `stop` is set; returns within two seconds of that.
@@ -47,10 +50,10 @@ def run(
         Set it from a signal handler or another thread.
     session
         An open Zenoh session to use (the demo's embedded one); it is left open. None: opens and closes its own.
-    say
-        Takes one line of talk for the user (stderr on the command line).
+    log
+        Takes one line of the log (stderr on the command line).
     supervisor
-        Hears when the monitor is ready, alive and stopping; None: nobody does.
+        Gets notice when the monitor is ready, alive and stopping; None: there is none.
 
     Raises
     ------
@@ -59,12 +62,12 @@ def run(
     RwaMonitorError
         If the bus cannot be reached.
     """
-    say = _unbreakable(say)
+    log = _unbreakable(log)
     supervisor = supervisor or Supervisor({})
     check_wheels(options.wheels)
     setup = options.setup()
     for key in ("", ""), *options.own_wheels:
-        setup.new_core(*key)  # a wheel that cannot be served is told at once
+        setup.new_core(*key)  # a wheel that cannot be served is refused at once
     with ExitStack() as stack:
         if options.record is not None:
             stack.enter_context(FolderLock(options.record))
@@ -74,26 +77,26 @@ def run(
             supervisor.starting(clock.monotonic_s())
 
         recorder: Recorder | None = None
-        past = Past()
+        recovered = RecoveredState()
         if options.record is not None:
-            past = read_past(options.record, setup, stop, say, starting)
+            recovered = recover_state(options.record, setup, stop, log, starting)
             if stop.is_set():
                 return
-            recorder = _recorder(options, options.record, past, clock)
+            recorder = _recorder(options, options.record, recovered, clock)
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))
-        monitor = Monitor(options, bus, recorder, say, clock)
+        monitor = Monitor(options, bus, recorder, log, clock)
         stack.callback(monitor.close)
-        monitor.begin(past, starting)
-        del past  # what was published again needs no place for as long as the monitor runs
+        monitor.begin(recovered, starting)
+        del recovered  # what was published again needs no place for as long as the monitor runs
         bus.subscribe(options.wheels)
         bus.offer_health()
-        say(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
-        if options.tell_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
-            say(wait)
+        log(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
+        if options.log_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
+            log(wait)
         supervisor.ready(doing)
-        news = BusNews(BusWatch(session, endpoints(options.bus)), say)
+        news = BusNews(BusWatch(session, endpoints(options.bus)), log)
         while not stop.is_set():
             supervisor.alive(clock.monotonic_s())
             news.look(clock.monotonic_s())
@@ -101,26 +104,128 @@ def run(
         supervisor.stopping()
 
 
-def _recorder(options: RunOptions, folder: Path, past: Past, clock: Clock) -> Recorder:
+def _recorder(options: RunOptions, folder: Path, recovered: RecoveredState, clock: Clock) -> Recorder:
     """Return what records, in a folder, after what lies there."""
     return Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        own_wheels=options.setup().wheels.own_attachments(),
-        model_json=options.model.to_json() if options.model else "",
+        attachments=options.setup().attachments(),
         settings={**options.settings(), "build": build()},
-        predecessor=past.predecessor,
+        predecessor=recovered.predecessor,
         wall_ns=clock.wall_ns,
         max_file_bytes=options.max_file_bytes,
         max_total_bytes=options.max_record_bytes,
     )
 
 
-def _unbreakable(say: Callable[[str], None]) -> Callable[[str], None]:
-    """Return a way to talk that does not end the monitor when nobody listens any more, or the log's disk is full."""
+def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
+    """Return a log that does not end the monitor when its reader has gone, or its disk is full."""
 
-    def told(line: str) -> None:
+    def logged(line: str) -> None:
         with suppress(OSError):  # what matters stands in `status` too
-            say(line)
+            log(line)
 
-    return told
+    return logged
+
+
+# ---- the supervisor of the process -----------------------------------------------------------------------------------
+
+
+MICROSECONDS: Final = 1e6
+SIGNS_PER_SILENCE: Final = 3.0  # so that one that comes late is no alarm
+FILE_PERIOD_S: Final = 1.0  # between two signs in a file, where no socket asks for more
+START_SILENCE_S: Final = 60.0  # that a start may take without going on
+
+
+class Supervisor:
+    """The supervisor of this process, in the protocol of systemd (sd_notify(3)); does nothing where there is none.
+
+    A supervisor names a datagram socket in NOTIFY_SOCKET and the longest silence in WATCHDOG_USEC. The sign of life is
+    sent by the thread that diagnoses, between two messages: it stops when that thread stalls, even if the rest of the
+    process goes on, and the supervisor then restarts the service, which goes on from its recording.
+
+    A container's supervisor listens to no socket but runs a command inside, the health check: for it the time of a file
+    shows when the last sign of life was.
+
+    Parameters
+    ----------
+    environment
+        Where NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID may stand; empty for no supervisor.
+    alive
+        A file that each sign of life touches, for a health check; None: none is.
+
+    Attributes
+    ----------
+    period_s
+        Between two signs of life; None where none are expected.
+    """
+
+    def __init__(self, environment: Mapping[str, str], alive: Path | None = None) -> None:
+        self._address = environment.get("NOTIFY_SOCKET", "")
+        if self._address.startswith("@"):  # an abstract socket of Linux
+            self._address = "\0" + self._address[1:]
+        silence = environment.get("WATCHDOG_USEC", "")
+        ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self.period_s: float | None = None
+        if self._address and ours and silence.isdecimal() and int(silence) > 0:
+            self.period_s = int(silence) / MICROSECONDS / SIGNS_PER_SILENCE
+        elif alive is not None:
+            self.period_s = FILE_PERIOD_S
+        self._alive = alive
+        self._due_s = float("-inf")
+        self._start_due_s = float("-inf")
+
+    def starting(self, now_s: float) -> None:
+        """Report that the start goes on, where that is due, so that a long one is waited for; call it often."""
+        if now_s >= self._start_due_s:
+            self._start_due_s = now_s + FILE_PERIOD_S
+            self._send(f"EXTEND_TIMEOUT_USEC={START_SILENCE_S * MICROSECONDS:.0f}")
+
+    def ready(self, status: str) -> None:
+        """Report that the service has begun, and what it does; raises InputError if the file cannot be made."""
+        if self._alive is not None:
+            try:
+                self._alive.touch()
+            except OSError as error:
+                raise InputError(str(self._alive), f"cannot be touched: {error.strerror}") from error
+        self._send(f"READY=1\nSTATUS={status}")
+
+    def alive(self, now_s: float) -> None:
+        """Give a sign of life where one is due; call it often, from the thread that must not stall."""
+        if self.period_s is not None and now_s >= self._due_s:
+            self._due_s = now_s + self.period_s
+            self._send("WATCHDOG=1")
+            if self._alive is not None:
+                with suppress(OSError):  # a file that grows old is what the health check looks for
+                    self._alive.touch()
+
+    def stopping(self) -> None:
+        """Report that the service ends, on purpose."""
+        self._send("STOPPING=1")
+
+    def _send(self, text: str) -> None:
+        if not self._address:
+            return
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as end:
+            end.setblocking(False)
+            # A supervisor that does not listen must not stop the monitor; what it misses it acts upon itself.
+            with suppress(OSError):
+                end.sendto(text.encode(), self._address)
+
+
+# ---- the wait for the first verdict ----------------------------------------------------------------------------------
+
+
+SOON_H: Final = 1.0  # whoever starts a monitor expects to wait so long
+
+
+def first_verdict(wheels: Sequence[Wheel]) -> str:
+    """Return after how much telemetry wheels, at least one, have their first verdict, in words; "" where that is soon.
+
+    A window gives one when it is full.
+    """
+    hours = sorted({wheel.window.samples * wheel.sample_period_s / SECONDS_PER_HOUR for wheel in wheels})
+    if hours[-1] <= SOON_H:
+        return ""
+    first, last = f"{hours[0]:.3g}", f"{hours[-1]:.3g}"
+    spread = f"{first} to {last} h" if first != last else f"{first} h"
+    return f"the first verdict comes after {spread} of telemetry: window samples × sample_period_s"

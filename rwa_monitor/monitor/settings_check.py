@@ -1,7 +1,7 @@
 """Whether samples fit the wheel file at all: the sample period, the unit of speed.
 
-Either mistake leaves diagnoses that look like any other, of half the samples or fewer; each is told once. A window that
-cannot be judged because samples come too rarely for the wheel file says so itself: it may be all that somebody sees.
+Either mistake leaves diagnoses that look like any other, of half the samples or fewer; each is reported once. A window
+that cannot be judged because samples come too rarely for the wheel file gives that as its reason.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from rwa_monitor.monitor.events import Event, SamplePeriodDiffers, SpeedsBeyondL
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.wheel import Wheel
 
-STEPS: Final = 64  # steps of time from which the period of the samples is told
+STEPS: Final = 64  # steps of time from which the period of the samples is taken
 PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the quantile
 SLOW_QUANTILE: Final = 0.1  # nearly all steps are longer: the samples come slowly, not just with gaps
 REGULAR: Final = 1.5  # ratio of the median step to short ones: 2 and 3 slots in turn, and no few samples by chance
@@ -38,17 +38,17 @@ class SettingsCheck:
         self._expected_s = wheel.sample_period_s
         limit = wheel.limits.max_speed_rad_s
         self._limit = float("inf") if limit is None else limit
-        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when all is said
+        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when all is reported
         self._seen = self._beyond = 0
         self._largest = 0.0
-        self._speed_said = False
+        self._speed_reported = False
 
     def look(self, samples: Samples, *, clean: bool = False) -> list[Event]:
         """Return what these samples show for the first time; `clean` where their speeds are known to be in range."""
         events = [] if self._times is None else self._look_at_times(self._times, samples.time_ns)
         if clean:
             self._seen += samples.time_ns.size
-        elif not self._speed_said:
+        elif not self._speed_reported:
             events += self._look_at_speed(samples)
         return events
 
@@ -58,7 +58,7 @@ class SettingsCheck:
             return []
         steps = np.diff(self._times)
         self._times = None
-        steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back tell no period
+        steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back show no period
         if steps.size < STEPS // 2:
             return []
         period_s = float(median(steps))
@@ -74,7 +74,7 @@ class SettingsCheck:
         self._largest = float(beyond.max(initial=self._largest))
         if self._beyond < max(MANY_BEYOND, SHARE_BEYOND * self._seen):
             return []
-        self._speed_said = True
+        self._speed_reported = True
         return [SpeedsBeyondLimit(self._limit, self._largest)]
 
 

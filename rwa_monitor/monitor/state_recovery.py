@@ -1,12 +1,17 @@
-"""Rebuilds monitor cores from a recording: from its checkpoints and its inputs, as the service had processed them."""
+"""State recovery: monitor cores as a recording's checkpoints and inputs make them again.
+
+A replay runs single recordings; a monitor that starts goes on from those that an earlier run left in its folder.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
@@ -14,19 +19,26 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, SamplesMessage, split_key
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.outputs import CARRIED_SCHEMA, Output, outputs_of
+from rwa_monitor.monitor.events import CARRIED_SCHEMA, Output, outputs_of
+from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX
 from rwa_monitor.monitor.recording.reader import (
     CHECKPOINT_PREFIX,
+    SOME_CHECKPOINTS,
     Attached,
     PassingRecording,
     RecordedMessage,
     Recording,
+    last_settings,
 )
+from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.wheel_set import WheelSet, key_of_name
+from rwa_monitor.words import counted, first_few
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
+MODEL: Final = "model.json"
+Comparable = tuple[str, str, bytes]  # topic, schema, JSON
 MAX_KEPT_BYTES: Final = 2**30  # of messages of these, of a recording
 
 
@@ -47,9 +59,13 @@ class Setup:
         if method is None or method not in get_args(Method):
             raise InputError(source, f"{method!r} is none of {', '.join(get_args(Method))}", "settings.json: method")
         wheels = WheelSet.of_attachments(recording.attachments, source)
-        model_text = _text(recording, "model.json")
-        model = Model.from_json(model_text, f"{source}: model.json") if model_text else None
+        model_text = _text(recording, MODEL)
+        model = Model.from_json(model_text, f"{source}: {MODEL}") if model_text else None
         return cls(wheels, model, method)
+
+    def attachments(self) -> dict[str, bytes]:
+        """Return the setup as attachments of a recording, by name, as `of` reads them."""
+        return {**self.wheels.attachments(), MODEL: self.model.to_json().encode() if self.model else b""}
 
     def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
         """Return the core of a wheel of which nothing is known yet."""
@@ -70,7 +86,7 @@ def _text(recording: Recording, name: str) -> str:
 
 
 @dataclass(slots=True)
-class Rebuilt:
+class RecordingRun:
     """A recording, run again.
 
     Attributes
@@ -78,7 +94,7 @@ class Rebuilt:
     cores
         By (spacecraft, wheel), as they stand after the last input.
     outputs
-        What the monitor says about the inputs, changepoints and diagnoses, in order.
+        The outputs for the inputs, changepoints and diagnoses, in order.
     inputs
         Messages of samples processed.
     spans_ns
@@ -91,21 +107,21 @@ class Rebuilt:
     spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
-def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: Rebuilt) -> None:
+def _resume(path: Path, name: str, data: bytes, setup: Setup, run: RecordingRun) -> None:
     """Bring a core to where its checkpoint stands."""
     spacecraft, wheel = key_of_name(name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
     checkpoint = Checkpoint.from_json(data, f"{path}: {name}")
-    rebuilt.cores[spacecraft, wheel] = WheelCore.resume(
+    run.cores[spacecraft, wheel] = WheelCore.resume(
         checkpoint, setup.wheels.of(spacecraft, wheel), setup.model, method=setup.method
     )
 
 
-def run_passing(
+def run_recording(
     passing: PassingRecording,
     stop: Event,
     on_progress: Callable[[Attached | RecordedMessage], None],
-    before: Rebuilt | None = None,
-) -> Rebuilt:
+    before: RecordingRun | None = None,
+) -> RecordingRun:
     """Run a recording while it is read, so that no more of it is in memory than the cores.
 
     Parameters
@@ -125,7 +141,7 @@ def run_passing(
     InputError
         If the recording cannot be read, or lacks what it was made with; if a checkpoint or an input is damaged.
     """
-    recording, rebuilt = passing.recording, Rebuilt(before.cores if before else {})
+    recording, run = passing.recording, RecordingRun(before.cores if before else {})
     setup: Setup | None = None
     kept_bytes = 0
     for part in passing.parts():
@@ -137,37 +153,241 @@ def run_passing(
         # The recorder writes what a recording was made with before all else.
         setup = setup or Setup.of(recording)
         if isinstance(part, Attached):
-            _resume(recording.path, part.name, part.data, setup, rebuilt)
+            _resume(recording.path, part.name, part.data, setup, run)
         else:
-            _run_input(recording.path, part, setup, rebuilt)
+            _run_input(recording.path, part, setup, run)
             if part.schema in KEPT_SCHEMAS:
                 kept_bytes += len(part.data)
                 if kept_bytes > MAX_KEPT_BYTES:
-                    reason = f"holds more than {MAX_KEPT_BYTES:,} bytes of what a monitor says"
+                    reason = f"holds more than {MAX_KEPT_BYTES:,} bytes of outputs"
                     raise InputError(str(recording.path), reason)
                 recording.messages.append(part)
         on_progress(part)
-    return rebuilt
+    return run
 
 
-def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, rebuilt: Rebuilt) -> None:
+def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, run: RecordingRun) -> None:
     """Feed a message to its core where it is one of samples."""
     if recorded.schema != SamplesMessage.schema_name():
         return
     spacecraft, wheel, _ = split_key(recorded.topic)
     message = SamplesMessage.parse(recorded.data, f"{path}: {recorded.topic}")
-    if (spacecraft, wheel) not in rebuilt.cores:
-        rebuilt.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
-    events = rebuilt.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
-    rebuilt.inputs += 1
-    first_ns, last_ns = rebuilt.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
-    rebuilt.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
-    rebuilt.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
+    if (spacecraft, wheel) not in run.cores:
+        run.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
+    events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
+    run.inputs += 1
+    first_ns, last_ns = run.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
+    run.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
+    run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
 
 
-def inherited_counts(settings: dict[str, Any]) -> dict[str, int]:
-    """Return how many outputs, by topic, a recording holds for inputs of its predecessor."""
-    inherited = settings.get("inherited", {})
-    if not isinstance(inherited, dict):
-        return {}
-    return {str(topic): int(count) for topic, count in inherited.items() if isinstance(count, int)}
+def split_outputs(recording: Recording) -> tuple[list[Comparable], list[Comparable]]:
+    """Return the compared outputs that a recording holds: those for inputs of its predecessor, and its own."""
+    inherited = recording.settings().get("inherited", {})
+    counts = inherited if isinstance(inherited, dict) else {}
+    left = {topic: count for topic, count in counts.items() if isinstance(count, int)}
+    first: list[Comparable] = []
+    own: list[Comparable] = []
+    for message in recording.messages:
+        if message.schema in COMPARED_SCHEMAS:
+            is_inherited = left.get(message.topic, 0) > 0
+            if is_inherited:
+                left[message.topic] -= 1
+            (first if is_inherited else own).append((message.topic, message.schema, message.data))
+    return first, own
+
+
+# ---- from the recordings of a folder ---------------------------------------------------------------------------------
+
+
+# How far back diagnoses are published again at a start: an outage may have begun before several crashes.
+REPEATED_FILES: Final = 16
+REPEATED_BYTES: Final = 64 * 2**20
+PROGRESS_S: Final = 5.0  # between two lines on the progress of a recovery
+MAX_LISTED: Final = 5  # names in one line of the log
+
+
+@dataclass(slots=True)
+class RecoveredState:
+    """The state that the recordings of a folder hold.
+
+    Attributes
+    ----------
+    predecessor
+        The last recording.
+    cores
+        As they stood after its last input; without those whose wheel file, model or method is another one now.
+    unrecorded
+        Outputs of its inputs that had not reached the disk.
+    diagnoses
+        On the disk, of the last recordings, in order: they may not have reached the bus, and a late subscriber asks.
+    """
+
+    predecessor: Predecessor | None = None
+    cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
+    unrecorded: list[Output] = field(default_factory=list)
+    diagnoses: list[Output] = field(default_factory=list)
+
+
+def recover_state(
+    folder: Path,
+    setup: Setup,
+    stop: Event,
+    log: Callable[[str], None],
+    on_progress: Callable[[], None] = lambda: None,
+) -> RecoveredState:
+    """Recover the cores from the last recording of a folder that can be used; incomplete when stopped.
+
+    Parameters
+    ----------
+    folder
+        Of the recordings.
+    setup
+        What the monitor goes on with.
+    stop
+        Ends it early when set.
+    log
+        Takes lines of the log; a large fleet takes minutes, with a line every `PROGRESS_S`.
+    on_progress
+        Called often, for a supervisor that waits.
+    """
+    recovered = RecoveredState()
+    paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
+    for place, path in enumerate(paths):
+        try:
+            files = _that_hold_all(paths[place:], log)
+            if recovered.predecessor is None:
+                recovered.predecessor = _predecessor(files)
+            ran = _run(files, stop, log, on_progress)
+            setup_then = Setup.of(ran[-1][0])
+        except InputError as error:
+            if recovered.predecessor is None:
+                recovered.predecessor = predecessor_of(path)
+            log(f"{error}; going back to the recording before it")
+            continue
+        cores, inputs = ran[-1][1].cores, sum(run.inputs for _, run in ran)
+        recovered.cores = _same(cores, setup_then, setup)
+        if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
+            wheels = first_few(anew, MAX_LISTED)
+            log(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
+        recovered.diagnoses = _earlier_diagnoses(paths[place + len(files) :])
+        for recording, run in ran:
+            for problem in recording.problems:
+                log(f"{recording.path}: {problem}")
+            recovered.unrecorded += _unrecorded(recording, run.outputs)
+            recovered.diagnoses += _diagnoses(recording)
+        log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
+        return recovered
+    return recovered
+
+
+def _that_hold_all(paths: Sequence[Path], log: Callable[[str], None]) -> list[Path]:
+    """Return the recordings, in order, that hold the state of all wheels: the first of `paths`, and often it alone.
+
+    A monitor that ended while it brought the wheels from one recording over into the next left two.
+    """
+    last = paths[0]
+    settings = last_settings(last)
+    if settings.get("checkpoints") != SOME_CHECKPOINTS:
+        return [last]
+    before = (settings.get("predecessor") or {}).get("name")
+    if len(paths) > 1 and paths[1].name == before:
+        return [paths[1], last]
+    log(f"{last}: holds some wheels only, and {before}, which holds the others, is not there")
+    return [last]
+
+
+def _predecessor(files: Sequence[Path]) -> Predecessor:
+    rest = predecessor_of(files[0]) if len(files) > 1 else None
+    return predecessor_of(files[-1], rest)
+
+
+def _run(
+    files: Sequence[Path], stop: Event, log: Callable[[str], None], on_progress: Callable[[], None]
+) -> list[tuple[Recording, RecordingRun]]:
+    """Run recordings, each on the cores of the one before it."""
+    ran: list[tuple[Recording, RecordingRun]] = []
+    for path in files:
+        passing = PassingRecording(path)
+        look = _Progress(passing, log, on_progress).look
+        ran.append((passing.recording, run_recording(passing, stop, look, ran[-1][1] if ran else None)))
+    return ran
+
+
+class _Progress:
+    """Logs the progress of a long recovery."""
+
+    def __init__(self, passing: PassingRecording, log: Callable[[str], None], on_progress: Callable[[], None]) -> None:
+        self._passing = passing
+        self._log = log
+        self._on_progress = on_progress
+        self._due_s = time.monotonic() + PROGRESS_S
+
+    def look(self, _part: object) -> None:
+        """Log it where it is due."""
+        self._on_progress()
+        if time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + PROGRESS_S
+            self._log(f"recovering the state from {self._passing.recording.path}: {self._passing.share:.0%} of it done")
+
+
+def _same(cores: dict[tuple[str, str], WheelCore], before: Setup, now: Setup) -> dict[tuple[str, str], WheelCore]:
+    """Return the cores whose diagnoses depend on nothing that has changed."""
+    return {key: core for key, core in cores.items() if before.identity_of(*key) == now.identity_of(*key)}
+
+
+def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
+    """Return the outputs that the recording does not hold.
+
+    These are those after the last one that it does, by topic; where something in the middle is damaged, by content.
+    """
+    if recording.problems:
+        present = {(message.topic, message.data) for message in recording.messages}
+        return [output for output in outputs if (output.key, output.payload) not in present]
+    held = Counter(topic for topic, _, _ in split_outputs(recording)[1])
+    missing = []
+    for output in outputs:
+        if held[output.key] > 0:
+            held[output.key] -= 1
+        else:
+            missing.append(output)
+    return missing
+
+
+def _earlier_diagnoses(paths: Sequence[Path]) -> list[Output]:
+    """Return the diagnoses in the recordings before the last one, latest first in `paths`, as far as is worth it."""
+    found: list[Output] = []
+    size = 0
+    for path in paths[:REPEATED_FILES]:
+        try:
+            size += path.stat().st_size
+            if size > REPEATED_BYTES:
+                break
+            found = [*_diagnoses_in(path), *found]
+        except (OSError, InputError):  # a replay reports a damaged file; here it only repeats less
+            break
+    return found
+
+
+def _diagnoses_in(path: Path) -> list[Output]:
+    """Return the diagnoses of a recording of which nothing else is kept."""
+    passing = PassingRecording(path)
+    for part in passing.parts():
+        if isinstance(part, RecordedMessage) and part.schema == Diagnosis.schema_name():
+            passing.recording.messages.append(part)
+    return _diagnoses(passing.recording)
+
+
+def _diagnoses(recording: Recording) -> list[Output]:
+    """Return the diagnoses of a recording, in order."""
+    return [
+        Output(
+            message.topic,
+            Diagnosis,
+            message.schema,
+            message.data,
+            Diagnosis.parse(message.data, f"{recording.path}: {message.topic}").window_end_ns,
+        )
+        for message in recording.messages
+        if message.schema == Diagnosis.schema_name()
+    ]

@@ -29,7 +29,7 @@ def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFil
     Parameters
     ----------
     path
-        A file of any format in `READERS`, told by its first bytes, else by its suffix.
+        A file of any format in `READERS`, recognised by its first bytes, else by its suffix.
     decoding
         What it takes to understand space packets and ROS 2 bags.
 
@@ -40,12 +40,12 @@ def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFil
     """
     kind = file_format(path)
     if kind == "csv" and decoding.xtce is not None and path.suffix.lower() != ".csv":
-        kind = "packets"  # neither says what it is, but somebody said what packets look like
+        kind = "packets"  # neither shows what it is, but a definition of packets is given
     return READERS[kind](path, decoding)
 
 
 def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
-    """Read a sample table, CSV or Parquet: its columns say what they are."""
+    """Read a sample table, CSV or Parquet: its columns have names with units."""
     source = display_name(path)
     table = read_table(path, decoding.pulses_per_turn)
     ignored = f"columns ignored: {unknown_columns(table.ignored_columns)}" if table.ignored_columns else ""

@@ -1,4 +1,4 @@
-"""The course of a wheel's friction over many windows, from its diagnoses or a history: trend, words, plain content.
+"""The trend of a wheel's friction over many windows, from its diagnoses or a history: as a value, in words, as JSON.
 
     for trend in wheel_trends(diagnoses).values():
         print(trend.sentence())
@@ -10,49 +10,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
 from rwa_monitor.diagnosis.explanation import quantity, title
 from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
-from rwa_monitor.messages import Diagnosis
+from rwa_monitor.messages import Diagnosis, Message, Number
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
-SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is said in hours
+SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is given in hours
 DRAWN: Final = 60  # points of the line in plain content
-SMALLEST_P: Final = 1e-9  # below, a p-value is only said to be smaller: it rests on Gaussian tails
+SMALLEST_P: Final = 1e-9  # below, a p-value is only given as smaller: it rests on Gaussian tails
 
 
-class Estimate(Protocol):
-    """One coefficient in one window, as a row of the history has it: SI units, None where it is not known."""
-
-    @property
-    def window_start_ns(self) -> int: ...
-    @property
-    def window_end_ns(self) -> int: ...
-    @property
-    def value(self) -> float | None: ...
-    @property
-    def std(self) -> float | None: ...
-    @property
-    def nominal_low(self) -> float | None: ...
-    @property
-    def nominal_high(self) -> float | None: ...
-    @property
-    def unit(self) -> str: ...
-
-
-@dataclass(frozen=True, slots=True)
-class FrictionEstimate:
-    """One coefficient in one window; see `Estimate`."""
+class FrictionEstimate(Message):
+    """One coefficient in one window: SI units, None where it is not known."""
 
     window_start_ns: int
     window_end_ns: int
-    value: float | None
-    std: float | None
-    nominal_low: float | None
-    nominal_high: float | None
+    value: Number | None
+    std: Number | None
+    nominal_low: Number | None
+    nominal_high: Number | None
     unit: str
 
 
@@ -66,13 +46,19 @@ class WindowFriction:
     @classmethod
     def of(cls, diagnosis: Diagnosis) -> Self:
         """Return the friction of a diagnosis."""
-        start, end, friction = diagnosis.window_start_ns, diagnosis.window_end_ns, diagnosis.friction
         by_name = {}
-        for name, quantity_ in (("dry", friction.base_dry), ("viscous", friction.viscous)):
+        for name, quantity_ in (("dry", diagnosis.friction.base_dry), ("viscous", diagnosis.friction.viscous)):
             known = diagnosis.anomalies.get(name)
-            low, high = (known.nominal_low, known.nominal_high) if known else (None, None)
-            by_name[name] = FrictionEstimate(start, end, quantity_.value, quantity_.std, low, high, quantity_.unit)
-        return cls(start, by_name)
+            by_name[name] = FrictionEstimate(
+                window_start_ns=diagnosis.window_start_ns,
+                window_end_ns=diagnosis.window_end_ns,
+                value=quantity_.value,
+                std=quantity_.std,
+                nominal_low=known.nominal_low if known else None,
+                nominal_high=known.nominal_high if known else None,
+                unit=quantity_.unit,
+            )
+        return cls(diagnosis.window_start_ns, by_name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,14 +91,14 @@ class CoefficientTrend:
         return self.first_ns + round(time_s * NANOSECONDS_PER_SECOND) if np.isfinite(time_s) else None
 
     def sentence(self) -> str:
-        """Say in one sentence what the trend is and when it reaches the limit."""
+        """Return in one sentence what the trend is and when it reaches the limit."""
         found, name = self.trend, title(self.name)
         p = f"p < {SMALLEST_P:.0e}" if found.p_value < SMALLEST_P else f"p = {found.p_value:.2g}"
         if not found.present:
             return f"No trend of {name} in {found.windows} windows ({p})."
         per_day, std = (quantity(x * SECONDS_PER_DAY, self.unit) for x in (abs(found.slope), found.slope_std))
-        course = f"{name} {'grows' if found.slope > 0 else 'falls'} by {per_day} a day (± {std}, {p})"
-        return f"{course[0].upper()}{course[1:]}{self._when()}."
+        sentence = f"{name} {'grows' if found.slope > 0 else 'falls'} by {per_day} a day (± {std}, {p})"
+        return f"{sentence[0].upper()}{sentence[1:]}{self._when()}."
 
     def _when(self) -> str:
         if self.limit is None or self.reach is None:
@@ -155,7 +141,9 @@ class CoefficientTrend:
         }
 
 
-def coefficient_trend(name: str, estimates: Sequence[Estimate], limit: float | None = None) -> CoefficientTrend | None:
+def coefficient_trend(
+    name: str, estimates: Sequence[FrictionEstimate], limit: float | None = None
+) -> CoefficientTrend | None:
     """Find the trend of one coefficient of one wheel.
 
     Parameters
@@ -176,7 +164,7 @@ def coefficient_trend(name: str, estimates: Sequence[Estimate], limit: float | N
     first_ns, last = estimates[0].window_start_ns, estimates[-1]
     # Whole nanoseconds first: as floats, times since 1970 would be good to a quarter of a microsecond only.
     middle_s = [(e.window_start_ns + e.window_end_ns - 2 * first_ns) / 2 / NANOSECONDS_PER_SECOND for e in estimates]
-    # A window that claims to be exact tells nothing, as one that knows nothing.
+    # A window that claims to be exact counts for nothing, as one without a value.
     std = [e.std if e.std is not None and e.std > 0 else np.nan for e in estimates]
     value = [np.nan if e.value is None else e.value for e in estimates]
     trend = find_trend(np.array(middle_s), np.array(value), np.array(std))

@@ -39,9 +39,9 @@ class WheelSet:
         """Return the constants of a wheel."""
         return self.own.get((spacecraft, wheel), self.common)
 
-    def own_attachments(self) -> dict[str, bytes]:
-        """Return the constants of single wheels as attachments of a recording, by name."""
-        return {
+    def attachments(self) -> dict[str, bytes]:
+        """Return all constants as attachments of a recording, by name."""
+        return {COMMON: self.common.to_toml().encode()} | {
             f"{OWN_PREFIX}{spacecraft}/{name}{SUFFIX}": wheel.to_toml().encode()
             for (spacecraft, name), wheel in sorted(self.own.items())
         }

@@ -1,6 +1,6 @@
 """From the slots of one wheel to the diagnoses of its windows: the second half of the monitor core.
 
-    ring buffer → screen → friction less known effects → open windows → diagnosis
+    ring buffer → sensor validation → friction less known effects → open windows → diagnosis
 
 Pure, as the core is. Work is done in blocks that end at fixed slots of the grid, at most a few slots behind the newest.
 """
@@ -38,7 +38,7 @@ from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
 from rwa_monitor.wheel.wheel import Wheel
 
-MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without telling more
+MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
 _THERE: Final = np.ones(4096, dtype=np.bool_)  # slots of a message, all there
 
 
@@ -51,7 +51,7 @@ class _OpenWindow:
 
 
 class Windows:
-    """The slots of one wheel, the windows that are open over them, and what those that were closed have told.
+    """The slots of one wheel, the windows that are open over them, and the state carried over from the closed ones.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Windows:
     Attributes
     ----------
     carried
-        What the windows closed so far tell the next one.
+        The state that the windows closed so far hand to the next one.
     ring, screen, friction
         What the slots go through, anew for each source of friction.
     grid
@@ -177,7 +177,7 @@ class Windows:
         return first + (slot - first) // self._hop * self._hop if slot >= first else 0
 
     def _window_complete(self, *, to_the_end: bool) -> bool:
-        """Tell whether the oldest window is full and a sample beyond it, and beyond the stencil, has come."""
+        """Return whether the oldest window is full and a sample beyond it, and beyond the stencil, has come."""
         end = self._open[0].start + self._samples
         return end <= self._done and (to_the_end or end + self.friction.reach < self.ring.end)
 
@@ -192,14 +192,14 @@ class Windows:
         events = self._told(masked, faults) if masked or faults else []
         if not confirmed or not confirmed[0]:
             return events
-        # Where windows overlap, the first one to hold a slot tells of it.
+        # Where windows overlap, the first one to hold a slot reports it.
         first = self._open[0].start
         return events + [
             self._provisional(first, jump) for jump in confirmed[0] if first + jump.index >= self._last_end
         ]
 
     def _told(self, masked: int, faults: list[Fault]) -> list[Event]:
-        """Count slots that were taken as good and are masked now, and tell why."""
+        """Count slots that were taken as good and are masked now, and return why."""
         self.counts.used -= masked
         self.counts.masked += masked
         return [
@@ -254,7 +254,7 @@ class Windows:
         return SlotsState.of(self.ring, needed - around, self._done - around)
 
     def screen_state(self) -> ScreenState:
-        """Return what the screen remembers."""
+        """Return the state of the sensor validation."""
         return ScreenState.of(self.screen)
 
     def effects_state(self) -> EffectsState:
@@ -277,9 +277,7 @@ class Windows:
             gathered=[GatheredState.of(window.accumulator.gathered()) for window in self._open],
         )
 
-    def resume(
-        self, slots: SlotsState, screen: ScreenState | None, effects: EffectsState, windows: WindowsState
-    ) -> None:
+    def resume(self, slots: SlotsState, screen: ScreenState, effects: EffectsState, windows: WindowsState) -> None:
         """Go on from the states of other windows of the same wheel, friction from the same source.
 
         Raises
@@ -294,29 +292,20 @@ class Windows:
             and len(effects.memories) == len(self.friction.memories)
             and slots.begin <= min([windows.done, *windows.open])
             and windows.done <= slots.end
-            and (windows.gathered is None or len(windows.gathered) == len(windows.open))
+            and len(windows.gathered) == len(windows.open)
         )
         if not fits:
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         slots.restore(self.ring)
-        if screen is not None:
-            screen.restore(self.screen)
-        else:  # of an older release, which did not screen
-            self.screen.done = windows.done
+        screen.restore(self.screen)
         self.friction.angle_rad = effects.angle_rad
         self.friction.last_speed_rad_s = effects.last_speed_rad_s
-        if effects.friction is not None:
-            self.friction.channel = effects.friction.channel()
+        self.friction.channel = effects.friction.channel()
         self.friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]
         self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
-        for place, start in enumerate(windows.open):
+        for start, gathered in zip(windows.open, windows.gathered, strict=True):
             accumulator = WindowAccumulator(self.wheel)
-            if windows.gathered is not None:
-                accumulator.resume(windows.gathered[place].gathered())
-            else:
-                speed = slots.read("speed_rad_s", start, self._done)
-                friction = slots.read("torque_Nm", start, self._done)
-                accumulator.append(speed, friction, np.isfinite(speed) & np.isfinite(friction))
+            accumulator.resume(gathered.gathered())
             self._open.append(_OpenWindow(start, accumulator))
         self._find_border()
 

@@ -1,4 +1,4 @@
-"""The API: what its OpenAPI document says is what it answers, and what the feed sends."""
+"""The API: what its OpenAPI document describes is what it answers, and what the feed sends."""
 
 from __future__ import annotations
 
@@ -46,33 +46,35 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             seen: set[str] = set()
             frames = answer_schema(document, "/api/feed")
 
-            def heard() -> bool:
+            def all_received() -> bool:
                 entries = json.loads(feed.recv())
                 check(document, frames, entries)
                 seen.update(entry["key"].rpartition("/")[2] for entry in entries)
                 wanted = {"beat", "pulse", "software", "status", "samples", "diagnosis", "changepoints", "discrepancy"}
                 return wanted | {"alarm", "evidence", "aside"} <= seen
 
-            wait_for(lambda: not heard() and "status" in seen, "the status, which only goes to who watches the wheel")
+            wait_for(
+                lambda: not all_received() and "status" in seen, "the status, which only goes to who watches the wheel"
+            )
             session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(4_000), "satellite", 0))
-            wait_for(lambda: not heard() and "evidence" in seen, "the wGLR of the open window")
+            wait_for(lambda: not all_received() and "evidence" in seen, "the wGLR of the open window")
             send_windows(session, "wheel_1", failing=True)
             jump = ProvisionalJump(index=1, time_ns=START_NS, jump_Nm=1e-4, std_Nm=1e-5, confidence=1.0)
             found = Changepoints(spacecraft="sat", wheel="wheel_1", window_start_ns=START_NS, changepoints=[jump])
             session.put("rwa/sat/wheel_1/changepoints", found.to_json())
             session.put("rwa/sat/wheel_1/discrepancy", discrepancy(1).to_json())
             send_windows(session, "wheel_2", failing=False)
-            put_aside = "api/wheels/sat/wheel_2/aside"
+            retirement = "api/wheels/sat/wheel_2/aside"
             retired = b'{"name":"Ann","note":"retired","aside":true}'
-            wait_for(lambda: ask(running.address, put_aside, headers=RIGHT, body=retired)[0] == 200, "the wheel")
-            wait_for(heard, "every kind of entry")
+            wait_for(lambda: ask(running.address, retirement, headers=RIGHT, body=retired)[0] == 200, "the wheel")
+            wait_for(all_received, "every kind of entry")
         paths = {
             "/api/fleet": "api/fleet",
             wheel: "api/wheels/sat/wheel_1",
             f"{wheel}/windows": "api/wheels/sat/wheel_1/windows?limit=2",
             f"{wheel}/estimates": "api/wheels/sat/wheel_1/estimates",
             f"{wheel}/trend": "api/wheels/sat/wheel_1/trend",
-            f"{wheel}/aside": put_aside,
+            f"{wheel}/aside": retirement,
             "/api/alarms": "api/alarms",
             "/api/recordings": "api/recordings",
             "/api/recordings/{name}": f"api/recordings/{RECORDING.name}",
@@ -96,7 +98,7 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
         assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=b'{"name":"Ann"}')[0] == 422
         posts = {path for path, methods in document["paths"].items() if "post" in methods}
         assert posts == {path, shelve, f"{wheel}/aside"}
-        status, content = ask(running.address, put_aside, headers=RIGHT, body=b'{"name":"Ben","aside":false}')
+        status, content = ask(running.address, retirement, headers=RIGHT, body=b'{"name":"Ben","aside":false}')
         assert status == 200
         check(document, answer_schema(document, f"{wheel}/aside", "post"), content)
         status, content = ask(running.address, "api/alarms/1/acknowledge", body=b'{"name":"Ann"}')

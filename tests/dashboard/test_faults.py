@@ -1,4 +1,4 @@
-"""What can go wrong around the page, for real: it says what, recovers by itself, and nothing acknowledged is lost."""
+"""What can go wrong around the page, for real: it shows what, recovers by itself, and nothing acknowledged is lost."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ with zenoh.open(config):
 
 @contextmanager
 def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a script in another process until it is told to end, once it has said its first word."""
+    """Run a script in another process until it is ended, once it has printed its first line."""
     process = subprocess.Popen(
         [sys.executable, "-c", text, argument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -102,24 +102,24 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
 
         listener = Listener(session)
 
-        # The monitor is there some seconds after its start; who sends without a history is not heard before.
-        def speaks() -> bool:
+        # The monitor is there some seconds after its start; what is sent without a history before that is lost.
+        def reports() -> bool:
             session.put("rwa/sat/wheel_1/samples", batch)
             return bool(listener.kind("status"))
 
         def send_until_heard() -> None:
-            def heard() -> bool:
+            def known() -> bool:
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
 
-            wait_for(heard, "the monitor", START_S)
+            wait_for(known, "the monitor", START_S)
 
         def monitor_alarm(address: str) -> dict[str, Any] | None:
             found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
             return found[0] if found else None
 
         process = stack.enter_context(monitor(port))
-        wait_for(speaks, "the monitor", START_S)  # its start may take longer than it may then be silent
+        wait_for(reports, "the monitor", START_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
             send_until_heard()
@@ -127,13 +127,13 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             expect(page.get_by_text("✓ reporting")).to_be_visible()
             assert monitor_alarm(running.address) is None
             process.send_signal(signal.SIGKILL)
-            expect(page.locator(".stale-note")).to_contain_text("stale: monitor heard")
+            expect(page.locator(".stale-note")).to_contain_text("stale: monitor reported")
             expect(page.get_by_text("✓ reporting")).to_have_count(0)
             page.goto(f"{running.address}#/")
             expect(page.locator(".wheel")).to_contain_text("◌ stale")
             expect(page.locator(".wheel")).to_contain_text("◐ warning")
             page.get_by_role("link", name="Alarms (1)").click()
-            expect(page.get_by_text("No monitor has been heard since")).to_be_visible()
+            expect(page.get_by_text("No monitor has reported since")).to_be_visible()
             expect(page.get_by_text("look whether rwa-monitor run still runs")).to_be_visible()
             acknowledge(page)
             expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
@@ -193,7 +193,7 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
         wait_for(back, "the telemetry that is back")
 
 
-def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
+def test_a_bus_that_is_gone_is_reported_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack, opened(chromium, complaint="") as page:
         first = stack.enter_context(script(ROUTER, endpoint))
@@ -208,7 +208,7 @@ def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Pa
             expect(page.locator("#banner")).to_be_hidden()
 
 
-def test_a_locked_database_is_said_and_what_came_meanwhile_is_stored(
+def test_a_locked_database_is_reported_and_what_came_meanwhile_is_stored(
     chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rwa_monitor.history.database.BUSY_TIMEOUT_S", 0.2)
@@ -247,7 +247,7 @@ def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         path.unlink()
         wait_for(path.exists, "the database")
-        # Where it cannot be put back, the page says so.
+        # Where it cannot be put back, the page shows it.
         put_in_the_way_of(path.parent)
         expect(page.locator("#banner")).to_contain_text("is gone, and cannot be put back")
         path.parent.unlink()
@@ -258,7 +258,9 @@ def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
         assert [line.person for alarm in history.alarms() for line in alarm.trail] == ["", "Ann"]
 
 
-def test_a_server_that_is_gone_is_said_and_found_again(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_server_that_is_gone_is_reported_and_found_again(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
     options = DashboardOptions(free_port(), tmp_path, token="right")
     with opened(chromium, complaint="") as page:
         with serve(options, session) as running:
@@ -275,7 +277,7 @@ def test_a_server_that_is_gone_is_said_and_found_again(chromium: Any, session: z
             expect(page.locator(".stale-note")).to_contain_text("stale, from the history")
 
 
-def test_a_wrong_token_is_said_and_can_be_mended_on_the_page(
+def test_a_wrong_token_is_reported_and_can_be_mended_on_the_page(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
     with (
@@ -292,7 +294,7 @@ def test_a_wrong_token_is_said_and_can_be_mended_on_the_page(
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
 
 
-def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
+def test_a_recording_that_is_cut_off_shows_what_is_left_and_why(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
     data = RECORDING.read_bytes()
@@ -308,7 +310,7 @@ def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
         expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_contain_text("is no MCAP file")
 
 
-def test_the_feed_says_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_path: Path) -> None:
+def test_the_feed_reports_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_path: Path) -> None:
     from websockets.sync.client import connect
 
     options = DashboardOptions(0, tmp_path, connect=("tcp/127.0.0.1:9",))
@@ -317,8 +319,8 @@ def test_the_feed_says_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_pat
         connect(running.address.replace("http", "ws") + "api/feed") as socket,
     ):
 
-        def told() -> list[str]:
+        def notes() -> list[str]:
             beats = [one for one in json.loads(socket.recv()) if one["key"] == "dashboard/beat"]
             return beats[-1]["message"]["notes"] if beats else []
 
-        assert "The bus is gone" in wait_for(told, "a note")[0]
+        assert "The bus is gone" in wait_for(notes, "a note")[0]

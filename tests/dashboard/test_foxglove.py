@@ -1,4 +1,4 @@
-"""Foxglove live: a real WebSocket client subscribes, as the app does, and hears what the bus says."""
+"""Foxglove live: a real WebSocket client subscribes, as the app does, and receives what the bus carries."""
 
 from __future__ import annotations
 
@@ -45,42 +45,42 @@ class FoxgloveClient:
         found: dict[str, dict[str, Any]] = {}
         while not found.keys() >= set(topics):
             content = self.connection.recv(timeout=WAIT_S)
-            if isinstance(content, str) and (told := json.loads(content))["op"] == "advertise":
-                found |= {channel["topic"]: channel for channel in told["channels"]}
+            if isinstance(content, str) and (answer := json.loads(content))["op"] == "advertise":
+                found |= {channel["topic"]: channel for channel in answer["channels"]}
         return found
 
     def subscribe(self, *channels: dict[str, Any]) -> None:
         """Subscribe to channels, in this order, and wait until the server has taken it.
 
-        foxglove-sdk 0.30 tells of a channel before it takes subscriptions to it (`advertise_channels` in its
-        connected_client.rs), so who answers at once may be refused. It says nothing of a subscription that it took,
+        foxglove-sdk 0.30 announces a channel before it takes subscriptions to it (`advertise_channels` in its
+        connected_client.rs), so who answers at once may be refused. It reports nothing of a subscription that it took,
         but warns of the second one to a channel: each is asked for until that warning comes.
         """
         for number, channel in enumerate(channels):
             wanted = json.dumps({"op": "subscribe", "subscriptions": [{"id": number, "channelId": channel["id"]}]})
             self.connection.send(wanted)
-            said = ""
-            while "already subscribed" not in said:
+            status = ""
+            while "already subscribed" not in status:
                 self.connection.send(wanted)
-                said = self._status_of(channel["id"])
+                status = self._status_of(channel["id"])
 
-    def heard(self, number: int, time_ns: int) -> dict[str, Any]:
+    def received(self, number: int, time_ns: int) -> dict[str, Any]:
         """Return the content of the message of a subscription that has a time."""
         while True:
             content = self._unread.popleft() if self._unread else self.connection.recv(timeout=WAIT_S)
             if isinstance(content, bytes) and content[0] == MESSAGE_DATA:
                 _, *which = DATA_HEAD.unpack_from(content)
                 if which == [number, time_ns]:
-                    told: dict[str, Any] = json.loads(content[DATA_HEAD.size :])
-                    return told
+                    answer: dict[str, Any] = json.loads(content[DATA_HEAD.size :])
+                    return answer
 
     def _status_of(self, channel_id: int) -> str:
-        """Return what the server next says of a subscription to a channel; what else comes is kept for later."""
+        """Return what the server next reports of a subscription to a channel; what else comes is kept for later."""
         while True:
             content = self.connection.recv(timeout=WAIT_S)
-            told = json.loads(content) if isinstance(content, str) else {}
-            if told.get("op") == "status" and re.search(rf"channel(?: ID)?: {channel_id}\b", told["message"]):
-                return str(told["message"])
+            answer = json.loads(content) if isinstance(content, str) else {}
+            if answer.get("op") == "status" and re.search(rf"channel(?: ID)?: {channel_id}\b", answer["message"]):
+                return str(answer["message"])
             self._unread.append(content)
 
 
@@ -107,10 +107,10 @@ def test_a_client_gets_the_latest_diagnosis_and_then_each_new_one_with_its_schem
         assert channels[f"{key}/log"]["schemaName"] == LOG_SCHEMA
         client.subscribe(channels[f"{key}/log"], channel)
         first, second = diagnosis(0, wheel="wheel_1"), diagnosis(1, severity=1.0, wheel="wheel_1")
-        assert client.heard(1, first.window_end_ns) == json.loads(first.to_json())
+        assert client.received(1, first.window_end_ns) == json.loads(first.to_json())
         session.put(f"{key}/diagnosis", second.to_json())
-        assert client.heard(1, second.window_end_ns) == json.loads(second.to_json())
-        line = client.heard(0, second.window_end_ns)
+        assert client.received(1, second.window_end_ns) == json.loads(second.to_json())
+        line = client.received(0, second.window_end_ns)
         assert (line["level"], line["message"], line["name"]) == (4, second.reason, "sat/wheel_1")
         assert line["timestamp"]["sec"] == second.window_end_ns // NANOSECONDS_PER_SECOND
 
@@ -121,22 +121,22 @@ def test_an_alarm_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -
         send_windows(session, "wheel_1", failing=False, windows=1)
         channels = client.channels_of(f"{key}/diagnosis", f"{key}/log")
         client.subscribe(channels[f"{key}/log"], channels[f"{key}/diagnosis"])
-        client.heard(1, diagnosis(0, wheel="wheel_1").window_end_ns)
+        client.received(1, diagnosis(0, wheel="wheel_1").window_end_ns)
         send_windows(session, "wheel_1", failing=True)
         last_ns = diagnosis(2, severity=1.0, wheel="wheel_1").window_end_ns
-        while not (line := client.heard(0, last_ns))["message"].startswith("Alarm "):
+        while not (line := client.received(0, last_ns))["message"].startswith("Alarm "):
             assert line["message"]  # of the diagnosis, which comes before
         assert line["message"].endswith(": warning, active.")
         assert line["level"] == LogLevel.WARNING
 
 
-def test_a_monitor_that_is_not_heard_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_monitor_that_does_not_report_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
     with foxglove_client(session, tmp_path, silent_s=1.0) as client:
         send_windows(session, "wheel_1", failing=False, windows=1)
         log = client.channels_of("rwa/sat/wheel_1/log")["rwa/sat/wheel_1/log"]
         client.subscribe(log)
         session.put("rwa/sat/wheel_1/status", status("wheel_1"))
-        while not (line := client.heard(0, diagnosis(0).window_end_ns))["message"].startswith("Alarm "):
+        while not (line := client.received(0, diagnosis(0).window_end_ns))["message"].startswith("Alarm "):
             assert line["message"]  # of the diagnosis
         assert (line["message"], line["level"]) == ("Alarm monitor: warning, active.", LogLevel.WARNING)
 
@@ -152,14 +152,14 @@ def test_what_is_no_message_of_ours_stops_nothing(session: zenoh.Session, tmp_pa
 
 def test_it_is_on_loopback_only_and_takes_nothing(session: zenoh.Session, tmp_path: Path) -> None:
     with foxglove_client(session, tmp_path) as client:
-        told = json.loads(client.connection.recv(timeout=WAIT_S))
-        assert (told["op"], told["capabilities"]) == ("serverInfo", [])
+        answer = json.loads(client.connection.recv(timeout=WAIT_S))
+        assert (answer["op"], answer["capabilities"]) == ("serverInfo", [])
         # Another address of this machine: whoever listens on all addresses listens there too.
         with pytest.raises(ConnectionRefusedError):
             socket.create_connection(("127.0.0.2", client.connection.remote_address[1]), timeout=WAIT_S)
 
 
-def test_a_port_that_is_taken_is_said(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_port_that_is_taken_is_reported(session: zenoh.Session, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with (
@@ -169,7 +169,7 @@ def test_a_port_that_is_taken_is_said(session: zenoh.Session, tmp_path: Path) ->
             pass
 
 
-def test_a_missing_sdk_is_said(session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_sdk_is_reported(session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "rwa_monitor.dashboard.foxglove_server", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)  # as Python itself marks what cannot be imported
     with (

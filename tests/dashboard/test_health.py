@@ -14,8 +14,8 @@ import zenoh
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import publish
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
@@ -37,33 +37,35 @@ def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Healt
     return {key: Health.parse(reply.payload.to_bytes(), key) for key, reply in zip(keys, replies, strict=True)}
 
 
-def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(session: zenoh.Session) -> None:
-    heard: list[tuple[str, bytes]] = []
+def test_a_monitor_publishes_the_health_at_each_close_and_answers_queries_with_the_last_one(
+    session: zenoh.Session,
+) -> None:
+    received: list[tuple[str, bytes]] = []
     subscriber: Any = session.declare_subscriber(
-        "rwa/sat/*/*", lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+        "rwa/sat/*/*", lambda sample: received.append((str(sample.key_expr), sample.payload.to_bytes()))
     )
     wheel = built_in_wheel().model_copy(update={"window": Window(samples=WINDOW, hop=WINDOW, dead_band_rad_s=1.0)})
-    talk: list[str] = []
+    log_lines: list[str] = []
     stop, names = Event(), ("wheel_1", "wheel_2")
     options = RunOptions(wheels="rwa/sat/*/samples", wheel=wheel, model=built_in_model())
-    monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": talk.append})
+    monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "log": log_lines.append})
     monitor.start()
     try:
-        wait_for(lambda: any("monitoring" in line for line in talk), "the monitor")
+        wait_for(lambda: any("monitoring" in line for line in log_lines), "the monitor")
         telemetry: dict[str, Samples] = {
             key_of(SamplesMessage, "sat", name): with_friction(3 * WINDOW + 200) for name in names
         }
         publish(telemetry, session, speed=math.inf, batch_samples=500, linger_s=0.0)
 
         def closed() -> bool:
-            return len([key for key, _ in heard if key.endswith("/health")]) >= 6
+            return len([key for key, _ in received if key.endswith("/health")]) >= 6
 
         wait_for(closed, "six windows' health", START_S)
         for name in names:
-            found = [json.loads(payload) for key, payload in heard if key == f"rwa/sat/{name}/diagnosis"]
-            told = [payload for key, payload in heard if key == f"rwa/sat/{name}/health"]
+            found = [json.loads(payload) for key, payload in received if key == f"rwa/sat/{name}/diagnosis"]
+            published = [payload for key, payload in received if key == f"rwa/sat/{name}/health"]
             expected = [health_message(Diagnosis.parse(json.dumps(one).encode(), name)) for one in found]
-            assert told == [one.to_json() for one in expected]
+            assert published == [one.to_json() for one in expected]
             assert asked(session)[f"rwa/sat/{name}/health"] == expected[-1]
         assert set(asked(session)) == {f"rwa/sat/{name}/health" for name in names}
     finally:
@@ -72,14 +74,14 @@ def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(s
         subscriber.undeclare()
 
 
-def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.Session, tmp_path: Path) -> None:
-    heard: list[Health] = []
+def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(session: zenoh.Session, tmp_path: Path) -> None:
+    received: list[Health] = []
     subscriber: Any = session.declare_subscriber(
-        "rwa/sat/*/health", lambda sample: heard.append(Health.parse(sample.payload.to_bytes(), "heard"))
+        "rwa/sat/*/health", lambda sample: received.append(Health.parse(sample.payload.to_bytes(), "received"))
     )
 
     def phases() -> list[tuple[str, str | None]]:
-        states = [one.alarm_states or {} for one in heard]
+        states = [one.alarm_states or {} for one in received]
         return [(one["viscous"].phase, one["viscous"].acknowledged_by) if one else ("none", None) for one in states]
 
     with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
@@ -87,8 +89,8 @@ def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.
         wait_for(lambda: phases() == [("active", None)], "the alarm on the bus")
         assert acknowledge(running.address) == 200
         wait_for(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
-        assert asked(session) == {"rwa/sat/wheel_1/health": heard[-1]}
-        assert heard[-1].alarms == ["viscous"]
+        assert asked(session) == {"rwa/sat/wheel_1/health": received[-1]}
+        assert received[-1].alarms == ["viscous"]
         for number in range(3, 6):
             session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number).to_json())
         wait_for(lambda: phases()[-1] == ("none", None), "the end of the alarm on the bus")
@@ -96,8 +98,9 @@ def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.
         subscriber.undeclare()
 
 
-def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zenoh.Session, tmp_path: Path) -> None:
-    from rwa_monitor.monitor.bus import Inbox, MonitorBus
+def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.Session, tmp_path: Path) -> None:
+    from rwa_monitor.monitor.bus import MonitorBus
+    from rwa_monitor.monitor.ingest.backfill import Inbox
 
     key, encoding = "rwa/sat/wheel_1/health", Health.encoding()
     with MonitorBus(session, Inbox()) as bus, serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
@@ -109,7 +112,7 @@ def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zen
             while not stop.wait(0.01):
                 bus.answer(encoding, lambda: latest)
 
-        def tell(number: int) -> None:
+        def publish(number: int) -> None:
             message = diagnosis(number, severity=1.0)
             latest[key] = health_message(message).to_json()
             bus.publish(key, Health, latest[key])
@@ -118,13 +121,13 @@ def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zen
         answering = Thread(target=answer)
         answering.start()
         try:
-            tell(0)
-            tell(1)
+            publish(0)
+            publish(1)
             wait_for(lambda: asked(session)[key].alarm_states, "the alarm")
             assert acknowledge(running.address) == 200
             states = asked(session)[key].alarm_states
             assert states["viscous"].acknowledged_by == "Ann"
-            tell(2)  # changes no alarm: the monitor's is the later one
+            publish(2)  # changes no alarm: the monitor's is the later one
             assert asked(session)[key].window_end_ns == diagnosis(2).window_end_ns
         finally:
             stop.set()

@@ -1,4 +1,4 @@
-"""A monitor that is not heard any more is an alarm: who is expected to speak, how long is too long, and when it ends.
+"""A monitor that does not report any more is an alarm: which are expected, how long is too long, and when it ends.
 
 `test_faults.py` kills a real monitor, `tests/history` takes the alarm through its states; here statuses are sent as
 monitors send them.
@@ -15,7 +15,7 @@ import zenoh
 from rwa_monitor.dashboard.monitor_watch import MonitorWatch
 from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
-from rwa_monitor.history.records import MonitorWord
+from rwa_monitor.history.records import MonitorState
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from tests.dashboard.support import acknowledge, ask, expect, opened, reporting, send_windows, serious
@@ -23,7 +23,7 @@ from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS
 from tests.monitor.processes import wait_for
 
-HEARD = MonitorWord("sat", "wheel_1", silent=False, time_ns=START_NS)
+HEARD = MonitorState("sat", "wheel_1", silent=False, time_ns=START_NS)
 
 
 class Clock:
@@ -39,9 +39,9 @@ def watch(expected: dict[tuple[str, str], bool]) -> tuple[MonitorWatch, Clock]:
     return MonitorWatch(30.0, expected, clock, lambda: START_NS + int(clock.s * 1e9)), clock
 
 
-def test_silence_is_news_once_and_so_is_a_word() -> None:
+def test_silence_is_news_once_and_so_is_a_status() -> None:
     monitors, clock = watch({})
-    monitors.hear("sat", "wheel_1", START_NS)
+    monitors.take_status("sat", "wheel_1", START_NS)
     assert monitors.news((), "") == [HEARD]
     assert monitors.news((), "") == [HEARD], "until it is written"
     monitors.written([HEARD])
@@ -50,15 +50,15 @@ def test_silence_is_news_once_and_so_is_a_word() -> None:
     clock.s += 0.5
     (silent,) = monitors.news((), "The bus is gone.")
     assert silent.silent
-    assert "No monitor has been heard since 2026-11-18T" in silent.reason
+    assert "No monitor has reported since 2026-11-18T" in silent.reason
     assert silent.reason.endswith(": 30 s and longer. The bus is gone.")
     monitors.written([silent])
     assert monitors.news((), "") == []
-    monitors.hear("sat", "wheel_1", None)
+    monitors.take_status("sat", "wheel_1", None)
     assert monitors.news((), "") == [HEARD]
 
 
-def test_a_dashboard_that_was_started_later_counts_from_its_start_and_knows_what_is_written() -> None:
+def test_a_dashboard_that_was_started_later_counts_from_its_start_and_from_what_is_written() -> None:
     monitors, clock = watch({("sat", "wheel_1"): False, ("sat", "wheel_2"): True})
     assert monitors.news((), "") == []
     clock.s += 31.0
@@ -67,14 +67,14 @@ def test_a_dashboard_that_was_started_later_counts_from_its_start_and_knows_what
     assert "since this dashboard was started, at 2026-11-18T" in silent.reason
 
 
-def test_nobody_waits_for_a_wheel_that_is_put_aside_nor_where_no_alarm_is_wanted() -> None:
+def test_no_monitor_is_expected_for_a_retired_wheel_nor_where_no_alarm_is_wanted() -> None:
     monitors, clock = watch({("sat", "wheel_1"): False})
     clock.s += 31.0
     assert monitors.news({("sat", "wheel_1")}, "") == []
     assert monitors.news((), "")
     monitors = MonitorWatch(0.0, {("sat", "wheel_1"): False}, clock)
     clock.s += 31.0
-    monitors.hear("sat", "wheel_2", None)
+    monitors.take_status("sat", "wheel_2", None)
     assert monitors.news((), "") == []
 
 
@@ -86,12 +86,12 @@ def test_who_sends_samples_should_be_monitored() -> None:
     monitors.expect("sat", "wheel_1")
     (silent,) = monitors.news((), "")
     assert "since samples of this wheel came first, at 2026-11-18T" in silent.reason
-    monitors.hear("sat", "wheel_1", START_NS)
+    monitors.take_status("sat", "wheel_1", START_NS)
     assert monitors.news((), "") == [HEARD]
 
 
 @pytest.mark.processes
-def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_word_ends_it(
+def test_a_monitor_that_died_while_no_dashboard_was_there_is_reported_and_a_later_status_ends_it(
     session: zenoh.Session, tmp_path: Path
 ) -> None:
     def alarms(address: str) -> list[dict[str, Any]]:
@@ -103,7 +103,7 @@ def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_wo
         reporting(session, "wheel_1", last_sample_ns=START_NS),
         History(tmp_path / HISTORY_NAME) as history,
     ):
-        wait_for(history.monitors, "the monitor that is heard")
+        wait_for(history.monitors, "the monitor that reports")
     options = DashboardOptions(0, tmp_path, token="right", silent_s=3.0)
     with serve(options, session) as running:
         (alarm,) = wait_for(lambda: alarms(running.address), "the alarm")
@@ -116,16 +116,16 @@ def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_wo
 
 @pytest.mark.browser
 @pytest.mark.processes
-def test_a_wheel_that_nobody_monitors_is_told(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_wheel_without_a_monitor_is_reported(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
     with serve(DashboardOptions(0, tmp_path, silent_s=1.0), session) as running, opened(chromium) as page:
         page.goto(running.address)
         session.put("rwa/sat/wheel_9/samples", samples_json(with_friction(8), "satellite", 0))
         row = page.locator(".wheel")
-        expect(row).to_contain_text("No monitor speaks of this wheel: nothing of it is diagnosed.")
+        expect(row).to_contain_text("No monitor reports on this wheel: nothing of it is diagnosed.")
         expect(row).to_contain_text("◐ warning")
         page.reload()
         row.click()
-        expect(page.locator(".stale-note")).to_have_text("◌ no monitor is heard.")
+        expect(page.locator(".stale-note")).to_have_text("◌ no monitor reports.")
 
 
 @pytest.mark.browser

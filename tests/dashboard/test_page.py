@@ -31,7 +31,7 @@ ALARM_MS = 120_000  # the demo's wheel fails some 50 s after its start; the mach
 def failing_fleet(session: zenoh.Session, record: Path) -> Iterator[Running]:
     """Serve a fleet of two wheels, of which one fails and has a discrepancy report, with samples."""
     (record / RECORDING.name).write_bytes(RECORDING.read_bytes())
-    # No monitor speaks again: on a busy machine that would become an alarm before a test is through.
+    # No monitor reports again: on a busy machine that would become an alarm before a test is through.
     with serve(DashboardOptions(0, record, token="right", silent_s=0.0), session) as running:
         for wheel, failing in (("wheel_1", False), ("wheel_2", True)):
             send_windows(session, wheel, failing=failing)
@@ -262,7 +262,7 @@ def test_what_is_written_and_pressed_stays_while_the_alarm_changes(
         page.mouse.down()
         session.put("rwa/sat/wheel_2/diagnosis", diagnosis(4, severity=1.2, wheel="wheel_2").to_json())
         clock = page.locator("#clock")
-        for _ in range(3):  # whatever redraws the page tells the time
+        for _ in range(3):  # whatever redraws the page shows the time
             before = clock.inner_text()
             wait_for(lambda before=before: clock.inner_text() != before, "the page to be drawn")  # type: ignore[misc]
         page.mouse.up()
@@ -271,7 +271,7 @@ def test_what_is_written_and_pressed_stays_while_the_alarm_changes(
 
 
 @pytest.mark.browser
-def test_a_wheel_of_which_all_messages_are_refused_says_why(
+def test_a_wheel_of_which_all_messages_are_refused_shows_why(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
     why = "time_ns: Field required"
@@ -295,7 +295,7 @@ def test_empty_and_loading_states_are_drawn(chromium: Any, session: zenoh.Sessio
     with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, complaint="") as page:
         page.route("**/api/recordings", lambda route: (page.wait_for_timeout(300), route.continue_()))
         page.goto(running.address)
-        expect(page.get_by_text("No wheel has been heard yet.")).to_be_visible()
+        expect(page.get_by_text("No wheel has reported yet.")).to_be_visible()
         page.goto(f"{running.address}#/alarms")
         expect(page.get_by_text("No alarm so far.")).to_be_visible()
         page.goto(f"{running.address}#/recordings")

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, list_recordings, replay_json
+from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, import_recordings, list_recordings, replay_json
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.imports import import_recordings
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.recording.reader import read_recording
@@ -61,7 +60,7 @@ def test_only_recordings_of_the_folder_are_opened(tmp_path: Path) -> None:
         replay_json(RECORDING.parent, "../pyproject.toml")
 
 
-def test_the_list_tells_which_time_a_recording_covers(tmp_path: Path) -> None:
+def test_the_list_shows_which_time_a_recording_covers(tmp_path: Path) -> None:
     data = RECORDING.read_bytes()
     (tmp_path / "whole.mcap").write_bytes(data)
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])

@@ -11,10 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.dashboard import fleet
-from rwa_monitor.dashboard.decimated_samples import thinned_json
-from rwa_monitor.dashboard.fleet import Fleet, Received
-from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, OpenWindow, Rhythm
-from rwa_monitor.dashboard.verdict_history import Course
+from rwa_monitor.dashboard.fleet import Fleet, Received, VerdictHistory
+from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, OpenWindow, Rhythm, thinned_json
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND as SECOND
@@ -112,7 +110,7 @@ def test_samples_without_friction_are_thinned_as_not_measured() -> None:
 def test_what_is_late_is_late_for_this_wheel(interval_s: float, messages: int) -> None:
     rhythm, at_ns = Rhythm(), 10**18
     for _ in range(messages + 1):
-        rhythm.hear(np.array([0, int(interval_s * SECOND)]), at_ns)
+        rhythm.take_samples(np.array([0, int(interval_s * SECOND)]), at_ns)
         at_ns += int(interval_s * SECOND)
     assert rhythm.stale_after_s == pytest.approx(max(10.0, 3 * interval_s))
 
@@ -120,42 +118,42 @@ def test_what_is_late_is_late_for_this_wheel(interval_s: float, messages: int) -
 def test_what_is_read_out_of_a_memory_is_no_rhythm() -> None:
     rhythm, at_ns = Rhythm(), 10**18
     for _ in range(20):
-        rhythm.hear(np.array([0, 32 * SECOND]), at_ns)
+        rhythm.take_samples(np.array([0, 32 * SECOND]), at_ns)
         at_ns += 1_000_000  # a message of 32 s each millisecond
     assert rhythm.stale_after_s == pytest.approx(96.0)
 
 
-def test_a_monitors_progress_stands_for_samples_that_are_not_heard() -> None:
+def test_a_monitors_progress_stands_for_samples_that_are_not_received() -> None:
     rhythm = Rhythm()
     assert rhythm.wall_ns is None
-    rhythm.hear_status(5, 100)
+    rhythm.take_status(5, 100)
     assert (rhythm.wall_ns, rhythm.stale_after_s) == (100, FIRST_STALE_S)
-    rhythm.hear_status(5, 200)
+    rhythm.take_status(5, 200)
     assert rhythm.wall_ns == 100  # it stands still
-    rhythm.hear_status(6, 300)
+    rhythm.take_status(6, 300)
     assert rhythm.wall_ns == 300
 
 
-def test_a_course_says_since_when_and_where_it_goes() -> None:
-    course = Course()
-    course.extend(diagnosis(n) for n in range(3))
-    assert (course.since_ns, course.windows, course.change) == (START_NS, 3, None)
-    course.extend([diagnosis(3, severity=0.5)])
-    assert (course.since_ns, course.windows, course.change) == (START_NS + 3 * WINDOW_NS, 1, None)
+def test_a_verdict_history_has_its_beginning_and_its_change() -> None:
+    verdicts = VerdictHistory()
+    verdicts.extend(diagnosis(n) for n in range(3))
+    assert (verdicts.since_ns, verdicts.windows, verdicts.change) == (START_NS, 3, None)
+    verdicts.extend([diagnosis(3, severity=0.5)])
+    assert (verdicts.since_ns, verdicts.windows, verdicts.change) == (START_NS + 3 * WINDOW_NS, 1, None)
     changes = []
     for number, severity in enumerate((0.9, 0.95, 0.2), start=4):
-        course.extend([diagnosis(number, severity=severity)])
-        changes.append(course.change)
+        verdicts.extend([diagnosis(number, severity=severity)])
+        changes.append(verdicts.change)
     assert changes == ["worse", "steady", "better"]
-    course.extend([diagnosis(4, severity=3.0)])  # heard again
-    assert (course.windows, course.change) == (4, "better")
+    verdicts.extend([diagnosis(4, severity=3.0)])  # received again
+    assert (verdicts.windows, verdicts.change) == (4, "better")
 
 
 def test_a_course_takes_no_scatter_for_a_change() -> None:
     # Severities of 0.1 standard deviation: a change of two windows has 0.14.
-    course = Course()
+    verdicts = VerdictHistory()
     changes = []
     for number, severity in enumerate((2.5, 2.25, 2.3, 2.7)):
-        course.extend([diagnosis(number, severity=severity)])
-        changes.append(course.change)
+        verdicts.extend([diagnosis(number, severity=severity)])
+        changes.append(verdicts.change)
     assert changes == [None, "steady", "steady", "worse"]

@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard import webhook
+from rwa_monitor.dashboard import alarm_notifier
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.metrics import Family, metrics
+from rwa_monitor.dashboard.metrics import metrics
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
 from tests.dashboard.support import acknowledge, reporting, send_windows
@@ -81,7 +81,7 @@ def scraped(session: zenoh.Session, tmp_path: Path) -> Iterator[dict[str, dict[s
         yield parse(text())
 
 
-def test_the_metrics_are_in_prometheus_format_and_tell_what_is_known(scraped: dict[str, dict[str, Any]]) -> None:
+def test_the_metrics_are_in_prometheus_format_and_hold_what_is_known(scraped: dict[str, dict[str, Any]]) -> None:
     assert sum(scraped["rwa_wheel_verdict"]["values"]) == 2
     assert sorted(scraped["rwa_wheel_severity"]["values"]) == [0.0, 1.0]
     assert scraped["rwa_monitor_slots_missed_total"]["values"] == [2.0, 2.0]
@@ -109,14 +109,16 @@ def test_grafanas_file_asks_for_what_the_metrics_have(scraped: dict[str, dict[st
 
 
 def test_labels_are_escaped_and_an_empty_fleet_has_metrics() -> None:
-    family = Family("rwa_test", "gauge", "For a test.")
-    family.add(1.5, text='a "quoted" \\ and\na new line')
-    assert list(family.lines())[2] == r'rwa_test{text="a \"quoted\" \\ and\na new line"} 1.5'
+    fleet = Fleet()
+    wheel = fleet.begin("sat", 'a "quoted" \\ and\na new line', [])
+    assert wheel is not None
+    wheel.rhythm.wall_ns = 0
+    assert r'{spacecraft="sat",wheel="a \"quoted\" \\ and\na new line"} 60.0' in metrics(fleet, [], 0)
     assert parse(metrics(Fleet(), [], 0))["rwa_dashboard_info"]["values"] == [1.0]
 
 
 class Listening(HTTPServer):
-    """Takes posts, and refuses as many of them first as it is told."""
+    """Takes posts, and refuses a number of them first."""
 
     def __init__(self, refusals: int) -> None:
         super().__init__(("127.0.0.1", 0), Handler)
@@ -155,7 +157,7 @@ def listening(refusals: int = 0) -> Iterator[Listening]:
 def test_each_change_of_an_alarm_is_posted_and_posted_again_until_it_is_taken(
     session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(webhook, "FIRST_WAIT_S", 0.01)
+    monkeypatch.setattr(alarm_notifier, "FIRST_WAIT_S", 0.01)
     with listening(refusals=2) as other:
         options = DashboardOptions(0, tmp_path, token="right", webhook=f"http://127.0.0.1:{other.server_port}/alarms")
         with serve(options, session) as running:

@@ -33,9 +33,9 @@ from zenoh import ext
 
 from rwa_monitor.cli.signals import stop_on_signals
 from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, open_session
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import ReliablePublisher
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from tests.faults.history import Put, wheel
 from tests.monitor.processes import PATIENCE_S, wait_for
@@ -90,7 +90,7 @@ def _plain_publisher(session: zenoh.Session, key: str) -> Any:
 def monitor_process(options: RunOptions, log: Path) -> None:
     _talk_into(log)
     with stop_on_signals() as stop:
-        run(options, stop, say=lambda line: print(line, flush=True))
+        run(options, stop, log=lambda line: print(line, flush=True))
 
 
 # ---- the link --------------------------------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ from rwa_monitor.telemetry.table import table_writer
 from tests.faults.history import LOSING, MAX_DELAY_S, Fault, History, make_history, wheel
 from tests.faults.rig import Rig
 from tests.monitor.processes import wait_for
-from tests.monitor.support import diagnoses, model, said
+from tests.monitor.support import diagnoses, messages_of, model
 from tests.program import run
 
 # In these histories the monitor must be there from the beginning; in the others the bus may be first.
@@ -244,7 +244,7 @@ def _oracle(samples: Samples) -> _Oracle:
     """Diagnose a table whole."""
     core = WheelCore(wheel(), model())
     events = core.feed(samples)
-    return _Oracle(core.counts, diagnoses(said(events)))
+    return _Oracle(core.counts, diagnoses(messages_of(events)))
 
 
 def _check(history: History, rig: Rig, outcome: Outcome) -> None:

@@ -24,34 +24,34 @@ DEEDS = st.lists(st.one_of(LEVELS, st.just("acknowledge")), max_size=60)
 POLICIES = st.integers(1, 5).flatmap(lambda n: st.integers(1, n).map(lambda k: Policy(k=k, n=n)))
 
 
-def play(deeds: list[object], policy: Policy) -> list[tuple[Alarm, list[EventKind], Alarm, object]]:
-    """Return each step as (before, events, after, deed)."""
+def play(actions: list[object], policy: Policy) -> list[tuple[Alarm, list[EventKind], Alarm, object]]:
+    """Return each step as (before, events, after, action)."""
     steps = []
     alarm = Alarm()
-    for time_ns, deed in enumerate(deeds):
+    for time_ns, action in enumerate(actions):
         before = alarm
-        if isinstance(deed, Level):
-            alarm, events = advance(alarm, Observation(deed, time_ns), policy)
+        if isinstance(action, Level):
+            alarm, events = advance(alarm, Observation(action, time_ns), policy)
         else:
             alarm, events = acknowledge(alarm, time_ns)
-        steps.append((before, [event.kind for event in events], alarm, deed))
+        steps.append((before, [event.kind for event in events], alarm, action))
     return steps
 
 
 @given(DEEDS, POLICIES)
-def test_it_rises_only_when_k_of_the_last_n_windows_are_bad(deeds: list[object], policy: Policy) -> None:
+def test_it_rises_only_when_k_of_the_last_n_windows_are_bad(actions: list[object], policy: Policy) -> None:
     windows: list[Level] = []
-    for _, events, _, deed in play(deeds, policy):
-        if isinstance(deed, Level):
-            windows.append(deed)
+    for _, events, _, action in play(actions, policy):
+        if isinstance(action, Level):
+            windows.append(action)
         if {EventKind.RAISED, EventKind.RELAPSED, EventKind.ESCALATED} & set(events):
             assert sum(level > Level.NORMAL for level in windows[-policy.n :]) >= policy.k
 
 
 @given(DEEDS, POLICIES)
-def test_it_clears_only_when_normal_and_acknowledged(deeds: list[object], policy: Policy) -> None:
+def test_it_clears_only_when_normal_and_acknowledged(actions: list[object], policy: Policy) -> None:
     seen = False
-    for before, events, after, _ in play(deeds, policy):
+    for before, events, after, _ in play(actions, policy):
         if EventKind.RAISED in events:
             seen = False
         seen = seen or EventKind.ACKNOWLEDGED in events
@@ -64,8 +64,8 @@ def test_it_clears_only_when_normal_and_acknowledged(deeds: list[object], policy
 
 
 @given(DEEDS, POLICIES)
-def test_nobody_is_said_to_have_seen_what_is_worse_than_what_they_saw(deeds: list[object], policy: Policy) -> None:
-    for _, _, after, _ in play(deeds, policy):
+def test_what_is_worse_than_what_was_acknowledged_is_not_acknowledged(actions: list[object], policy: Policy) -> None:
+    for _, _, after, _ in play(actions, policy):
         if after.phase == Phase.ACKNOWLEDGED:
             assert after.level <= after.acknowledged_level
         assert after.level <= after.peak or after.phase == Phase.QUIET
@@ -83,7 +83,7 @@ def test_a_window_that_decides_nothing_because_its_model_does_not_fit_raises_the
     assert observe(window.model_copy(update={"model_adequate": True}), Policy()) == {}
 
 
-def test_a_severity_in_doubt_counts_as_far_as_it_is_certain() -> None:
+def test_an_uncertain_severity_counts_as_far_as_it_is_certain() -> None:
     window = diagnosis(0, severity=2.0)
     assert observe(window, Policy())["viscous"].level == Level.DISTRESS
     doubtful = window.anomalies["viscous"].model_copy(update={"severity_std": 1.7})

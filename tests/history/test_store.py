@@ -49,14 +49,16 @@ def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str)
         assert [line.event for line in alarm.trail] == ["raised", "acknowledged", "eased", "returned", "cleared"]
 
 
-def test_an_alarm_says_what_to_do_at_its_level() -> None:
-    said = {advice(name, level) for name in ("dry", MODEL_ALARM) for level in Level}
-    assert len(said) == len(Level) + 1  # of the model, the same at each level but normal
+def test_an_alarm_advises_what_to_do_at_its_level() -> None:
+    advised = {advice(name, level) for name in ("dry", MODEL_ALARM) for level in Level}
+    assert len(advised) == len(Level) + 1  # of the model, the same at each level but normal
     assert advice("dry", Level.CRITICAL).startswith("Now")
     assert "do not extend" in advice(MODEL_ALARM, Level.WATCH)
 
 
-def test_a_locked_database_is_said_and_nothing_is_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_locked_database_is_reported_and_nothing_is_half_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("rwa_monitor.history.database.BUSY_TIMEOUT_S", 0.05)
     path = tmp_path / "h.sqlite3"
     with History(path) as history:
@@ -133,7 +135,7 @@ def test_a_database_that_is_removed_is_put_back_with_all_that_was_acknowledged(t
         assert acknowledged(history) == [("Ann", "seen")]
 
 
-def test_a_database_that_cannot_be_put_back_is_said_and_comes_when_it_can(tmp_path: Path) -> None:
+def test_a_database_that_cannot_be_put_back_is_reported_and_comes_when_it_can(tmp_path: Path) -> None:
     folder = tmp_path / "record"
     with History(folder / "h.sqlite3") as history:
         history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
@@ -160,7 +162,7 @@ def test_a_database_put_in_its_place_is_used_from_then_on(tmp_path: Path) -> Non
         assert history.windows("sat", "wheel_1") == [diagnosis(7), diagnosis(8)]
 
 
-def test_taking_a_window_tells_which_alarms_it_changed(place: Path | str) -> None:
+def test_taking_a_window_returns_which_alarms_it_changed(place: Path | str) -> None:
     with History(place) as history:
         phases = [[(alarm.name, alarm.phase) for alarm in history.take([diagnosis(n, severity=1.0)])] for n in range(3)]
         assert phases == [[], [("viscous", "active")], []]
@@ -191,9 +193,9 @@ def test_an_alarm_is_shelved_for_a_while_and_comes_back_when_it_gets_worse(place
         history.add_all([diagnosis(n, severity=4.0) for n in range(3, 5)])
         (alarm,) = history.alarms()
         assert (alarm.level, alarm.shelved_until_wall_ns) == ("critical", None)
-        deeds = [(line.event, line.person) for line in alarm.trail]
-        assert deeds[:4] == [("raised", ""), ("shelved", "Ann"), ("unshelved", "Ann"), ("shelved", "Ben")]
-        assert sorted(deeds[4:]) == [("escalated", ""), ("unshelved", "")]
+        events = [(line.event, line.person) for line in alarm.trail]
+        assert events[:4] == [("raised", ""), ("shelved", "Ann"), ("unshelved", "Ann"), ("shelved", "Ben")]
+        assert sorted(events[4:]) == [("escalated", ""), ("unshelved", "")]
         for wrong in ((1, "", 1.0), (2, "Ann", 1.0), (2**70, "Ann", 1.0), (1, "Ann", 1e9), (1, "Ann", float("nan"))):
             with pytest.raises(InputError):
                 history.shelve(*wrong)

@@ -11,21 +11,21 @@ from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.history.store import History
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.dashboard.support import WAIT_S
-from tests.dashboard.test_retired_wheels import put_aside
+from tests.dashboard.test_retired_wheels import retire
 from tests.history.support import diagnosis
 
 pytestmark = pytest.mark.processes
 
 
-def next_deed(feed: ClientConnection) -> str:
-    """Return what is said next about the list of wheels."""
+def next_event(feed: ClientConnection) -> str:
+    """Return the next event of the list of wheels."""
     while True:
         for entry in json.loads(feed.recv(timeout=WAIT_S)):
             if entry["key"] == "rwa/sat/wheel_1/aside":
                 return str(entry["message"]["event"])
 
 
-def test_a_wheel_that_is_put_aside_on_one_leaves_the_list_of_the_other(new_database: str) -> None:
+def test_a_wheel_that_is_retired_on_one_leaves_the_list_of_the_other(new_database: str) -> None:
     with History(new_database) as history:
         history.add_all([diagnosis(n, wheel="wheel_1") for n in range(2)])
     options = DashboardOptions(0, token="right", history=new_database)
@@ -37,8 +37,8 @@ def test_a_wheel_that_is_put_aside_on_one_leaves_the_list_of_the_other(new_datab
         connect(second.address.replace("http", "ws") + "api/feed") as feed_of_second,
     ):
         for feed in (feed_of_first, feed_of_second):
-            feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is told once
-        assert put_aside(first, "wheel_1")[0] == 200
-        assert next_deed(feed_of_second) == "put_aside"
-        assert put_aside(second, "wheel_1", aside=False)[0] == 200
-        assert [next_deed(feed_of_first), next_deed(feed_of_first)] == ["put_aside", "brought_back"]
+            feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is sent once
+        assert retire(first, "wheel_1")[0] == 200
+        assert next_event(feed_of_second) == "put_aside"
+        assert retire(second, "wheel_1", aside=False)[0] == 200
+        assert [next_event(feed_of_first), next_event(feed_of_first)] == ["put_aside", "brought_back"]

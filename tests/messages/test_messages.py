@@ -28,7 +28,7 @@ from rwa_monitor.messages import (
 from rwa_monitor.messages.samples import misspelt
 from rwa_monitor.samples import Samples
 from rwa_monitor.slots import MAX_TIME_NS
-from tests.monitor.support import batch_diagnoses, run_core, said, telemetry, wheel
+from tests.monitor.support import batch_diagnoses, messages_of, run_core, telemetry, wheel
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"
 
@@ -66,14 +66,14 @@ def test_every_field_of_the_design_is_required(message: type[messages.Message], 
     assert fields <= set(message.json_schema()["required"])
 
 
-def test_what_the_monitor_says_fits_the_schemas() -> None:
+def test_what_the_monitor_publishes_fits_the_schemas() -> None:
     from rwa_monitor.monitor.core import WheelCore
     from tests.monitor.support import model
 
     core = WheelCore(wheel(), model())
     kinds = {kind.kind: kind for kind in (Diagnosis, Changepoints, Health)}
     seen = set()
-    for key, payload in said([*run_core(core, [telemetry(2_500)]), *core.finish()]):
+    for key, payload in messages_of([*run_core(core, [telemetry(2_500)]), *core.finish()]):
         kind = key.rsplit("/", 1)[1]
         if kind in kinds:
             seen.add(kind)
@@ -148,7 +148,7 @@ def test_health_follows_the_diagnosis() -> None:
     sick = diagnosis.model_copy(update={"verdict": "anomalous", "anomalies": {**diagnosis.anomalies, "dry": anomaly}})
     assert health_message(sick).alarms == ["dry"]
     assert health_message(sick).severity == 1.5
-    # Entries are filled in also when nothing can be said; they are no alarm then.
+    # Entries are filled in also when nothing is judged; they are no alarm then.
     unsure = sick.model_copy(update={"verdict": "inconclusive"})
     assert (health_message(unsure).alarms, health_message(unsure).severity) == ([], 0.0)
     lacking = sick.model_copy(update={"model_adequate": False})
@@ -171,7 +171,7 @@ def test_the_gain_of_a_report_is_one_of_the_message_as_a_search_writes_it() -> N
 
 
 @pytest.mark.parametrize(
-    ("payload", "said"),
+    ("payload", "hint"),
     [
         (b'{"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}', "friction_torque_nm: did you mean friction_torque_Nm?"),
         (b'{"time_ns":[1],"speed_rads":[1.0],"friction_torque_Nm":[1.0]}', "speed_rads: did you mean speed_rad_s?"),
@@ -182,5 +182,5 @@ def test_the_gain_of_a_report_is_one_of_the_message_as_a_search_writes_it() -> N
         (b"[]", ""),
     ],
 )  # fmt: skip
-def test_a_misspelt_key_is_answered_with_the_one_that_was_meant(payload: bytes, said: str) -> None:
-    assert misspelt(payload) == said
+def test_a_misspelt_key_is_answered_with_the_one_that_was_meant(payload: bytes, hint: str) -> None:
+    assert misspelt(payload) == hint

@@ -13,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.service import run
 from tests.program import command
 
@@ -30,16 +30,16 @@ def wait_for(condition: Callable[[], Any], what: str, patience_s: float = PATIEN
 
 
 class Listener:
-    """Gathers what the monitor says on a session, by kind."""
+    """Gathers what the monitor publishes on a session, by kind."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        self.heard: list[tuple[str, bytes]] = []
+        self.received: list[tuple[str, bytes]] = []
         self._subscriber = session.declare_subscriber(
-            "rwa/**", lambda sample: self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+            "rwa/**", lambda sample: self.received.append((str(sample.key_expr), sample.payload.to_bytes()))
         )
 
     def kind(self, kind: str) -> list[bytes]:
-        return [payload for key, payload in self.heard if key.endswith(f"/{kind}")]
+        return [payload for key, payload in self.received if key.endswith(f"/{kind}")]
 
     def status(self) -> dict[str, Any]:
         statuses = self.kind("status")
@@ -66,20 +66,20 @@ def wait_until_it_monitors(child: subprocess.Popen[str]) -> None:
 
 @contextmanager
 def monitor(session: zenoh.Session, run_options: RunOptions) -> Iterator[list[str]]:
-    """Run the monitor in a thread on an embedded session; yields what it says to its user."""
-    stop, talk, failed = Event(), [], []
+    """Run the monitor in a thread on an embedded session; yields its log."""
+    stop, log_lines, failed = Event(), [], []
 
     def target() -> None:
         try:
-            run(run_options, stop, session=session, say=talk.append)
-        except BaseException as error:  # noqa: BLE001 - told to the test below
+            run(run_options, stop, session=session, log=log_lines.append)
+        except BaseException as error:  # noqa: BLE001 - reported to the test below
             failed.append(error)
 
     thread = Thread(target=target)
     thread.start()
     try:
-        wait_for(lambda: bool(failed) or any("monitoring" in line for line in talk), "the monitor")
-        yield talk
+        wait_for(lambda: bool(failed) or any("monitoring" in line for line in log_lines), "the monitor")
+        yield log_lines
     finally:
         stop.set()
         thread.join(PATIENCE_S)

@@ -17,9 +17,8 @@ from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event
+from rwa_monitor.monitor.events import Event, outputs_of
 from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.outputs import outputs_of
 from rwa_monitor.monitor.recording.chain import read_chain
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
@@ -81,7 +80,7 @@ def run_core(core: WheelCore, parts: Sequence[Samples], publisher: str = "p", fi
     return [event for number, part in enumerate(parts) for event in core.feed(part, publisher, first + number)]
 
 
-def said(events: Sequence[Event]) -> list[tuple[str, bytes]]:
+def messages_of(events: Sequence[Event]) -> list[tuple[str, bytes]]:
     """Return what the monitor publishes about events: (key, JSON)."""
     return [(output.key, output.payload) for output in outputs_of(events, "sat", "wheel_1")]
 
@@ -116,7 +115,7 @@ def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True) -> li
     """Return the diagnosis messages of a whole table, without the partial one where only whole ones are wanted."""
     core = WheelCore(of_wheel, model())
     events = core.feed(samples)
-    return diagnoses(said(events if whole else [*events, *core.finish()]))
+    return diagnoses(messages_of(events if whole else [*events, *core.finish()]))
 
 
 _RESERVED: list[socket.socket] = []

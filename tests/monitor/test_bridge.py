@@ -123,7 +123,7 @@ def test_an_address_is_read() -> None:
     assert UdpAddress.parse("0.0.0.0:7", "--udp") == UdpAddress("0.0.0.0", 7)
 
 
-def test_an_address_that_is_taken_or_is_none_is_told() -> None:
+def test_an_address_that_is_taken_or_is_none_is_reported() -> None:
     address = free_udp()
     with listening(address), pytest.raises(RwaMonitorError, match="cannot be listened on"), listening(address):
         pass
@@ -134,9 +134,9 @@ def test_an_address_that_is_taken_or_is_none_is_told() -> None:
 @pytest.fixture
 def running(bridge: Bridge) -> Iterator[UdpAddress]:
     """Run the bridge in a thread on a real socket."""
-    stop, said = Event(), list[str]()
+    stop, log_lines = Event(), list[str]()
     with listening(UdpAddress("127.0.0.1", 0)) as receiver:
-        thread = Thread(target=run_bridge, args=(bridge, receiver, stop, said.append))
+        thread = Thread(target=run_bridge, args=(bridge, receiver, stop, log_lines.append))
         thread.start()
         try:
             yield UdpAddress(*receiver.getsockname())
@@ -205,10 +205,10 @@ def test_from_simulated_packets_over_udp_to_the_bus(tmp_path: Path) -> None:
         sending = command("simulate", "publish", "--scenario", scenario, "--speed", "60", "--batch", "8", "--udp", udp)
         done = subprocess.run(sending, capture_output=True, text=True, check=True, timeout=100)
         assert "480 of 480 samples" in done.stderr
-        wait_for(lambda: len(heard(listener)) == 480, "all samples")
+        wait_for(lambda: len(received(listener)) == 480, "all samples")
         child.send_signal(signal.SIGTERM)
         out, _ = child.communicate(timeout=60)
-        read = heard(listener)
+        read = received(listener)
     counts = json.loads(out)
     assert child.returncode == 0
     assert (counts["datagrams"], counts["decoded"], counts["samples"]) == (480, 480, 480)
@@ -218,6 +218,6 @@ def test_from_simulated_packets_over_udp_to_the_bus(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.speed_rad_s, expected.speed_rad_s, atol=5.1e-6, rtol=0)
 
 
-def heard(listener: Listener) -> Samples:
+def received(listener: Listener) -> Samples:
     parts = [SamplesMessage.parse(payload, "test").samples() for payload in listener.kind("samples")]
     return concatenate(parts) if parts else Samples(np.array([], dtype=np.int64), np.array([]))

@@ -1,4 +1,4 @@
-"""The bus: secure defaults, a bounded inbox, options that are told when wrong."""
+"""The bus: secure defaults, a bounded inbox, options that are refused when wrong."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import pytest
 import zenoh
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.monitor.bus import BusOptions, Inbox, MonitorBus, open_session, session_config
-from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill
+from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session, session_config
+from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill, Inbox
 from rwa_monitor.monitor.publisher import ReliablePublisher
 from tests.monitor.processes import wait_for
 from tests.monitor.support import KEY, free_port
@@ -27,7 +27,7 @@ def setting(options: BusOptions, key: str) -> object:
     return json.loads(session_config(options).get_json(key))
 
 
-def test_nothing_listens_and_nothing_is_searched_for_unless_told() -> None:
+def test_nothing_listens_and_nothing_is_searched_for_by_default() -> None:
     options = BusOptions()
     assert setting(options, "mode") == "peer"
     assert setting(options, "listen/endpoints") == []
@@ -39,7 +39,7 @@ def test_nothing_listens_and_nothing_is_searched_for_unless_told() -> None:
         assert session.info.links() == []
 
 
-def test_options_and_a_configuration_file_are_heard(tmp_path: Path) -> None:
+def test_options_and_a_configuration_file_count(tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text(
         '{ mode: "client", connect: { endpoints: ["tcp/127.0.0.1:1"] }, scouting: { multicast: { enabled: true } } }'
@@ -63,14 +63,14 @@ def test_options_and_a_configuration_file_are_heard(tmp_path: Path) -> None:
         (BusOptions(config=Path("does-not-exist.json5")), "does-not-exist.json5"),
     ],
 )
-def test_a_wrong_option_is_told(options: BusOptions, source: str) -> None:
+def test_a_wrong_option_is_reported(options: BusOptions, source: str) -> None:
     with pytest.raises(InputError) as caught:
         open_session(options)
     assert caught.value.source == source
     assert "\n" not in str(caught.value)
 
 
-def test_a_bus_that_cannot_be_reached_is_told() -> None:
+def test_a_bus_that_cannot_be_reached_is_reported() -> None:
     with pytest.raises(RwaMonitorError, match=r"127\.0\.0\.1:1"):
         open_session(BusOptions(mode="client", connect=("tcp/127.0.0.1:1",)))
 
@@ -102,11 +102,11 @@ def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
     assert (taken, inbox.dropped) == (list(range(100)), 0)
 
 
-# ---- what was sent before the first message that was heard ----------------------------------------------------------
+# ---- what was sent before the first message that came ----------------------------------------------------------
 
 
 class History:
-    """Publishers whose history is asked for; answers when told to."""
+    """Publishers whose history is asked for; answers when the test lets it."""
 
     def __init__(self) -> None:
         self.asked: list[Question] = []
@@ -135,7 +135,7 @@ def answer(question: Question, *found: Arrival) -> None:
     question[3]()
 
 
-def test_a_publisher_that_is_heard_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
+def test_a_publisher_that_appears_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
     history, backfill = asking()
     late, other = arrivals("late", range(8)), arrivals("other", range(2))
     assert drained(backfill, deque([late[5], other[0], late[6], other[1]])) == other
@@ -187,7 +187,7 @@ def test_what_waits_for_a_history_is_bounded() -> None:
 
 
 def fleet_of(publishers: int, kept: int) -> dict[str, list[Arrival]]:
-    """Return the messages of publishers that each keep some, and the one after them, which is heard first."""
+    """Return the messages of publishers that each keep some, and the one after them, which comes first."""
     return {f"publisher {number}": arrivals(f"publisher {number}", range(kept + 1)) for number in range(publishers)}
 
 
@@ -332,21 +332,21 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
     assert bus.missed == {}
 
 
-def hears(listening: zenoh.Session, sending: zenoh.Session) -> bool:
-    """Send a message from one session, and tell whether it arrives at the other."""
-    heard: list[bytes] = []
+def reaches(listening: zenoh.Session, sending: zenoh.Session) -> bool:
+    """Send a message from one session, and return whether it arrives at the other."""
+    received: list[bytes] = []
     with (
-        listening.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
+        listening.declare_subscriber("rwa/**", lambda sample: received.append(sample.payload.to_bytes())),
         sending.declare_publisher(KEY) as publisher,
     ):
         wait_for(lambda: bool(publisher.matching_status.matching), "a match")
         publisher.put(b"a message")
-        wait_for(lambda: bool(heard), "the message")
-    return heard == [b"a message"]
+        wait_for(lambda: bool(received), "the message")
+    return received == [b"a message"]
 
 
 @pytest.mark.parametrize("mode", ["router", "peer"])
-def test_those_who_only_connect_hear_each_other_through_whoever_listens(mode: Literal["router", "peer"]) -> None:
+def test_those_who_only_connect_reach_each_other_through_whoever_listens(mode: Literal["router", "peer"]) -> None:
     """As peers behind a router they would be silently deaf to each other."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     only_connected = BusOptions(connect=(endpoint,))
@@ -355,7 +355,7 @@ def test_those_who_only_connect_hear_each_other_through_whoever_listens(mode: Li
         open_session(only_connected) as one,
         open_session(only_connected) as other,
     ):
-        assert hears(one, other)
+        assert reaches(one, other)
 
 
 def test_who_only_connects_waits_for_whoever_comes_late() -> None:
@@ -364,4 +364,4 @@ def test_who_only_connects_waits_for_whoever_comes_late() -> None:
         open_session(BusOptions(connect=(endpoint,))) as early,
         open_session(BusOptions(mode="router", listen=(endpoint,))) as late,
     ):
-        assert hears(early, late)
+        assert reaches(early, late)

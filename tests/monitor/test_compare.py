@@ -9,7 +9,7 @@ from typing import Any
 import hypothesis.strategies as st
 from hypothesis import assume, given
 
-from rwa_monitor.monitor.compare import RELATIVE_TOLERANCE, compare, differences
+from rwa_monitor.monitor.replay import RELATIVE_TOLERANCE, compare, differences
 
 LEAVES = st.one_of(
     st.none(),

@@ -1,4 +1,4 @@
-"""Disordered, broken telemetry says the same, byte for byte, in whatever messages it comes, and over any restart.
+"""Disordered, broken telemetry gives the same, byte for byte, in whatever messages it comes, and over any restart.
 
 A message that is clean and goes straight on takes a shorter way through the core than a spoiled one. So most of the
 telemetry here is clean, and what is spoiled stands in places: with other cuts, other samples take the shorter way.
@@ -17,7 +17,7 @@ from hypothesis import example, given, settings
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
-from tests.monitor.support import WINDOW, model, pieces, resumed, said, telemetry, wheel
+from tests.monitor.support import WINDOW, messages_of, model, pieces, resumed, telemetry, wheel
 
 ROWS = 3_600
 PLACES = 24  # stretches in which something is wrong
@@ -68,11 +68,11 @@ KINDS = {"given": (None, False, True), "derived": (None, False, False), "overlap
 
 @cache
 def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[tuple[str, bytes]], object]:
-    """Return wheel, telemetry, and what a core says and counts that gets it at once."""
+    """Return wheel, telemetry, and the outputs and counts of a core that gets it at once."""
     hop, effects, given_ = KINDS[kind]
     of_wheel, samples = wheel(WINDOW, hop, effects), disordered(telemetry(ROWS, 11, given_), seed)
     core = WheelCore(of_wheel, model())
-    return of_wheel, samples, said([*core.feed(samples), *core.finish()]), core.counts
+    return of_wheel, samples, messages_of([*core.feed(samples), *core.finish()]), core.counts
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -83,7 +83,7 @@ def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[tuple[str, bytes]],
     restarts=st.sets(st.integers(0, 40), max_size=4),
 )
 @example(seed=50_230, cuts=[3_019], restarts=set())  # derived friction that stands out at the end of a block
-def test_disordered_telemetry_says_the_same_in_any_messages(
+def test_disordered_telemetry_gives_the_same_in_any_messages(
     kind: str, seed: int, cuts: list[int], restarts: set[int]
 ) -> None:
     of_wheel, samples, whole, counts = case(kind, seed)
@@ -92,16 +92,16 @@ def test_disordered_telemetry_says_the_same_in_any_messages(
         if number in restarts:
             core = resumed(core.checkpoint().to_json(), of_wheel)
         events += core.feed(part)
-    assert said([*events, *core.finish()]) == whole
+    assert messages_of([*events, *core.finish()]) == whole
     assert core.counts == counts
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [1, 64, 256])
-def test_disordered_telemetry_says_the_same_in_messages_of_one_size(kind: str, size: int) -> None:
+def test_disordered_telemetry_gives_the_same_in_messages_of_one_size(kind: str, size: int) -> None:
     of_wheel, samples, whole, counts = case(kind, 50_100)
     core, events = WheelCore(of_wheel, model()), []
     for start in range(0, len(samples), size):
         events += core.feed(samples[start : start + size])
-    assert said([*events, *core.finish()]) == whole
+    assert messages_of([*events, *core.finish()]) == whole
     assert core.counts == counts

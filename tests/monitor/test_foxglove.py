@@ -14,8 +14,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, Health, HealthAlarm, health_message
 from rwa_monitor.monitor.recording.foxglove_file import write_foxglove
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.reporting.foxglove import Translator, View, schemas
-from rwa_monitor.reporting.foxglove_layout import Seen, layout
+from rwa_monitor.reporting.foxglove import Seen, Translator, View, layout, schemas
 from tests.program import run
 
 REPLAY = Path("replay")
@@ -36,7 +35,7 @@ def topics_of(path: Path) -> Topics:
 
 
 def without_types(schema: dict[str, Any]) -> dict[str, Any]:
-    """Allow null for every plain type: Foxglove's schemas cannot say so."""
+    """Allow null for every plain type: Foxglove's schemas have no such type."""
     kind = schema.get("type")
     if kind == "object":
         fields = {name: without_types(value) for name, value in schema["properties"].items()}
@@ -85,12 +84,12 @@ def test_every_panel_of_the_layout_stands_somewhere(written: tuple[Path, Topics,
     assert panels_in(tabs[0]["layout"]) == drawn["configById"].keys() - {drawn["layout"]}
 
 
-def test_what_the_recording_says_is_there_byte_for_byte(written: tuple[Path, Topics, Any]) -> None:
+def test_what_the_recording_holds_is_there_byte_for_byte(written: tuple[Path, Topics, Any]) -> None:
     source, topics, _ = written
     recorded = [message for path in sorted(source.iterdir()) for message in read_recording(path).messages]
     for kind in ("samples", "diagnosis", "health", "changepoints", "status"):
-        told = [json.loads(message.data) for message in recorded if message.topic == f"{KEY}/{kind}"]
-        assert sorted(topics[f"{KEY}/{kind}"], key=repr) == sorted(told, key=repr)
+        recorded_content = [json.loads(message.data) for message in recorded if message.topic == f"{KEY}/{kind}"]
+        assert sorted(topics[f"{KEY}/{kind}"], key=repr) == sorted(recorded_content, key=repr)
     batches = topics[f"{KEY}/samples"]
     assert len(topics[f"{KEY}/telemetry"]) == sum(len(batch["time_ns"]) for batch in batches)
     first = topics[f"{KEY}/telemetry"][0]

@@ -12,13 +12,13 @@ from pathlib import Path
 from threading import Event
 
 from rwa_monitor.messages import samples_json
-from rwa_monitor.monitor.bus import BusOptions, Inbox, MonitorBus, open_session
-from rwa_monitor.monitor.earlier_run import Past, read_past
-from rwa_monitor.monitor.monitor import MAX_WHEELS, TICK_S, Clock, Monitor
+from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session
+from rwa_monitor.monitor.ingest.backfill import Inbox
+from rwa_monitor.monitor.monitor import MAX_WHEELS, TICK_S, Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import MAX_FLEET_FILE_BYTES, read_recording
 from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import model, telemetry, wheel
 
@@ -27,27 +27,26 @@ SLOTS, MESSAGES = 80_000, 60  # of a window that is open, and those that fill a 
 
 
 class Driven:
-    """A monitor that records, on a bus inside this process, and whose clock goes only when it is told to."""
+    """A monitor that records, on a bus inside this process, and whose clock goes only when it is set."""
 
     def __init__(self, folder: Path, of_wheel: Wheel, bus: MonitorBus, max_file_bytes: int) -> None:
         self.now_s = 0.0
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
-        options = RunOptions(wheel=of_wheel, model=model(), record=folder, tell_verdicts=False)
+        options = RunOptions(wheel=of_wheel, model=model(), record=folder, log_verdicts=False)
         recorder = Recorder(
             folder,
-            wheel_toml=of_wheel.to_toml(),
-            model_json=model().to_json(),
+            attachments=options.setup().attachments(),
             settings=options.settings(),
             predecessor=None,
             wall_ns=clock.wall_ns,
             max_file_bytes=max_file_bytes,
         )
         self.monitor = Monitor(options, bus, recorder, lambda _: None, clock)
-        self.monitor.begin(Past())
+        self.monitor.begin(RecoveredState())
         self.sent_bytes = 0
 
     def send(self, wheels: int, messages: range) -> None:
-        """Send messages of each wheel, simulated once and told on with later times."""
+        """Send messages of each wheel, simulated once and repeated with later times."""
         slots = 40 * MESSAGE
         for number in messages:
             turn, start = divmod(number * MESSAGE, slots)
@@ -120,7 +119,7 @@ def passing_of_a_restart(folder: Path, wheels: int) -> int:
         driver.send(wheels, range(MESSAGES, MESSAGES + 10))
     setup = RunOptions(wheel=wheel(SLOTS), model=model()).setup()
     with traced():
-        past = read_past(folder, setup, Event(), lambda _: None)
+        past = recover_state(folder, setup, Event(), lambda _: None)
         held, peak = tracemalloc.get_traced_memory()
     assert len(past.cores) == wheels
     return peak - held

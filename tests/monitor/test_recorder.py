@@ -28,8 +28,7 @@ Checkpoints = dict[str, Callable[[], bytes]]
 def recorder(folder: Path, max_file_bytes: int = 10**7, max_total_bytes: int | None = None) -> Recorder:
     return Recorder(
         folder,
-        wheel_toml="",
-        model_json="",
+        attachments={},
         settings={"method": "joint"},
         predecessor=None,
         wall_ns=lambda: 1,
@@ -42,7 +41,7 @@ def fed(writing: Recorder, messages: int, size: int, checkpoints: Checkpoints | 
     """Record random messages, one each 1.5 s, with checkpoints of later files; yields their numbers, and ends it."""
     rng = np.random.default_rng(1)
     for number in range(messages):
-        writing.input(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(size), number)
+        writing.write(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(size), number)
         writing.tend(number * 1.5, lambda: checkpoints or {})
         yield number
     writing.close(messages * 1.5)
@@ -52,9 +51,9 @@ def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
     writing.begin({}, now_s=0.0)
     for second in range(3):
-        writing.input(TOPICS[0], "rwa.Samples", b"%d" % second, second)
+        writing.write(TOPICS[0], "rwa.Samples", b"%d" % second, second)
         writing.tend(second + 1.0, dict)
-    writing.input(TOPICS[0], "rwa.Samples", b"late", 9)
+    writing.write(TOPICS[0], "rwa.Samples", b"late", 9)
     writing.tend(3.5, dict)
     assert writing.path is not None
     seen = [message.data for message in read_recording(writing.path).messages]
@@ -93,7 +92,7 @@ def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path
     writing = recorder(tmp_path)
     writing.begin({}, now_s=5.0)
     for hour in range(60):
-        writing.input(TOPICS[0], "rwa.Samples", b"%d" % hour, hour)
+        writing.write(TOPICS[0], "rwa.Samples", b"%d" % hour, hour)
         writing.tend(5.0 + 3_600.0 * hour, dict)
     writing.close(5.0 + 3_600.0 * 60)
     held = [[int(message.data) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
@@ -180,15 +179,15 @@ DISK_FULL = """
     from rwa_monitor.monitor.recording.recorder import Recorder
 
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system says: file too large
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system refuses: file too large
     folder = Path(sys.argv[1])
-    recorder = Recorder(folder, wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=lambda: 1)
+    recorder = Recorder(folder, attachments={}, settings={}, predecessor=None, wall_ns=lambda: 1)
     recorder.begin({}, 0.0)
     first = recorder.path
     import random
     data = random.Random(1)
     for number in range(100):
-        recorder.input("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
+        recorder.write("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
         recorder.tend(0.1 * number, dict)
         if recorder.error:
             break
@@ -202,13 +201,13 @@ DISK_FULL = """
     recorder.tend(100.0, lambda: {"a/b": lambda: b"{}"})  # the disk works again
     assert recorder.error == "", recorder.error
     assert recorder.path not in (None, first)
-    recorder.input("rwa/a/b/samples", "rwa.Samples", b"again", 999)
+    recorder.write("rwa/a/b/samples", "rwa.Samples", b"again", 999)
     recorder.close(101.0)
     print("done")
 """
 
 
-def test_a_failing_disk_is_told_survived_and_used_again_when_it_works(tmp_path: Path) -> None:
+def test_a_failing_disk_is_reported_survived_and_used_again_when_it_works(tmp_path: Path) -> None:
     result = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(DISK_FULL), str(tmp_path)],
         capture_output=True,
@@ -230,11 +229,11 @@ KILLED = """
     from rwa_monitor.monitor.recording.recorder import Recorder
 
     recorder = Recorder(
-        Path(sys.argv[1]), wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=time.time_ns
+        Path(sys.argv[1]), attachments={}, settings={}, predecessor=None, wall_ns=time.time_ns
     )
     recorder.begin({}, time.monotonic())
     for number in count():
-        recorder.input("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number)
+        recorder.write("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number)
         if number % 50 == 49:
             recorder.sync(time.monotonic())
             print(number + 1, flush=True)  # promised to be on the disk

@@ -9,7 +9,6 @@ import pytest
 from mcap.reader import make_reader
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.recording import file_bytes
 from rwa_monitor.monitor.recording import reader as recording_module
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import PassingRecording, RecordedMessage, Recording, read_recording
@@ -45,7 +44,7 @@ def test_log_times_never_go_back(tmp_path: Path) -> None:
     assert [message.log_time for message in read_recording(path).messages] == [100, 100, 100, 200]
 
 
-def test_every_cut_gives_true_messages_in_order_and_says_what_is_lost(whole: tuple[Path, list[bytes]]) -> None:
+def test_every_cut_gives_true_messages_in_order_and_reports_what_is_lost(whole: tuple[Path, list[bytes]]) -> None:
     path, payloads = whole
     data = path.read_bytes()
     cut = path.with_name("cut.mcap")
@@ -108,7 +107,7 @@ def passed(path: Path) -> Recording:
 def test_read_piece_by_piece_a_recording_is_the_same_also_cut_and_damaged(
     whole: tuple[Path, list[bytes]], piece_bytes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(file_bytes, "PIECE_BYTES", piece_bytes)
+    monkeypatch.setattr(recording_module, "PIECE_BYTES", piece_bytes)
     path, _ = whole
     data = path.read_bytes()
     assert passed(path) == read_recording(path)

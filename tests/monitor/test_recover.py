@@ -1,4 +1,4 @@
-"""Recover: what a cut or damaged recording still holds is saved, nothing false, and what is lost is told."""
+"""Recover: what a cut or damaged recording still holds is saved, nothing false, and what is lost is reported."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
-from rwa_monitor.monitor.recording import file_bytes
 from rwa_monitor.monitor.recording import reader as recording_module
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.recording.recover import recover
@@ -100,7 +99,7 @@ def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(
         target.unlink()
 
 
-def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
+def test_recover_reports_nothing_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
     path, payloads = whole
     recovery = recover(path, path.with_name("copy.mcap"))
     assert (recovery.messages, recovery.lost) == (len(payloads), ())
@@ -109,7 +108,7 @@ def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[by
 def test_recover_takes_the_memory_of_a_piece_however_large_a_file_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(file_bytes, "PIECE_BYTES", 2**16)
+    monkeypatch.setattr(recording_module, "PIECE_BYTES", 2**16)
 
     def peak(messages: int) -> int:
         path = tmp_path / f"{messages}.mcap"
@@ -148,7 +147,7 @@ def test_recover_leaves_nothing_behind_of_what_is_no_recording(tmp_path: Path) -
     assert not target.exists()
 
 
-def test_recover_tells_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
+def test_recover_reports_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
     path, saved, again = tmp_path / "holes.mcap", tmp_path / "saved.mcap", tmp_path / "again.mcap"
     wheels = ("rwa/sat/wheel_1/samples", "rwa/sat/wheel_2/samples")
     writer = RecordingWriter(path, {}, lambda: 4)

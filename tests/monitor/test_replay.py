@@ -32,7 +32,7 @@ def test_a_reference_gives_again_what_it_holds(name: str) -> None:
     assert report.compared["rwa.Changepoints"] >= 10
 
 
-def test_from_a_time_on_the_same_is_told_and_all_is_compared() -> None:
+def test_from_a_time_on_the_same_is_reported_and_all_is_compared() -> None:
     def window_ends(report: Report) -> list[int]:
         return [json.loads(message)["window_end_ns"] for topic, message in report.messages if "/diagnosis" in topic]
 
@@ -50,7 +50,7 @@ def test_the_interesting_thing_happens_in_a_reference(name: str) -> None:
     assert references.missing(BY_NAME[name], seen) == []
 
 
-def test_the_manifest_says_what_the_references_hold() -> None:
+def test_the_manifest_lists_what_the_references_hold() -> None:
     manifest = json.loads((REPLAY / references.MANIFEST).read_text(encoding="utf-8"))["recordings"]
     assert {folder.name for folder in REPLAY.iterdir() if folder.is_dir()} == set(manifest) == set(BY_NAME)
     for name, written in manifest.items():
@@ -106,7 +106,7 @@ def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
     assert len(report.long().splitlines()) == 4
 
 
-def test_the_last_bits_may_differ_but_are_told(copy: Path) -> None:
+def test_the_last_bits_may_differ_but_are_reported(copy: Path) -> None:
     def change(message: RecordedMessage) -> bytes:
         content = json.loads(message.data)
         if is_diagnosis(message):
@@ -153,7 +153,7 @@ def test_a_recording_without_a_window_is_no_success(copy: Path) -> None:
     assert any("no closed window" in note for note in report.notes)
 
 
-def test_a_damaged_chunk_is_told_and_the_rest_compared(copy: Path) -> None:
+def test_a_damaged_chunk_is_reported_and_the_rest_compared(copy: Path) -> None:
     data = copy.read_bytes()
     copy.write_bytes(data[: len(data) * 3 // 4])
     report = replay(copy)

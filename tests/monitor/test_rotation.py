@@ -20,15 +20,14 @@ import pytest
 from benchmarks.references import SilentBus
 from rwa_monitor.messages import Diagnosis, SamplesMessage, samples_json
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.earlier_run import read_past
-from rwa_monitor.monitor.monitor import Clock, Monitor
-from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.events import outputs_of
+from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.chain import file_sha256, read_chain, recordings_of
 from rwa_monitor.monitor.recording.reader import last_settings
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.state_recovery import recover_state
 from tests.monitor.support import WINDOW, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
@@ -67,23 +66,22 @@ class Run:
     folder: Path
     max_record_bytes: int | None = None
     now_s: float = 0.0
-    talk: list[str] = field(default_factory=list)
+    log_lines: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.folder.mkdir(exist_ok=True)
-        options = RunOptions(wheel=wheel(), model=model(), record=self.folder, tell_verdicts=False)
-        past = read_past(self.folder, options.setup(), Event(), self.talk.append)
+        options = RunOptions(wheel=wheel(), model=model(), record=self.folder, log_verdicts=False)
+        past = recover_state(self.folder, options.setup(), Event(), self.log_lines.append)
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
         self.recorder = Recorder(
             self.folder,
-            wheel_toml=wheel().to_toml(),
-            model_json=model().to_json(),
+            attachments=options.setup().attachments(),
             settings=options.settings(),
             predecessor=past.predecessor,
             wall_ns=clock.wall_ns,
             max_total_bytes=self.max_record_bytes,
         )
-        self.monitor = Monitor(options, SilentBus(), self.recorder, self.talk.append, clock)
+        self.monitor = Monitor(options, SilentBus(), self.recorder, self.log_lines.append, clock)
         self.monitor.begin(past)
 
     def take(self, sent: list[tuple[str, bytes]]) -> None:
@@ -124,7 +122,7 @@ def is_between(folder: Path) -> bool:
 
 
 def check(folder: Path) -> None:
-    """Check that a chain holds each diagnosis once, as `diagnose` would say it, and that each recording replays."""
+    """Check that a chain holds each diagnosis once, as `diagnose` gives it, and that each recording replays."""
     for name in WHEELS:
         assert tuple(recorded(folder, name=name)) == expected(name)
     report = replay(folder)
@@ -173,7 +171,7 @@ def test_a_kill_while_the_wheels_come_over_loses_nothing(tmp_path: Path, start: 
         crashed.append(run.killed(f"killed at {place}"))
     assert [is_between(folder) for folder in crashed] == [True, True, True, False, False]
     for folder in crashed:
-        assert go_on(start(folder)).talk[0].startswith("going on from")
+        assert go_on(start(folder)).log_lines[0].startswith("going on from")
         check(folder)
 
 
@@ -202,7 +200,7 @@ def test_a_stop_while_the_wheels_come_over_leaves_two_files_that_go_together(tmp
     assert is_between(run.folder)
     assert all(recording.finished for recording in read_chain(run.folder))
     started = start(run.folder)
-    assert started.talk[0].endswith(f"{len(WHEELS)} wheels, 52 messages")
+    assert started.log_lines[0].endswith(f"{len(WHEELS)} wheels, 52 messages")
     started.take(messages()[52:])
     started.monitor.close()
     check(run.folder)
@@ -238,7 +236,7 @@ def test_a_checkpoint_damaged_while_the_wheels_come_over_costs_nothing(tmp_path:
     data[data.index(b'"said_missing"')] ^= 1
     folder = run.killed("damaged")
     (folder / path.name).write_bytes(data)
-    assert "cannot be read" in go_on(start(folder)).talk[0]
+    assert "cannot be read" in go_on(start(folder)).log_lines[0]
     for name in WHEELS:
         assert tuple(recorded(folder, name=name)) == expected(name)
 
@@ -254,4 +252,4 @@ def test_the_file_before_stays_until_all_wheels_have_come_over(tmp_path: Path, s
     left = run.killed("left")
     killed = start(left)  # it begins a file with the state of all wheels: before that the two are needed
     assert len(recordings_of(left)) == 3
-    assert f": {len(WHEELS)} wheels," in killed.talk[0]
+    assert f": {len(WHEELS)} wheels," in killed.log_lines[0]

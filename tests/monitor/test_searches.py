@@ -19,11 +19,11 @@ import pytest
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Discrepancy, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import publish
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.searches import HAND_OVER, Searches, SearchJob, search_message
 from rwa_monitor.monitor.service import run
 from rwa_monitor.monitor.wheel_set import WheelSet
@@ -66,13 +66,13 @@ def wait_for_output(searches: Searches) -> list[Discrepancy]:
 
 
 @pytest.fixture
-def said() -> list[str]:
+def log_lines() -> list[str]:
     return []
 
 
 @pytest.fixture
-def searches(tmp_path: Path, said: list[str]) -> Iterator[Searches]:
-    made = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+def searches(tmp_path: Path, log_lines: list[str]) -> Iterator[Searches]:
+    made = Searches(WheelSet(small_wheel()), tmp_path, log_lines.append)
     yield made
     made.close()
 
@@ -100,13 +100,17 @@ def test_an_adequate_window_in_between_starts_again(searches: Searches) -> None:
     assert searches.poll() == []
 
 
-def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(searches: Searches, said: list[str]) -> None:
+def test_samples_that_cannot_be_searched_are_reported_and_nothing_is_published(
+    searches: Searches, log_lines: list[str]
+) -> None:
     searches.take_diagnosis("sat", "a", adequate=False)
     few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
     searches.take_input("sat", "a", samples_json(few, "p", 0))
     searches.take_diagnosis("sat", "a", adequate=False)
-    wait_for(lambda: searches.poll() != [] or any("could not be made" in line for line in said), "the word", LIMIT_S)
-    assert "only 5 good samples" in said[-1]
+    wait_for(
+        lambda: searches.poll() != [] or any("could not be made" in line for line in log_lines), "the line", LIMIT_S
+    )
+    assert "only 5 good samples" in log_lines[-1]
 
 
 def begun(searches: Searches, copies: int = 1) -> BaseProcess:
@@ -121,15 +125,15 @@ def begun(searches: Searches, copies: int = 1) -> BaseProcess:
     return child
 
 
-def test_nobody_waits_until_the_process_takes_its_samples(searches: Searches) -> None:
+def test_the_monitor_does_not_wait_until_the_process_takes_its_samples(searches: Searches) -> None:
     begun(searches, copies=20)  # more than a pipe holds: its process takes them when it has imported what it needs
     assert [thread.name for thread in threading.enumerate()].count(HAND_OVER) == 1
     searches.close()
     wait_for(lambda: HAND_OVER not in {thread.name for thread in threading.enumerate()}, "the thread to end")
 
 
-def test_where_no_process_can_be_started_that_is_said_and_the_next_one_is_tried(
-    searches: Searches, said: list[str], monkeypatch: pytest.MonkeyPatch
+def test_where_no_process_can_be_started_that_is_reported_and_the_next_one_is_tried(
+    searches: Searches, log_lines: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(_: object) -> None:
         raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
@@ -140,7 +144,7 @@ def test_where_no_process_can_be_started_that_is_said_and_the_next_one_is_tried(
             searches.take_diagnosis("sat", "a", adequate=False)
             searches.take_input("sat", "a", b"{}")
         assert searches.poll() == []
-        assert said[-1] == "sat/a: no process for a discrepancy search: Resource temporarily unavailable"
+        assert log_lines[-1] == "sat/a: no process for a discrepancy search: Resource temporarily unavailable"
     searches.take_diagnosis("sat", "a", adequate=True)
     begun(searches)
 
@@ -152,10 +156,10 @@ def test_close_ends_a_running_search_at_once(searches: Searches) -> None:
     assert child.exitcode == -signal.SIGKILL  # it was not waited for until it had its answer
 
 
-def test_a_search_whose_process_is_killed_is_told(searches: Searches, said: list[str]) -> None:
+def test_a_search_whose_process_is_killed_is_reported(searches: Searches, log_lines: list[str]) -> None:
     begun(searches).kill()  # as the system does where memory is short
-    wait_for(lambda: searches.poll() == [] and "ended without an answer" in said[-1], "the word that it has ended")
-    assert said[-1] == "a discrepancy search ended without an answer (exit code -9)"
+    wait_for(lambda: searches.poll() == [] and "ended without an answer" in log_lines[-1], "the line that it has ended")
+    assert log_lines[-1] == "a discrepancy search ended without an answer (exit code -9)"
 
 
 @pytest.mark.slow
@@ -166,17 +170,17 @@ def test_the_same_job_gives_the_same_message() -> None:
 
 def test_live_search_is_published_recorded_and_verified(tmp_path: Path) -> None:
     """From samples on a bus to a named cause: three windows of a wheel that its model does not fit."""
-    heard: list[bytes] = []
+    received: list[bytes] = []
     stop, found = Event(), Event()
 
     def listen(sample: object) -> None:
-        heard.append(bytes(sample.payload))  # type: ignore[attr-defined]
+        received.append(bytes(sample.payload))  # type: ignore[attr-defined]
         found.set()
 
     options = RunOptions(wheel=small_wheel(), model=built_in_model(), record=tmp_path)
     with open_session(BusOptions()) as session:
         subscriber = session.declare_subscriber("rwa/sat/a/discrepancy", listen)
-        monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": lambda _: None})
+        monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "log": lambda _: None})
         monitor.start()
         publish({"rwa/sat/a/samples": telemetry(3)}, session, speed=float("inf"), batch_samples=250, stop=Event())
         heard_in_time = found.wait(LIMIT_S)
@@ -184,11 +188,11 @@ def test_live_search_is_published_recorded_and_verified(tmp_path: Path) -> None:
         monitor.join(LIMIT_S)
         subscriber.undeclare()
     assert heard_in_time
-    message = json.loads(heard[0])
+    message = json.loads(received[0])
     assert message["effects"][0]["name"] == "quadratic_drag"
     (path,) = recordings_of(tmp_path)
     recorded = [m for m in read_recording(path).messages if m.schema == Discrepancy.schema_name()]
-    assert [m.data for m in recorded] == heard
+    assert [m.data for m in recorded] == received
     report = replay(tmp_path)
     assert report.compared[Discrepancy.schema_name()] == 1
     assert report.equal

@@ -25,10 +25,10 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.ingest.backfill import Arrival, arrival_of
-from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher, publish
+from rwa_monitor.monitor.monitor import RunOptions
+from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher, publish, replay_to_bus
 from rwa_monitor.monitor.recording.chain import read_chain
-from rwa_monitor.monitor.replay import replay, replay_to_bus
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
@@ -64,11 +64,11 @@ def statuses(listener: Listener) -> dict[str, dict[str, Any]]:
 # ---- in one process, on an embedded bus ------------------------------------------------------------------------------
 
 
-def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
+def test_an_embedded_monitor_gives_the_diagnoses_of_the_batch_and_its_recording_replays(
     session: zenoh.Session, listener: Listener, tmp_path: Path
 ) -> None:
     telemetries = {f"rwa/sat/wheel_{n}/samples": spoiled(telemetry(3 * WINDOW, n), n) for n in (1, 2)}
-    with monitor(session, options(record=tmp_path)) as talk:
+    with monitor(session, options(record=tmp_path)) as log_lines:
         sent = publish(telemetries, session, speed=math.inf, linger_s=0.0)
         wait_for(lambda: len(listener.kind("diagnosis")) >= 4, "four diagnoses")
         replies = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
@@ -85,24 +85,24 @@ def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
     assert report.equal, report.long()
     assert report.bytes_equal
     assert report.compared["rwa.Diagnosis"] == 4
-    told = [line for line in talk if line.startswith("sat/wheel_1: ")]
+    reported = [line for line in log_lines if line.startswith("sat/wheel_1: ")]
     verdicts = [json.loads(payload)["verdict"] for payload in first]
-    assert len(told) == 1 + sum(before != after for before, after in pairwise(verdicts))  # what is news, nothing twice
-    assert f": {verdicts[0]}: {json.loads(first[0])['reason']}" in told[0]
-    assert talk[-1] == "stopped: 4 windows of 2 wheels diagnosed"
+    assert len(reported) == 1 + sum(before != after for before, after in pairwise(verdicts))  # news only
+    assert f": {verdicts[0]}: {json.loads(first[0])['reason']}" in reported[0]
+    assert log_lines[-1] == "stopped: 4 windows of 2 wheels diagnosed"
     settings = [recording.settings() for recording in read_chain(tmp_path)]
     assert {(one["software"], one["build"]) for one in settings} == {(SOFTWARE, build())}
 
 
-def test_a_bus_that_is_gone_is_told_once_and_so_is_its_return() -> None:
+def test_a_bus_that_is_gone_is_reported_once_and_so_is_its_return() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus = BusOptions(connect=(endpoint,))
-    with open_session(bus) as session, monitor(session, options(bus=bus)) as talk:
-        wait_for(lambda: any("The bus is gone" in line for line in talk), "the word that nobody is there")
+    with open_session(bus) as session, monitor(session, options(bus=bus)) as log_lines:
+        wait_for(lambda: any("The bus is gone" in line for line in log_lines), "the line that the bus is gone")
         with open_session(BusOptions(listen=(endpoint,))):
-            wait_for(lambda: "connected to the bus again" in talk, "the word that somebody is")
-            told = list(talk)  # before it is gone once more
-    assert sum(endpoint in line for line in told) == 1
+            wait_for(lambda: "connected to the bus again" in log_lines, "the line that it is back")
+            reported = list(log_lines)  # before it is gone once more
+    assert sum(endpoint in line for line in reported) == 1
 
 
 BAD = (
@@ -160,7 +160,7 @@ def test_what_is_damaged_on_its_way_is_asked_for_again(
     assert replay(tmp_path).bytes_equal
 
 
-def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nobody(
+def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nothing(
     session: zenoh.Session, listener: Listener, tmp_path: Path
 ) -> None:
     samples = telemetry(WINDOW + 1)
@@ -179,20 +179,22 @@ def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nobody(
     assert refused == [b"\x91" * (start + 1) for start in range(0, len(samples), 50)]
 
 
-def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window(session: zenoh.Session, listener: Listener) -> None:
+def test_a_sensor_that_jumps_again_and_again_is_reported_once_a_window(
+    session: zenoh.Session, listener: Listener
+) -> None:
     samples = telemetry(2 * WINDOW + 100)
     friction = samples.friction_torque_Nm.copy()
     friction[40::20] *= 40.0
-    with monitor(session, options()) as talk:
+    with monitor(session, options()) as log_lines:
         publish({KEY: replace(samples, friction_torque_Nm=friction)}, session, speed=math.inf, linger_s=0.0)
         wait_for(lambda: len(listener.kind("diagnosis")) == 2, "two diagnoses")
         wait_for(lambda: listener.status().get("samples_masked", 0) > 2 * WINDOW // 20 - 10, "the masked samples")
         assert "stands out" in listener.status()["last_error"]
     assert adds_up(listener.status())
-    assert 2 <= sum("stands out" in line for line in talk) <= 3
+    assert 2 <= sum("stands out" in line for line in log_lines) <= 3
 
 
-def test_a_wild_time_is_not_told_as_that_of_the_latest_sample(session: zenoh.Session, listener: Listener) -> None:
+def test_a_wild_time_is_not_reported_as_that_of_the_latest_sample(session: zenoh.Session, listener: Listener) -> None:
     samples = telemetry(200)
     wild = Samples(np.array([1_801_000_000_000_000_000]), np.ones(1), np.ones(1))
     with monitor(session, options()):
@@ -204,15 +206,15 @@ def test_a_wild_time_is_not_told_as_that_of_the_latest_sample(session: zenoh.Ses
     assert listener.status()["last_sample_ns"] == int(samples.time_ns[-1])
 
 
-def test_a_wheel_that_cannot_be_served_is_told_in_its_status(session: zenoh.Session, listener: Listener) -> None:
+def test_a_wheel_that_cannot_be_served_is_reported_in_its_status(session: zenoh.Session, listener: Listener) -> None:
     samples = Samples(np.arange(50) * 125_000_000, np.ones(50))
-    with monitor(session, options()) as talk:
+    with monitor(session, options()) as log_lines:
         publish({KEY: samples}, session, speed=math.inf, batch_samples=10, linger_s=0.0)
         wait_for(lambda: listener.status().get("messages_rejected") == 5, "five refusals")
         session.put(KEY, b'{"time_ns":[1],"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}')
         wait_for(lambda: listener.status().get("messages_rejected") == 6, "one more")
     assert "friction_torque_nm: did you mean friction_torque_Nm?" in listener.status()["last_error"]
-    assert sum("friction_torque_Nm is missing" in line for line in talk) == 2  # once, not five times; and the other
+    assert sum("friction_torque_Nm is missing" in line for line in log_lines) == 2  # once, and the other
 
 
 def test_every_wheel_has_one_shard() -> None:
@@ -220,19 +222,19 @@ def test_every_wheel_has_one_shard() -> None:
     samples = telemetry(20)
     with open_session(BusOptions()) as session, ExitStack() as shards:
         listener = Listener(session)
-        talks = [shards.enter_context(monitor(session, options(shard=(share, 3)))) for share in (1, 2, 3)]
+        logs = [shards.enter_context(monitor(session, options(shard=(share, 3)))) for share in (1, 2, 3)]
         publish({f"rwa/s/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
 
         def complete() -> set[str]:
             return {wheel for wheel, one in statuses(listener).items() if one["samples_received"] == len(samples)}
 
         wait_for(lambda: complete() == set(names), "all samples of all wheels")
-    served = [int(*re.findall(r"^stopped: 0 windows of (\d+) wheels", talk[-1])) for talk in talks]
+    served = [int(*re.findall(r"^stopped: 0 windows of (\d+) wheels", log_lines[-1])) for log_lines in logs]
     assert all(served)
     assert sum(served) == len(names)
 
 
-def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_none_that_is_nobody_s() -> None:
+def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_no_other() -> None:
     samples = telemetry(WINDOW + 20)
     keys = ("rwa/one/*/samples", "rwa/two/*/samples", "rwa/three/w1/samples")
     names = [f"{spacecraft}/{wheel}" for spacecraft in ("one", "two", "three") for wheel in ("w1", "w2")]
@@ -242,9 +244,9 @@ def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_none_that_is_nob
             monitors.enter_context(monitor(session, options(wheels=key)))
         publish({f"rwa/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
         wait_for(lambda: len(listener.kind("diagnosis")) >= 5, "a window of each wheel but one")
-    told = sorted(key for key, _ in listener.heard if key.endswith("/diagnosis"))
-    assert told == sorted(f"rwa/{name}/diagnosis" for name in names if name != "three/w2")
-    assert not any("three/w2/status" in key for key, _ in listener.heard)
+    reported = sorted(key for key, _ in listener.received if key.endswith("/diagnosis"))
+    assert reported == sorted(f"rwa/{name}/diagnosis" for name in names if name != "three/w2")
+    assert not any("three/w2/status" in key for key, _ in listener.received)
 
 
 def test_a_recording_is_published_again_as_it_was(tmp_path: Path) -> None:
@@ -270,14 +272,14 @@ def test_a_folder_that_another_monitor_uses_is_refused(tmp_path: Path) -> None:
         monitor(session, options(record=tmp_path)),
         pytest.raises(InputError, match="another monitor"),
     ):
-        run(options(record=tmp_path), Event(), session=session, say=lambda _: None)
+        run(options(record=tmp_path), Event(), session=session, log=lambda _: None)
 
 
 # ---- in processes of their own, over TCP on loopback -----------------------------------------------------------------
 
 
 @pytest.mark.processes
-def test_two_processes_over_tcp_say_what_the_batch_says(tmp_path: Path, wheel_file: Path) -> None:
+def test_two_processes_over_tcp_give_the_diagnoses_of_the_batch(tmp_path: Path, wheel_file: Path) -> None:
     scenario, table, folder = tmp_path / "scenario.toml", tmp_path / "sent.parquet", tmp_path / "recordings"
     scenario.write_text(f"[scenario]\nduration_s = {(2 * WINDOW + 300) * 0.125}\n")
     same = ("--scenario", scenario, "--wheel", wheel_file, "--seed", "5")

@@ -1,4 +1,4 @@
-"""Samples that do not fit the wheel file: said once, whatever the cut into messages."""
+"""Samples that do not fit the wheel file: reported once, whatever the cut into messages."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def looked(samples: Samples, cut: int) -> list[Event]:
 
 @pytest.mark.parametrize("cut", [1, 7, 1000])
 @pytest.mark.parametrize("period_s", [0.05, 0.25])
-def test_another_sample_period_is_told_once(period_s: float, cut: int) -> None:
+def test_another_sample_period_is_reported_once(period_s: float, cut: int) -> None:
     (event,) = looked(ramp(1000, period_s), cut)
     assert event.period_s == pytest.approx(period_s, rel=0.1)  # type: ignore[union-attr]
 

@@ -24,7 +24,7 @@ WINDOWS = 4
 
 
 def whole_windows(samples: Samples, spacecraft: str, name: str) -> list[bytes]:
-    """Return what `diagnose` says of the windows that are full."""
+    """Return what `diagnose` gives for the windows that are full."""
     monitor = Monitor(wheel(), model(), spacecraft=spacecraft, name=name)
     return [diagnosis.to_json() for diagnosis in monitor.feed(samples)]
 

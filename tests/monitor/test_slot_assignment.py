@@ -12,19 +12,19 @@ from hypothesis import given, settings
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import EpochStarted, StraySamples, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import (
-    CHALLENGE_MESSAGES,
-    DOUBT_FACTOR,
     HOLD_BACK_MESSAGES,
+    TAKEOVER_MESSAGES,
+    UNCERTAIN_FACTOR,
     Counts,
     MessagesMissed,
     PublisherChanged,
     PublisherConflict,
 )
-from rwa_monitor.monitor.ingest.slot_assignment import OrderGuard
+from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
 from rwa_monitor.samples import Samples
 from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
 from rwa_monitor.wheel.wheel import Limits, Wheel
-from tests.monitor.support import WINDOW, adds_up, said, telemetry, wheel
+from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
 
 PERIOD_NS = 125_000_000
 
@@ -38,7 +38,7 @@ def new_core() -> WheelCore:
     return WheelCore(wheel(), None)
 
 
-def test_gaps_late_and_repeated_samples_are_told_apart() -> None:
+def test_gaps_late_and_repeated_samples_are_distinguished() -> None:
     core = new_core()
     core.feed(samples_at([0, 1, 2, 5, 6]))
     core.feed(samples_at([3]))  # passed and empty: late
@@ -78,7 +78,9 @@ def test_values_that_no_wheel_has_are_rejected_also_without_limits() -> None:
     core, clean = WheelCore(unlimited, None), WheelCore(unlimited, None)
     events = core.feed(wild)
     assert core.counts.rejected == 5
-    assert said(events) == said(clean.feed(samples[np.setdiff1d(np.arange(len(samples)), [5, 100, 101, 700, 2_000])]))
+    assert messages_of(events) == messages_of(
+        clean.feed(samples[np.setdiff1d(np.arange(len(samples)), [5, 100, 101, 700, 2_000])])
+    )
 
 
 @pytest.mark.parametrize("step", [WINDOW + 1, -WINDOW - 1, 50 * WINDOW, -3 * WINDOW])
@@ -96,7 +98,7 @@ def test_a_clock_step_of_more_than_a_window_begins_an_epoch(step: int) -> None:
 
 @pytest.mark.parametrize("size", [1, 3, 100])
 @pytest.mark.parametrize("wild", [-(2**55), 2**40, 2**60])
-def test_single_wild_times_are_rejected_and_told_however_samples_are_cut(size: int, wild: int) -> None:
+def test_single_wild_times_are_rejected_and_reported_however_samples_are_cut(size: int, wild: int) -> None:
     samples = telemetry(2 * WINDOW + 50)
     spoilt = samples[:]
     places = [0, 7, 8, 500, 1_501]
@@ -104,11 +106,11 @@ def test_single_wild_times_are_rejected_and_told_however_samples_are_cut(size: i
     core, clean = WheelCore(wheel(), None), WheelCore(wheel(), None)
     events = [event for start in range(0, len(spoilt), size) for event in core.feed(spoilt[start : start + size])]
     expected = clean.feed(samples[np.setdiff1d(np.arange(len(samples)), places)])
-    told = sum(event.count for event in events if isinstance(event, StraySamples))
+    reported = sum(event.count for event in events if isinstance(event, StraySamples))
     assert core.counts.rejected == len(places)
-    assert told == sum(MIN_TIME_NS <= time_ns <= MAX_TIME_NS for time_ns in spoilt.time_ns[places])
+    assert reported == sum(MIN_TIME_NS <= time_ns <= MAX_TIME_NS for time_ns in spoilt.time_ns[places])
     assert sum(isinstance(event, EpochStarted) for event in events) == 1
-    assert said(events) == said(expected)
+    assert messages_of(events) == messages_of(expected)
     assert adds_up(core.counts)
 
 
@@ -212,7 +214,7 @@ def test_the_end_releases_a_restarted_publisher_with_few_messages() -> None:
     core = new_core()
     for number, part in enumerate(parts):
         core.feed(part, "before" if number < 3 else "after", number if number < 3 else 0)
-    assert CHALLENGE_MESSAGES > 1
+    assert TAKEOVER_MESSAGES > 1
     assert core.counts.queued == 50
     core.finish()
     assert (core.counts.used, core.counts.queued) == (200, 0)
@@ -269,12 +271,12 @@ def test_two_publishers_that_send_in_bursts_are_not_mixed(sizes: tuple[int, int]
 
 
 def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
-    parts = batches(20 * CHALLENGE_MESSAGES)
+    parts = batches(20 * TAKEOVER_MESSAGES)
     core = new_core()
     events = core.feed(parts[0], "one", 0)
-    for number in range(1, CHALLENGE_MESSAGES + 1):
+    for number in range(1, TAKEOVER_MESSAGES + 1):
         events += core.feed(parts[number], "other", number)
-    for start in range(CHALLENGE_MESSAGES + 1, len(parts) - 8, 8):
+    for start in range(TAKEOVER_MESSAGES + 1, len(parts) - 8, 8):
         for number in range(start, start + 7):
             events += core.feed(parts[number], "one", number)
         events += core.feed(parts[start + 7], "other", start + 7)
@@ -285,7 +287,7 @@ def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
 
 
 def test_a_publisher_that_restarts_with_its_clock_set_back_is_taken_over_after_a_while() -> None:
-    parts = batches(2 * DOUBT_FACTOR * CHALLENGE_MESSAGES)
+    parts = batches(2 * UNCERTAIN_FACTOR * TAKEOVER_MESSAGES)
     core = new_core()
     for number in range(30, 60):
         core.feed(parts[number], "before", number - 30)
@@ -330,7 +332,7 @@ def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) ->
     straight, mixed = new_core(), new_core()
     expected = [event for number, part in enumerate(parts) for event in straight.feed(part, "p", number)]
     got = [event for number in order for event in mixed.feed(parts[number], "p", number)]
-    assert said(got) == said(expected)
+    assert messages_of(got) == messages_of(expected)
     assert any(isinstance(event, WindowDiagnosed) for event in expected)
     assert mixed.counts == straight.counts
 
@@ -343,7 +345,7 @@ def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) ->
 )
 def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: int, jitter: list[float]) -> None:
     """The compiled loop, against the grid's own arithmetic."""
-    guard = OrderGuard(period_ns, 100, Limits(), None, Counts())
+    guard = SlotAssignment(period_ns, 100, Limits(), None, Counts())
     grid = guard.grid = SlotGrid(origin_ns, period_ns)
     guard.frontier = frontier
     time_ns = origin_ns + (frontier + np.arange(len(jitter))) * period_ns + (np.array(jitter) * period_ns).astype(int)

@@ -1,4 +1,4 @@
-"""What a supervisor hears of the monitor: readiness, signs of life that stop when the core stalls, exit codes."""
+"""What a supervisor receives from the monitor: readiness, signs of life that stop when the core stalls, exit codes."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ import zenoh
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.recorder import FolderLock
-from rwa_monitor.monitor.run_options import RunOptions
-from rwa_monitor.monitor.service import run
-from rwa_monitor.monitor.supervisor import Supervisor
+from rwa_monitor.monitor.service import Supervisor, run
 from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import KEY, free_port, model, telemetry, wheel
 from tests.program import command
@@ -38,20 +37,20 @@ class Ear:
         self.socket.bind(str(path))
         self.socket.settimeout(0.05)
         self.environment = {"NOTIFY_SOCKET": str(path), "WATCHDOG_USEC": str(round(SILENCE_S * 1e6))}
-        self.heard: list[str] = []
+        self.received: list[str] = []
 
     def listen(self) -> list[str]:
         """Take what has arrived, and return all that did so far."""
         try:
             while True:
-                self.heard.append(self.socket.recv(4_096).decode())
+                self.received.append(self.socket.recv(4_096).decode())
         except TimeoutError:
-            return self.heard
+            return self.received
 
     def signs_during(self, seconds: float) -> int:
         """Count signs of life from now on, for a while."""
         self.listen()
-        before = self.heard.count("WATCHDOG=1")
+        before = self.received.count("WATCHDOG=1")
         Event().wait(seconds)
         return self.listen().count("WATCHDOG=1") - before
 
@@ -75,7 +74,7 @@ def ear(tmp_path: Path) -> Iterator[Ear]:
 
 
 @pytest.mark.processes
-def test_a_supervisor_hears_of_a_start_a_standstill_and_a_stop(
+def test_a_supervisor_gets_notice_of_a_start_a_standstill_and_a_stop(
     ear: Ear, wheel_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in ear.environment.items():
@@ -84,10 +83,10 @@ def test_a_supervisor_hears_of_a_start_a_standstill_and_a_stop(
     with process("run", "--wheel", wheel_file, "-l", endpoint) as child:
         wait_until_it_monitors(child)
         wait_for(lambda: "WATCHDOG=1" in ear.listen(), "a sign of life")
-        assert ear.heard[0].startswith("READY=1\nSTATUS=monitoring")
+        assert ear.received[0].startswith("READY=1\nSTATUS=monitoring")
         with standing_still(child):
             assert ear.signs_during(QUIET_S) == 0
-            before = len(ear.heard)
+            before = len(ear.received)
         wait_for(lambda: len(ear.listen()) > before, "a sign of life after the standstill")
         with standing_still(child):
             child.send_signal(signal.SIGTERM)
@@ -101,13 +100,13 @@ def test_a_supervisor_waits_for_a_start_that_goes_on(ear: Ear) -> None:
     for now_s in (0.0, 0.5, 1.0, 1.5):
         supervisor.starting(now_s)
     wait_for(lambda: len(ear.listen()) >= 2, "two words")
-    assert ear.heard == ["EXTEND_TIMEOUT_USEC=60000000"] * 2
+    assert ear.received == ["EXTEND_TIMEOUT_USEC=60000000"] * 2
 
 
 def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear: Ear) -> None:
     stop, stalls, goes_on = Event(), Event(), Event()
 
-    def say(line: str) -> None:
+    def log(line: str) -> None:
         """Stall as a terminal does whose reader has stopped reading."""
         if "message of 'p' is missing" in line:
             stalls.set()
@@ -116,7 +115,7 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
     options = RunOptions(wheel=wheel(), model=model(), status_period_s=0.05)
     with open_session(BusOptions()) as session:
         listener = Listener(session)
-        arguments: dict[str, Any] = {"session": session, "say": say, "supervisor": Supervisor(ear.environment)}
+        arguments: dict[str, Any] = {"session": session, "log": log, "supervisor": Supervisor(ear.environment)}
         thread = Thread(target=run, args=(options, stop), kwargs=arguments)
         thread.start()
         try:
@@ -125,7 +124,7 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
             for number in (0, 2, 3, 4, 5, 6, 7):  # number 1 is given up
                 session.put(KEY, samples_json(samples[100 * number : 100 * number + 100], "p", number))
             assert stalls.wait(60.0)
-            session.put("rwa/test/stalled/mark", b"")  # by then all is heard that was published before it
+            session.put("rwa/test/stalled/mark", b"")  # by then all has arrived that was published before it
             wait_for(lambda: bool(listener.kind("mark")), "what was published before")
             statuses = len(listener.kind("status"))
             assert ear.signs_during(QUIET_S) == 0
@@ -150,19 +149,19 @@ def _tokens(session: zenoh.Session) -> int:
 def test_the_token_of_a_killed_monitor_goes(wheel_file: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with open_session(BusOptions(listen=(endpoint,))) as session:
-        heard: list[zenoh.SampleKind] = []
+        received: list[zenoh.SampleKind] = []
         _subscriber = session.liveliness().declare_subscriber(
-            "rwa/@monitor/*/alive", lambda sample: heard.append(sample.kind)
+            "rwa/@monitor/*/alive", lambda sample: received.append(sample.kind)
         )
         with process("run", "--wheel", wheel_file, "-e", endpoint) as child:
             wait_until_it_monitors(child)
-            wait_for(lambda: heard == [zenoh.SampleKind.PUT], "the token")
+            wait_for(lambda: received == [zenoh.SampleKind.PUT], "the token")
             child.kill()
-            wait_for(lambda: len(heard) == 2, "the token to go")
-    assert heard == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE]
+            wait_for(lambda: len(received) == 2, "the token to go")
+    assert received == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE]
 
 
-def test_nobody_to_tell_is_no_error(tmp_path: Path) -> None:
+def test_no_supervisor_is_no_error(tmp_path: Path) -> None:
     for environment in (
         {},
         {"NOTIFY_SOCKET": str(tmp_path / "nobody"), "WATCHDOG_USEC": "1000000"},
@@ -208,7 +207,7 @@ def taken(folder: Path) -> Iterator[None]:
 
 
 @pytest.mark.processes
-def test_a_supervisor_can_tell_what_to_repeat_from_what_to_mend(tmp_path: Path, wheel_file: Path) -> None:
+def test_a_supervisor_can_distinguish_what_to_repeat_from_what_to_mend(tmp_path: Path, wheel_file: Path) -> None:
     """Exit code 1: the world may be better next time. 2: somebody must change a file or an option first."""
     broken = tmp_path / "broken.toml"
     broken.write_text("[wheel]\nname = 1\n")
@@ -228,6 +227,6 @@ def test_a_supervisor_can_tell_what_to_repeat_from_what_to_mend(tmp_path: Path, 
             for arguments in cases
         }
         for arguments, child in children.items():
-            _, talk = child.communicate(timeout=100.0)
-            assert child.returncode == cases[arguments], (arguments, talk)
-            assert "Traceback" not in talk
+            _, log_lines = child.communicate(timeout=100.0)
+            assert child.returncode == cases[arguments], (arguments, log_lines)
+            assert "Traceback" not in log_lines

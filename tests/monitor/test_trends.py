@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pytest
 
@@ -14,6 +14,10 @@ from rwa_monitor.monitor.trends import FrictionEstimate, coefficient_trend
 from rwa_monitor.simulation.datasets import FLEET_SEVERITIES, LabelledWindow, generate
 
 LIFE = 16  # windows of a wheel here
+
+
+def estimate(*values: object) -> FrictionEstimate:
+    return FrictionEstimate.model_validate(dict(zip(FrictionEstimate.model_fields, values, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ def fleet() -> list[Course]:
         length_ns = part[0].wheel.window.samples * part[0].wheel.period_ns
         estimates = {
             name: [
-                FrictionEstimate(k * length_ns, (k + 1) * length_ns, v.value, v.std, None, None, v.unit)
+                estimate(k * length_ns, (k + 1) * length_ns, v.value, v.std, None, None, v.unit)
                 for k, v in enumerate(values)
             ]
             for name, values in (("dry", [d.base_dry for d in found]), ("viscous", [d.viscous for d in found]))
@@ -60,7 +64,7 @@ def test_nothing_grows_on_wheels_that_lack_it(fleet: list[Course], name: str) ->
 
 
 @pytest.mark.parametrize(("wheel", "name"), [(1, "dry"), (2, "viscous")])
-def test_a_growth_is_found_and_its_limit_told_beforehand(fleet: list[Course], wheel: int, name: str) -> None:
+def test_a_growth_is_found_and_its_limit_predicted(fleet: list[Course], wheel: int, name: str) -> None:
     course, seen = fleet[wheel], 12
     truth = course.windows[0].telemetry.truth
     healthy = float((truth.base_dry_Nm if name == "dry" else truth.viscous_Nm_s_rad)[0])
@@ -81,7 +85,9 @@ def test_times_since_1970_lose_nothing(fleet: list[Course]) -> None:
     plain = fleet[1].estimates["dry"]
     epoch_ns = 1_800_000_000_123_456_789
     late = [
-        replace(e, window_start_ns=epoch_ns + e.window_start_ns, window_end_ns=epoch_ns + e.window_end_ns)
+        e.model_copy(
+            update={"window_start_ns": epoch_ns + e.window_start_ns, "window_end_ns": epoch_ns + e.window_end_ns}
+        )
         for e in plain
     ]
     limit = 10.0 * plain[0].value
@@ -112,9 +118,7 @@ HOUR_NS = 3_600_000_000_000
 
 def growing(step: float) -> list[FrictionEstimate]:
     """Return twelve windows of an hour in which a coefficient grows by `step` a window."""
-    return [
-        FrictionEstimate(k * HOUR_NS, (k + 1) * HOUR_NS, 1e-3 + k * step, 1e-6, 0.9e-3, 2e-3, "N m") for k in range(12)
-    ]
+    return [estimate(k * HOUR_NS, (k + 1) * HOUR_NS, 1e-3 + k * step, 1e-6, 0.9e-3, 2e-3, "N m") for k in range(12)]
 
 
 @pytest.mark.parametrize(
@@ -130,5 +134,5 @@ def growing(step: float) -> list[FrictionEstimate]:
 def test_the_sentence_names_the_limit_and_its_time(step: float, limit: float | None, end: str) -> None:
     trend = coefficient_trend("dry", growing(step), limit)
     course = "grows" if step > 0 else "falls"
-    told = rf"Base dry friction {course} by 0\.24\d mN m a day \(± \S+ µN m, p < 1e-09\) and {end}"
-    assert re.fullmatch(told, trend.sentence()), trend.sentence()
+    expected = rf"Base dry friction {course} by 0\.24\d mN m a day \(± \S+ µN m, p < 1e-09\) and {end}"
+    assert re.fullmatch(expected, trend.sentence()), trend.sentence()

@@ -13,10 +13,10 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.events import outputs_of
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.searches import jobs_of
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
 from rwa_monitor.samples import Samples
@@ -47,10 +47,10 @@ def expected(name: str, samples: Samples, of_wheel: Wheel) -> list[bytes]:
 
 
 def run_once(record: Path, own: Wheel, parts: dict[str, Samples], first: int, received: dict[str, int]) -> list[str]:
-    """Let a monitor take what is sent; returns what it says."""
+    """Let a monitor take what is sent; returns its log."""
     with open_session(BusOptions()) as session:
         listener = Listener(session)
-        with monitor(session, options(record, own)) as talk:
+        with monitor(session, options(record, own)) as log_lines:
             for name, samples in parts.items():
                 send(session, name, samples, first)
 
@@ -58,7 +58,7 @@ def run_once(record: Path, own: Wheel, parts: dict[str, Samples], first: int, re
                 return {one["wheel"]: one["samples_received"] for one in map(json.loads, listener.kind("status"))}
 
             wait_for(lambda: counted() == received, "all samples")
-    return talk
+    return log_lines
 
 
 def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_starts_anew(tmp_path: Path) -> None:
@@ -66,12 +66,12 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
     both = {name: telemetry(whole, seed) for seed, name in enumerate(("wheel_1", "wheel_2"), 1)}
     before = {name: samples[:half] for name, samples in both.items()}
     after = {name: samples[half:] for name, samples in both.items()}
-    talk = run_once(tmp_path, wheel(WINDOW // 2), before, 0, dict.fromkeys(both, half))
-    assert f"sat/wheel_1: has no wheel file of its own; it goes by {wheel().name}" in talk
-    assert not any("no wheel used" in line for line in talk)
-    talk = run_once(tmp_path, wheel(WINDOW // 4), after, half // BATCH, {"wheel_1": whole, "wheel_2": half})
-    assert not any("wheel_2: has no wheel file of its own" in line for line in talk)
-    assert any("another wheel file, model or method of sat/wheel_2: begun anew" in line for line in talk)
+    log_lines = run_once(tmp_path, wheel(WINDOW // 2), before, 0, dict.fromkeys(both, half))
+    assert f"sat/wheel_1: has no wheel file of its own; it goes by {wheel().name}" in log_lines
+    assert not any("no wheel used" in line for line in log_lines)
+    log_lines = run_once(tmp_path, wheel(WINDOW // 4), after, half // BATCH, {"wheel_1": whole, "wheel_2": half})
+    assert not any("wheel_2: has no wheel file of its own" in line for line in log_lines)
+    assert any("another wheel file, model or method of sat/wheel_2: begun anew" in line for line in log_lines)
 
     changed = [
         *expected("wheel_2", before["wheel_2"], wheel(WINDOW // 2)),
@@ -93,7 +93,7 @@ def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
     slip = RunOptions(wheel=wheel(), own_wheels={OWN: wheel(), ("sat", "wheel_l"): wheel()}, model=model())
     with open_session(BusOptions()) as session:
         listener = Listener(session)
-        with monitor(session, slip) as talk:
+        with monitor(session, slip) as log_lines:
             for name in ("wheel_1", "wheel_2"):
                 send(session, name, telemetry(BATCH, 1), 0)
 
@@ -101,12 +101,12 @@ def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
                 return {one["wheel"] for one in map(json.loads, listener.kind("status"))}
 
             wait_for(lambda: reported() == {"wheel_1", "wheel_2"}, "both wheels")
-    assert "wheel files that no wheel used: sat/wheel_l; are these the names on the bus?" in talk
+    assert "wheel files that no wheel used: sat/wheel_l; are these the names on the bus?" in log_lines
 
 
-def test_a_set_is_what_its_attachments_say() -> None:
+def test_a_set_is_what_its_attachments_hold() -> None:
     known = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
-    attachments = {COMMON: wheel().to_toml().encode(), **known.own_attachments()}
+    attachments = known.attachments()
     assert sorted(attachments) == ["wheel.toml", "wheels/sat/wheel_2.toml"]
     read = WheelSet.of_attachments(attachments | {"settings.json": b"{}"}, "here")
     assert (read.of(*OWN), read.of(*OTHER)) == (wheel(WINDOW // 2), wheel())

@@ -16,7 +16,7 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recording.reader import PassingRecording
 from rwa_monitor.monitor.recording.writer import RecordingWriter
-from rwa_monitor.monitor.state_recovery import run_passing
+from rwa_monitor.monitor.state_recovery import run_recording
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.telemetry.labels import read_labels
 from tests.monitor.support import model, telemetry, wheel
@@ -48,7 +48,7 @@ def test_a_recording_names_no_wheel_that_leads_out(name: str, tmp_path: Path) ->
     attachments = [(attached, text.encode()) for attached, text in made_with.items()]
     RecordingWriter(tmp_path / "x.mcap", attachments, lambda: 0).close()
     with pytest.raises(InputError, match=r"wheel|name"):
-        run_passing(PassingRecording(tmp_path / "x.mcap"), Event(), lambda _: None)
+        run_recording(PassingRecording(tmp_path / "x.mcap"), Event(), lambda _: None)
 
 
 def test_a_recorded_topic_names_no_wheel_that_leads_out(tmp_path: Path) -> None:

@@ -11,8 +11,7 @@ import pytest
 
 from rwa_monitor.kernels.ingest import HANGING_SLOTS, OUTSTANDING_SLOTS
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed
-from rwa_monitor.monitor.outputs import trouble_in
+from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed, trouble_in
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

@@ -10,7 +10,7 @@ by its batch number further on.
 
 After an outage, or a start of the monitor, that is so of all publishers of a fleet at once. Their answers, which may be
 whole histories, are not counted before they are here: so a few publishers are asked at a time, the others when those
-have answered, and nobody new while answers lie here that were not passed on.
+have answered, and no other while answers lie here that were not passed on.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from threading import Event
+from threading import Condition, Event
 from typing import Any, Final, NamedTuple
 
 import zenoh
@@ -30,14 +30,17 @@ TIMEOUT_S: Final = 2.0  # for an answer
 # When to ask again where something is still missing, after the answer before [s]: outages end. Then it is lost.
 PAUSES_S: Final = (0.2, 0.5, 1.0, 2.0)
 MAX_ASKED: Final = 32  # publishers whose answers are awaited at a time: as many histories may come at once
+INBOX_MESSAGES: Final = 65_536
+INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
+PATIENCE_S: Final = 2.0  # for room in the inbox; publishers give up a connection that is stuck for 5 s
 MAX_SOURCES: Final = 10_000  # publishers that are remembered; one that is forgotten is only asked again
 
 
 class Arrival(NamedTuple):
     """A message that arrived: where it was published, its content, who published it, and as which of its messages.
 
-    `source` is zid/eid of the publisher in Zenoh, "" where it does not say; `number` counts from 0. `is_gap` marks what
-    is no message, but tells that all before `number` was sent: the inbox had no room for it. `again` marks what was
+    `source` is zid/eid of the publisher in Zenoh, "" where it is not named; `number` counts from 0. `is_gap` marks what
+    is no message, but marks that all before `number` was sent: the inbox had no room for it. `again` marks what was
     asked for once more because it could not be read.
     """
 
@@ -47,6 +50,86 @@ class Arrival(NamedTuple):
     number: int = 0
     is_gap: bool = False
     again: bool = False
+
+
+class Inbox:
+    """A bounded queue from Zenoh's threads to ours.
+
+    Parameters
+    ----------
+    max_messages, max_bytes
+        What it holds at most.
+    patience_s
+        How long to wait for room, before a message is dropped and counted [s].
+
+    Attributes
+    ----------
+    dropped
+        Messages dropped so far.
+    wake
+        Set when something has arrived.
+    """
+
+    def __init__(
+        self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES, patience_s: float = PATIENCE_S
+    ) -> None:
+        self.max_messages = max_messages
+        self.max_bytes = max_bytes
+        self.patience_s = patience_s
+        self.dropped = 0
+        self.wake = Event()
+        self._messages: deque[Arrival] = deque()
+        self._lost: dict[str, Arrival] = {}  # of each publisher the last message that was dropped, without its content
+        self._bytes = 0
+        self._room = Condition()  # held for a few operations only
+        self._patient = True
+
+    def __len__(self) -> int:
+        """Count the messages that wait."""
+        return len(self._messages)
+
+    def put(self, key: str, payload: bytes, source: str = "", number: int = 0) -> None:
+        """Append a message; when full, wait for room, or drop and count it after a while."""
+        message = Arrival(key, payload, source, number)
+        with self._room:
+            # A reader that stands still costs the wait once, not once for each message.
+            if not self._fits(message) and not (
+                self._patient and self._room.wait_for(lambda: self._fits(message), self.patience_s)
+            ):
+                self._patient = False
+                self.dropped += 1
+                if source and (source in self._lost or len(self._lost) < MAX_SOURCES):
+                    self._lost[source] = message._replace(payload=b"")
+            else:
+                self._messages.append(message)
+                self._bytes += len(message.payload)
+        self.wake.set()
+
+    def take(self) -> Arrival | None:
+        """Return the oldest message, or None when there is none."""
+        with self._room:
+            if not self._messages:
+                return None
+            message = self._messages.popleft()
+            self._bytes -= len(message.payload)
+            self._patient = True
+            self._room.notify_all()
+            return message
+
+    def take_lost(self) -> list[Arrival]:
+        """Return the last message of each publisher that was dropped since the last call, without its content."""
+        with self._room:
+            lost, self._lost = list(self._lost.values()), {}
+            return lost
+
+    def close(self) -> None:
+        """End all waiting."""
+        with self._room:
+            self.patience_s = 0.0
+            self._room.notify_all()
+
+    def _fits(self, message: Arrival) -> bool:
+        return len(self._messages) < self.max_messages and self._bytes + len(message.payload) <= self.max_bytes
 
 
 # Asks for what a publisher sent before a message, from a number on; calls the first function for each answer, and the
@@ -79,11 +162,11 @@ class _Gap:
             self.found_bytes += len(message.payload)
 
     def is_awaited(self, now_s: float) -> bool:
-        """Tell whether an answer is awaited."""
+        """Return whether an answer is awaited."""
         return self.asked_s is not None and self.answered_s is None and now_s < self.asked_s + TIMEOUT_S
 
     def is_closed(self) -> bool:
-        """Tell whether all that was missing was found."""
+        """Return whether all that was missing was found."""
         return len(self.found) >= self.before.number - self.first
 
 
@@ -240,7 +323,7 @@ class Backfill:
         if gap.unread is not None:
             found = {gap.first: found.get(gap.first, gap.unread)._replace(again=True)}
         lost = gap.before.number - gap.first - len(found)
-        if lost > 0 and gap.first > 0:  # what a publisher sent before we ever heard of it, nobody misses
+        if lost > 0 and gap.first > 0:  # what a publisher sent before its first message here does not count
             self.missed[gap.before.key] = self.missed.get(gap.before.key, 0) + lost
         for number in sorted(found):
             self._pass(found[number])

@@ -1,6 +1,6 @@
 """Sorts whole messages: those of one publisher into the order of their numbers, and a second live publisher out.
 
-Knows no clock: what is decided depends on the messages alone, so that a replay decides alike.
+It has no clock: what is decided depends on the messages alone, so that a replay decides alike.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from rwa_monitor.samples import Samples
 # only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
 HOLD_BACK_MESSAGES: Final = 4
 # A new publisher takes over after this many messages without one of the old: a restart. Until then they wait.
-CHALLENGE_MESSAGES: Final = 3
+TAKEOVER_MESSAGES: Final = 3
 # They must also hold as many samples as this many messages of the old one, of which so many samples count at most: two
 # publishers of different message sizes must not take turns.
-CHALLENGE_SAMPLES: Final = 2_048
+TAKEOVER_SAMPLES: Final = 2_048
 # So many times longer must the old one have been silent where a second live publisher is more likely than a restart.
-DOUBT_FACTOR: Final = 10
+UNCERTAIN_FACTOR: Final = 10
 # Names of replaced publishers that are remembered.
 MAX_REPLACED: Final = 8
-# Numbers of skipped batches that are remembered, to tell a late sample from a repeated one.
+# Numbers of skipped batches that are remembered, to distinguish a late sample from a repeated one.
 MAX_SKIPPED: Final = 1_000
 
 
@@ -66,7 +66,7 @@ class Counts:
 
 
 class Batch(NamedTuple):
-    """One message of samples: who sent it ("" when it does not say), its number (None likewise), the samples.
+    """One message of samples: who sent it ("" where it is not named), its number (None likewise), the samples.
 
     `passed` is True for a number that was given up as missing: its samples come late and never step the clock.
     """
@@ -110,11 +110,11 @@ SequenceEvent = PublisherChanged | PublisherConflict | MessagesMissed
 class Sequencer:
     """Puts the messages of a wheel's publisher in order and keeps a second publisher out.
 
-    A publisher is the current one until another has sent `CHALLENGE_MESSAGES` messages, with as many samples as that
+    A publisher is the current one until another has sent `TAKEOVER_MESSAGES` messages, with as many samples as that
     many of the current one, without one of the current publisher between them; those wait (`queued`) and are then
-    taken. If the current one speaks again first, the other's messages are rejected as a conflict. Names are new at each
+    taken. If the current one sends again first, the other's messages are rejected as a conflict. Names are new at each
     start of a publisher: one that was replaced before, or that sends times which the current one has sent already, is
-    more likely a second live publisher than a restart, and waits `DOUBT_FACTOR` times longer.
+    more likely a second live publisher than a restart, and waits `UNCERTAIN_FACTOR` times longer.
     """
 
     counts: Counts
@@ -122,8 +122,8 @@ class Sequencer:
     expected: int | None = None
     held: dict[int, Batch] = field(default_factory=dict)
     skipped: dict[int, None] = field(default_factory=dict)  # an ordered set
-    challenge: list[Batch] = field(default_factory=list)
-    challenge_doubtful: bool = False
+    takeover: list[Batch] = field(default_factory=list)
+    takeover_uncertain: bool = False
     largest: int = 0  # samples of the current publisher's largest message
     replaced: list[str] = field(default_factory=list)
     latest_ns: int | None = None  # median time of the current publisher's latest message, before any step of its clock
@@ -144,9 +144,9 @@ class Sequencer:
         if self.current is None:
             self._begin(batch)
         if batch.publisher != self.current:
-            return self._challenged_by(batch, frontier_ns)
+            return self._other_publisher(batch, frontier_ns)
         self.largest = max(self.largest, count)
-        events = self._end_challenge() if self.challenge else []
+        events = self._reject_takeover() if self.takeover else []
         ready, more = self._in_order(batch, frontier_ns)
         self._remember_time(batch)
         return ready, events + more
@@ -154,9 +154,9 @@ class Sequencer:
     def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         """Release everything that waits, in order: nothing more will come."""
         ready, events = self._release(len(self.held))
-        if self.challenge_doubtful:
-            events += self._end_challenge()
-        if self.challenge:
+        if self.takeover_uncertain:
+            events += self._reject_takeover()
+        if self.takeover:
             more_ready, more_events = self._take_over(frontier_ns)
             last_ready, last_events = self._release(len(self.held))
             ready += more_ready + last_ready
@@ -173,40 +173,40 @@ class Sequencer:
         # A publisher whose first message overtook others has small numbers; one that we join late has any.
         self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
 
-    def _challenged_by(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+    def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         events: list[SequenceEvent] = []
-        if self.challenge and self.challenge[0].publisher != batch.publisher:
-            events += self._end_challenge()
-        if not self.challenge:
+        if self.takeover and self.takeover[0].publisher != batch.publisher:
+            events += self._reject_takeover()
+        if not self.takeover:
             repeats = frontier_ns is not None and len(batch.samples) > 0 and batch.samples.time_ns[-1] <= frontier_ns
-            self.challenge_doubtful = bool(repeats) or batch.publisher in self.replaced
-        self.challenge.append(batch)
-        if not self._convinces():
+            self.takeover_uncertain = bool(repeats) or batch.publisher in self.replaced
+        self.takeover.append(batch)
+        if not self._is_restart():
             return [], events
         left, left_events = self._release(len(self.held))
         ready, more = self._take_over(frontier_ns)
         return left + ready, [*events, *left_events, *more]
 
-    def _convinces(self) -> bool:
-        """Tell whether the challenge is long enough for a restart."""
-        messages = CHALLENGE_MESSAGES * (DOUBT_FACTOR if self.challenge_doubtful else 1)
-        samples = messages * min(self.largest, CHALLENGE_SAMPLES)
-        return len(self.challenge) >= messages and sum(len(batch.samples) for batch in self.challenge) >= samples
+    def _is_restart(self) -> bool:
+        """Return whether the other publisher has sent enough for a restart."""
+        messages = TAKEOVER_MESSAGES * (UNCERTAIN_FACTOR if self.takeover_uncertain else 1)
+        samples = messages * min(self.largest, TAKEOVER_SAMPLES)
+        return len(self.takeover) >= messages and sum(len(batch.samples) for batch in self.takeover) >= samples
 
-    def _end_challenge(self) -> list[SequenceEvent]:
+    def _reject_takeover(self) -> list[SequenceEvent]:
         """Reject what a second publisher sent while the current one is alive."""
-        if not self.challenge:
+        if not self.takeover:
             return []
-        count = sum(len(batch.samples) for batch in self.challenge)
-        refused = self.challenge[0].publisher
-        self.challenge.clear()
-        self.challenge_doubtful = False
+        count = sum(len(batch.samples) for batch in self.takeover)
+        refused = self.takeover[0].publisher
+        self.takeover.clear()
+        self.takeover_uncertain = False
         self.counts.queued -= count
         self.counts.rejected += count
         return [PublisherConflict(current=self.current or "", refused=refused, samples=count)]
 
     def _take_over(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        batches, self.challenge, self.challenge_doubtful = self.challenge, [], False
+        batches, self.takeover, self.takeover_uncertain = self.takeover, [], False
         if self.current is not None:
             self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
         events: list[SequenceEvent] = [PublisherChanged(before=self.current or "", after=batches[0].publisher)]

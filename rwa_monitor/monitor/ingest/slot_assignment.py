@@ -2,7 +2,7 @@
 
     received = used + masked + late + duplicate + rejected + queued, always.
 
-Knows no clock of the machine: what is decided depends on the samples alone, and not on how they are cut into messages.
+It has no clock of the machine: what is decided depends on the samples alone, and not on how they are cut into messages.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ class Piece(NamedTuple):
     waits: bool = False
 
 
-class OrderGuard:
+class SlotAssignment:
     """Gives samples their slots and counts what becomes of each.
 
     An epoch begins with two samples that agree: a sample more than a window away from the last one waits for the next.
@@ -139,7 +139,7 @@ class OrderGuard:
         self.last_ns: int | None = None
 
     def is_clean(self, samples: Samples) -> bool:
-        """Tell whether all samples can be telemetry of this wheel and every value is there, as nearly always."""
+        """Return whether all samples can be telemetry of this wheel and every value is there, as nearly always."""
         if not all_between(samples.time_ns, MIN_TIME_NS, MAX_TIME_NS):
             return False
         for values, limit in zip(_channels_of(samples), self._limits, strict=True):
@@ -182,7 +182,7 @@ class OrderGuard:
         start
             First row, below n.
         is_filled
-            Tells which slots behind the frontier a sample came for.
+            Returns which slots behind the frontier a sample came for.
         passed
             Whether these are samples of a message that was given up: they come late and never step the clock.
         last
@@ -223,7 +223,7 @@ class OrderGuard:
         return Piece(following, stray=True)
 
     def _agree(self, grid: SlotGrid, next_ns: int) -> bool:
-        """Tell whether the next sample lies near slot 0 of a new grid, and nearer than to the last sample."""
+        """Return whether the next sample lies near slot 0 of a new grid, and nearer than to the last sample."""
         distance = abs(grid.slot_of(next_ns))
         return distance <= self.window_slots and (self.grid is None or distance < self._distance(self.grid, next_ns))
 

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Final
-
-from mcap.writer import CompressionType, Writer
+from typing import Final
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import MESSAGES, dump_json
+from rwa_monitor.messages import MESSAGES
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.reporting.foxglove import Translator, View, schemas
-from rwa_monitor.reporting.foxglove_layout import Seen, layout
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.monitor.recording.writer import TopicWriter
+from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 
+CHUNK_BYTES: Final = 2**20  # read at once by whoever opens the file, not written while a monitor runs
 LAYOUT_SUFFIX: Final = ".layout.json"
 PUBLISHED: Final = frozenset(message.schema_name() for message in MESSAGES)
 
@@ -49,7 +47,7 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
     messages, problems = 0, list[str]()
     try:
         with target.open("xb") as stream:
-            writer = _ViewWriter(stream)
+            writer = TopicWriter(stream, schemas(), chunk_bytes=CHUNK_BYTES)
             for file in files:
                 recording = read_recording(file)
                 problems += [f"{file}: {problem}" for problem in recording.problems]
@@ -59,7 +57,8 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
                     if message.schema in PUBLISHED
                     for view in translator.translate(message.topic, message.data)
                 ]
-                writer.write(sorted(views, key=lambda view: view.time_ns))
+                for view in sorted(views, key=lambda view: view.time_ns):
+                    writer.write(view.topic, view.schema, view.payload, view.time_ns, view.time_ns)
                 seen.add(views)
                 messages += len(views)
             writer.finish()
@@ -70,30 +69,3 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
     except OSError as error:
         raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
     return FoxgloveFile(layout_path, messages, tuple(problems))
-
-
-class _ViewWriter:
-    """Writes messages for Foxglove as MCAP."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._known = schemas()
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[str, int] = {}
-        self._writer = Writer(stream, compression=CompressionType.ZSTD)
-        self._writer.start(library=SOFTWARE)
-
-    def write(self, views: Sequence[View]) -> None:
-        """Write messages, in the order given; each brings its schema and channel along when they are new."""
-        for view in views:
-            if view.schema not in self._schemas:
-                data = dump_json(self._known[view.schema])
-                self._schemas[view.schema] = self._writer.register_schema(view.schema, "jsonschema", data)
-            if view.topic not in self._channels:
-                self._channels[view.topic] = self._writer.register_channel(
-                    view.topic, "json", self._schemas[view.schema]
-                )
-            self._writer.add_message(self._channels[view.topic], view.time_ns, view.payload, view.time_ns)
-
-    def finish(self) -> None:
-        """Write the end of the file."""
-        self._writer.finish()  # type: ignore[no-untyped-call]

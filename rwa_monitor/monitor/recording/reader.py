@@ -1,11 +1,11 @@
 """Reads recordings: MCAP files in which every byte that is believed has passed its checksum.
 
-The mcap package's own readers check no CRC unless told to, skip those of attachments always, and give nothing of a file
+The mcap package's own readers check no CRC by default, skip those of attachments always, and give nothing of a file
 that was cut. This reader walks over the records itself (one byte opcode, eight bytes length, content), keeps what is
-whole, and says what is not.
+whole, and reports what is not.
 
 A file may be made to do harm: a few bytes that unpack to gigabytes, a million beginnings of chunks that are none. What
-it says of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
+it states of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
 file that exceeds a limit is refused.
 """
 
@@ -17,9 +17,11 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from io import SEEK_END, BytesIO
+from errno import EIO
+from io import SEEK_END, BytesIO, FileIO
+from operator import index
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol, SupportsIndex, overload
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -29,8 +31,7 @@ from mcap.records import Message as McapMessage
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.recording.file_bytes import Content, FileBytes
-from rwa_monitor.telemetry.files import display_name, read_bytes, unreadable
+from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, read_bytes, unreadable
 from rwa_monitor.words import counted
 
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
@@ -49,6 +50,7 @@ _HEAD_BYTES: Final = 9  # opcode and length
 _FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
 _COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
+_CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
 _ATTACHMENT_NAME: Final = 8 + 8  # where the name of an attachment begins, with its length, after two times
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
@@ -194,6 +196,70 @@ class PassingRecording:
                     yield part
         except OSError as error:
             raise unreadable(path, error) from error
+
+
+class Content(Protocol):
+    """What a reader needs of a file's content; `bytes` and `FileBytes` are such."""
+
+    def __len__(self) -> int: ...
+
+    @overload
+    def __getitem__(self, key: SupportsIndex, /) -> int: ...
+
+    @overload
+    def __getitem__(self, key: slice, /) -> bytes: ...
+
+    def find(self, sub: bytes, start: int, /) -> int: ...
+
+
+class FileBytes:
+    """The content of a file as if it were in memory, of which only a piece is."""
+
+    def __init__(self, file: FileIO, size: int) -> None:
+        self._file = file
+        self._size = size
+        self._begin = 0
+        self._piece = b""
+
+    def __len__(self) -> int:
+        return self._size
+
+    @overload
+    def __getitem__(self, key: SupportsIndex, /) -> int: ...
+
+    @overload
+    def __getitem__(self, key: slice, /) -> bytes: ...
+
+    def __getitem__(self, key: SupportsIndex | slice, /) -> int | bytes:
+        if not isinstance(key, slice):
+            return self._between(index(key), index(key) + 1)[0]
+        start, stop, _ = key.indices(self._size)
+        return self._between(start, max(start, stop))
+
+    def find(self, sub: bytes, start: int, /) -> int:
+        """Return where some bytes are found first from `start` on, -1 where they are not."""
+        while start + len(sub) <= self._size:
+            stop = min(start + PIECE_BYTES, self._size)
+            if (found := self._between(start, stop).find(sub)) >= 0:
+                return start + found
+            start = stop - len(sub) + 1  # what is looked for may lie across the border
+        return -1
+
+    def _between(self, start: int, stop: int) -> bytes:
+        if not self._begin <= start <= stop <= self._begin + len(self._piece):
+            self._file.seek(start)
+            self._begin, self._piece = start, self._read(max(stop - start, min(PIECE_BYTES, self._size - start)))
+        return self._piece[start - self._begin : stop - self._begin]
+
+    def _read(self, count: int) -> bytes:
+        pieces = []
+        while count > 0:
+            piece = self._file.read(count)
+            if not piece:
+                raise OSError(EIO, "it became shorter while it was read")
+            pieces.append(piece)
+            count -= len(piece)
+        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
 
 class _Walk:
@@ -348,7 +414,7 @@ class _Walk:
         return len(self.data)
 
     def _is_chunk(self, start: int, stop: int) -> bool:
-        """Tell whether a whole chunk lies between two positions; looks at its head before it copies anything."""
+        """Return whether a whole chunk lies between two positions; looks at its head before it copies anything."""
         opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self.data[start : start + _CHUNK_HEAD.size])
         data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
         length = int.from_bytes(self.data[data - 8 : data], "little")
@@ -364,7 +430,7 @@ class _Walk:
 
 
 def _is_ignored(opcode: int, content: bytes) -> bool:
-    """Tell whether this is a record from which nothing is taken, as it has no checksum of its own.
+    """Return whether this is a record from which nothing is taken, as it has no checksum of its own.
 
     Its lengths must agree: a chunk whose opcode has a flipped bit must not pass for one, and be lost without a word.
     """
@@ -389,7 +455,7 @@ def _believed_attachment(content: bytes) -> Attachment | None:
 
 
 def _believable(chunk: Chunk) -> bool:
-    """Tell whether a chunk has a checksum, and a size that may be unpacked."""
+    """Return whether a chunk has a checksum, and a size that may be unpacked."""
     if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
         return False
     if chunk.compression == "zstd":
@@ -397,50 +463,14 @@ def _believable(chunk: Chunk) -> bool:
     return chunk.compression == ""
 
 
-def time_span(path: Path) -> tuple[int, int] | None:
-    """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it tells none.
-
-    From the heads of its chunks alone, which no checksum guards: to show, and for nothing else. What a recording holds
-    before the first sample bears no time (0) and does not count.
+def _heads(path: Path) -> Iterator[tuple[int, int, BinaryIO]]:
+    """Yield opcode and length of each record before the end of the data, and the file, which stands behind the head.
 
     Raises
     ------
     InputError
         If the file cannot be read.
     """
-    first_ns: int | None = None
-    last_ns = 0
-    try:
-        with path.open("rb") as file:
-            size = file.seek(0, SEEK_END)
-            position = len(MCAP0_MAGIC)
-            for _ in range(MAX_RECORDS):
-                file.seek(position)
-                head = file.read(_CHUNK_HEAD.size)
-                if len(head) < _CHUNK_HEAD.size:
-                    break
-                opcode, length, start_ns, end_ns, *_ = _CHUNK_HEAD.unpack(head)
-                position += _HEAD_BYTES + length
-                if opcode == Opcode.DATA_END or position > size:
-                    break
-                if opcode == Opcode.CHUNK and end_ns:
-                    first_ns = first_ns or start_ns or end_ns
-                    last_ns = max(last_ns, end_ns)
-    except OSError as error:
-        raise unreadable(path, error) from error
-    return None if first_ns is None else (first_ns, last_ns)
-
-
-def last_settings(path: Path) -> dict[str, Any]:
-    """Return the settings that a recording was given last, empty where it tells none; all else is passed over unread.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
-    recording = Recording(path)
-    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
     try:
         with path.open("rb") as file:
             size = file.seek(0, SEEK_END)
@@ -454,13 +484,49 @@ def last_settings(path: Path) -> dict[str, Any]:
                 position += _HEAD_BYTES + length
                 if opcode == Opcode.DATA_END or position > size:
                     break
-                if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
-                    continue
-                begin = file.read(_ATTACHMENT_NAME + len(named))
-                if begin[_ATTACHMENT_NAME:] == named:
-                    content = begin + file.read(length - len(begin))
-                    if attachment := _believed_attachment(content):
-                        recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
+                yield opcode, length, file
     except OSError as error:
         raise unreadable(path, error) from error
+
+
+def time_span(path: Path) -> tuple[int, int] | None:
+    """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it has none.
+
+    From the heads of its chunks alone, which no checksum guards: to show, and for nothing else. What a recording holds
+    before the first sample bears no time (0) and does not count.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    first_ns: int | None = None
+    last_ns = 0
+    for opcode, length, file in _heads(path):
+        if opcode == Opcode.CHUNK and length >= _CHUNK_SPAN.size:
+            start_ns, end_ns = _CHUNK_SPAN.unpack(file.read(_CHUNK_SPAN.size))
+            if end_ns:
+                first_ns = first_ns or start_ns or end_ns
+                last_ns = max(last_ns, end_ns)
+    return None if first_ns is None else (first_ns, last_ns)
+
+
+def last_settings(path: Path) -> dict[str, Any]:
+    """Return the settings that a recording was given last, empty where it has none; all else is passed over unread.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    recording = Recording(path)
+    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
+    for opcode, length, file in _heads(path):
+        if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
+            continue
+        begin = file.read(_ATTACHMENT_NAME + len(named))
+        if begin[_ATTACHMENT_NAME:] == named:
+            content = begin + file.read(length - len(begin))
+            if attachment := _believed_attachment(content):
+                recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
     return recording.settings() if recording.attachments else {}

@@ -2,7 +2,7 @@
 
 A recording carries the wheel, the model, all settings, the name and hash of its predecessor, and a checkpoint of every
 wheel at its beginning, as attachments. Its messages are, in this order: inputs as they came, before they are processed
-(those that were refused on the topic {key}/refused), then what the monitor said of them.
+(those that were refused on the topic {key}/refused), then the outputs for them.
 
 Log times are the wheels' own clock, so that two runs on the same inputs write the same messages: the time of the latest
 sample of the message, or that of the message before where this would go back (several wheels, a clock that stepped).
@@ -11,8 +11,8 @@ disk at least every second and at each closed window.
 
 When a recording is full the next one is begun, and the state of one wheel after the other is brought over while all go
 on: until a wheel's checkpoint stands in the new file, its messages go on into the one before. So the new file holds,
-of each wheel, a checkpoint before its first message, and is replayed by itself; only for as long as it says that it has
-the checkpoints of some wheels ("checkpoints" in settings.json), a monitor that is started needs the one before, too.
+of each wheel, a checkpoint before its first message, and is replayed by itself; only while it has the checkpoints of
+some wheels ("checkpoints" in settings.json), a monitor that is started needs the one before, too.
 Before a checkpoint is written, all that its state was made of is brought to the disk. When all wheels are there the
 file before is ended, and its hash is attached to the new one with the settings once more.
 
@@ -28,7 +28,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, Self
 
 from rwa_monitor.errors import InputError
@@ -45,7 +44,7 @@ from rwa_monitor.telemetry.files import make_folder
 from rwa_monitor.version import SOFTWARE
 
 RECORDING_VERSION: Final = 1
-MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; rebuilding from one takes some seconds
+MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
 MAX_FILE_AGE_S: Final = 24 * 3600.0
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
@@ -80,9 +79,9 @@ class Predecessor:
         return {self.name} | (self.rest.names() if self.rest else set())
 
     def to_settings(self) -> dict[str, Any]:
-        """Return what a recording says of it."""
-        told: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
-        return told if self.rest is None else told | {"rest": self.rest.to_settings()}
+        """Return what a recording holds of it."""
+        named: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
+        return named if self.rest is None else named | {"rest": self.rest.to_settings()}
 
 
 class Recorder:
@@ -92,10 +91,10 @@ class Recorder:
     ----------
     folder
         Made if it does not exist.
-    wheel_toml, model_json, settings
-        Attached to every file; `settings` gets the version, the software and the predecessor added.
-    own_wheels
-        Further attachments by name: the constants of single wheels.
+    attachments
+        Of every file, by name.
+    settings
+        Attached to every file, with the version, the software and the predecessor added.
     predecessor
         The last recording in the folder, None in an empty one.
     wall_ns
@@ -120,18 +119,16 @@ class Recorder:
         self,
         folder: Path,
         *,
-        wheel_toml: str,
-        model_json: str,
+        attachments: Mapping[str, bytes],
         settings: dict[str, Any],
         predecessor: Predecessor | None,
         wall_ns: Callable[[], int],
         max_file_bytes: int = MAX_FILE_BYTES,
         max_total_bytes: int | None = None,
-        own_wheels: Mapping[str, bytes] = MappingProxyType({}),
     ) -> None:
         self.folder = folder
         self.error = ""
-        self._attachments = {"wheel.toml": wheel_toml.encode(), **own_wheels, "model.json": model_json.encode()}
+        self._attachments = attachments
         self._settings = settings
         self._predecessor = predecessor
         self._wall_ns = wall_ns
@@ -202,7 +199,7 @@ class Recorder:
     def _settings_of(
         self, predecessor: Predecessor | None, which: str, inherited: Sequence[RecordedOutput] = ()
     ) -> bytes:
-        """Return what a recording says of itself."""
+        """Return the settings that a recording holds."""
         return dump_json(
             {
                 **self._settings,
@@ -214,20 +211,12 @@ class Recorder:
             }
         )
 
-    def input(self, key: str, schema: str, payload: bytes, time_ns: int) -> None:
-        """Record a message that is about to be processed."""
-        self._write(key, schema, payload, time_ns)
-
     def refused(self, key: str, payload: bytes) -> None:
         """Record a message that was refused, as it came (the first 8 MiB of it)."""
         if key not in self._refused_topics and len(self._refused_topics) >= MAX_REFUSED_TOPICS:
             key = "rwa"
         self._refused_topics.add(key)
-        self._write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
-
-    def output(self, key: str, schema: str, payload: bytes, time_ns: int | None) -> None:
-        """Record what the monitor says."""
-        self._write(key, schema, payload, time_ns)
+        self.write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
 
     def sync(self, now_s: float) -> None:
         """Bring everything to the disk now."""
@@ -293,7 +282,7 @@ class Recorder:
         assert self._writer is not None
         self._moved_s = now_s
         try:
-            # A state must not come to the disk before all that it was made of, nor what was said of it be lost.
+            # A state must not come to the disk before all that it was made of, nor its outputs be lost.
             self._ending.sync()
             moved = 0
             while self._left and moved < min(MOVED_BYTES, self._max_file_bytes):
@@ -311,7 +300,7 @@ class Recorder:
             self._fail(error, now_s)
 
     def _end(self, which: str) -> Predecessor | None:
-        """Close the file before, and let the new one say what it was; return that, None where there is none."""
+        """Close the file before, and write into the new one what it was; return that, None where there is none."""
         if self._ending is None or self._writer is None:
             return None
         self._ending.close()
@@ -347,7 +336,8 @@ class Recorder:
         self._predecessor = predecessor_of(self._writer.path, rest)
         self._writer, self._ending, self._left = None, None, {}
 
-    def _write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        """Record a message: an input before it is processed, or an output; `time_ns` None where it has no time."""
         writer = self._writer
         if self._left and _wheel_of(topic) in self._left:
             writer = self._ending

@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from mcap.writer import CompressionType, Writer
-
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
+from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, dump_json
 from rwa_monitor.monitor.recording.reader import (
     CHANNELS_ATTACHMENT,
     Attached,
@@ -18,8 +16,7 @@ from rwa_monitor.monitor.recording.reader import (
     RecordedMessage,
     Recording,
 )
-from rwa_monitor.monitor.recording.writer import CHUNK_BYTES, PROFILE
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.monitor.recording.writer import PROFILE, TopicWriter, message_schemas
 from rwa_monitor.words import counted, is_or_are, time_text
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
@@ -48,7 +45,7 @@ def recover(source: Path, target: Path) -> Recovery:
     """Copy what `source` still holds into a whole recording `target`.
 
     Times, topics and bytes of messages and attachments stay as they are, and so does their order; of a large file only
-    a piece is in memory. The new file says in an attachment what it was made from and what was lost.
+    a piece is in memory. The new file holds in an attachment what it was made from and what was lost.
 
     Raises
     ------
@@ -59,7 +56,7 @@ def recover(source: Path, target: Path) -> Recovery:
     try:
         with target.open("xb") as file:
             try:
-                copy = _Copy(Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD))
+                copy = _Copy(TopicWriter(file, message_schemas(), PROFILE))
                 for part in passing.parts():
                     copy.add(part)
             except InputError:
@@ -73,7 +70,7 @@ def recover(source: Path, target: Path) -> Recovery:
         raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
     except OSError as error:
         raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
-    spans = (span.told(topic, passing.recording.finished) for topic, span in sorted(copy.spans.items()))
+    spans = (span.line(topic, passing.recording.finished) for topic, span in sorted(copy.spans.items()))
     return Recovery(copy.messages, tuple(lost), tuple(spans))
 
 
@@ -101,7 +98,7 @@ class _Span:
             self.holes.append(f"{counted(missing, 'message')} {between} {is_or_are(missing)} lost")
         self._next, self.end_ns = number + 1, end_ns
 
-    def told(self, topic: str, finished: bool) -> str:
+    def line(self, topic: str, finished: bool) -> str:
         """Return it as a line."""
         wheel = topic.removeprefix(f"{KEY_PREFIX}/").removesuffix(f"/{SamplesMessage.kind}")
         parts = [f"{wheel}: samples of {time_text(self.begin_ns)} to {time_text(self.end_ns)} are saved"]
@@ -116,15 +113,10 @@ class _Span:
 class _Copy:
     """Writes what is saved, and keeps in mind how many messages, and which time of each wheel."""
 
-    def __init__(self, writer: Writer) -> None:
+    def __init__(self, writer: TopicWriter) -> None:
         self.messages = 0
         self.spans: dict[str, _Span] = {}
         self._writer = writer
-        self._known = {message.schema_name(): dump_json(message.json_schema()) for message in MESSAGES}
-        self._schemas: dict[str, int] = {"": 0}
-        self._channels: dict[tuple[str, str], int] = {}
-        self._sequences: dict[int, int] = {}
-        writer.start(profile=PROFILE, library=SOFTWARE)
 
     def add(self, part: Attached | RecordedMessage) -> None:
         """Write an attachment or a message."""
@@ -134,17 +126,7 @@ class _Copy:
             self._attach(part.name, part.data)
 
     def _add_message(self, message: RecordedMessage) -> None:
-        if message.schema not in self._schemas:
-            known = self._known.get(message.schema)
-            encoding = "" if known is None else "jsonschema"
-            self._schemas[message.schema] = self._writer.register_schema(message.schema, encoding, known or b"")
-        place = (message.topic, message.schema)
-        if place not in self._channels:
-            self._channels[place] = self._writer.register_channel(message.topic, "json", self._schemas[message.schema])
-        channel = self._channels[place]
-        sequence = self._sequences.get(channel, 0)
-        self._sequences[channel] = sequence + 1
-        self._writer.add_message(channel, message.log_time, message.data, message.publish_time, sequence)
+        self._writer.write(message.topic, message.schema, message.data, message.log_time, message.publish_time)
         self.messages += 1
         if message.schema == SamplesMessage.schema_name() and message.topic.endswith(f"/{SamplesMessage.kind}"):
             self._see(message)
@@ -158,9 +140,9 @@ class _Copy:
         span.add(message.sequence, times_ns[0], times_ns[-1])
 
     def _attach(self, name: str, data: bytes) -> None:
-        self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
+        self._writer.mcap.add_attachment(0, 0, name, "application/octet-stream", data)
 
     def finish(self, source: str, lost: list[str]) -> None:
         """Write what the file was made from and what was lost, and the file's end."""
         self._attach(RECOVERED_ATTACHMENT, dump_json({"source": source, "lost": lost}))
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()

@@ -1,13 +1,13 @@
-"""Writes one recording: an MCAP file whose attachments stand among its messages, in the order in which they came."""
+"""Writes MCAP files: one recording, whose attachments stand among its messages in the order in which they came."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Final, cast
+from typing import IO, Any, Final, cast
 
 from mcap.writer import CompressionType, Writer
 
@@ -62,6 +62,61 @@ class Sink:
         self.file.close()
 
 
+class TopicWriter:
+    """An MCAP file in which each message brings its schema and its topic along when they are new.
+
+    Parameters
+    ----------
+    stream
+        Where it is written.
+    schemas
+        JSON Schemas by name; others are registered by their name only.
+    profile
+        Of the file.
+    chunk_bytes
+        Size at which a chunk is ended.
+    """
+
+    def __init__(
+        self, stream: IO[bytes], schemas: Mapping[str, Any], profile: str = "", chunk_bytes: int = CHUNK_BYTES
+    ) -> None:
+        self.mcap = Writer(stream, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
+        self.mcap.start(profile=profile, library=SOFTWARE)
+        self._known = schemas
+        self._schemas: dict[str, int] = {"": 0}
+        self._channels: dict[tuple[str, str], int] = {}
+        self._sequences: dict[int, int] = {}
+
+    def schema(self, name: str) -> int:
+        """Return the number of a schema."""
+        if name not in self._schemas:
+            encoding, data = ("jsonschema", dump_json(self._known[name])) if name in self._known else ("", b"")
+            self._schemas[name] = self.mcap.register_schema(name, encoding, data)
+        return self._schemas[name]
+
+    def channel(self, topic: str, schema: str) -> int:
+        """Return the number of a topic's channel."""
+        if (topic, schema) not in self._channels:
+            self._channels[topic, schema] = self.mcap.register_channel(topic, "json", self.schema(schema))
+        return self._channels[topic, schema]
+
+    def write(self, topic: str, schema: str, data: bytes, log_time: int, publish_time: int) -> None:
+        """Add a message; both times in ns."""
+        channel = self.channel(topic, schema)
+        sequence = self._sequences.get(channel, 0)
+        self._sequences[channel] = (sequence + 1) % 2**32
+        self.mcap.add_message(channel, log_time, data, publish_time, sequence)
+
+    def finish(self) -> None:
+        """Write the end of the file."""
+        self.mcap.finish()  # type: ignore[no-untyped-call]
+
+
+def message_schemas() -> dict[str, Any]:
+    """Return the JSON Schemas of the bus's messages by name."""
+    return {message.schema_name(): message.json_schema() for message in MESSAGES}
+
+
 class RecordingWriter:
     """Writes one recording.
 
@@ -92,10 +147,8 @@ class RecordingWriter:
         self.path = path
         self.wall_ns = wall_ns
         self._log_time = 0
-        self._channels: dict[str, int] = {}
         self._described: dict[str, tuple[str, str]] = {}
         self._described_whole = 0  # how many there were when all of them were written down last
-        self._sequence: dict[int, int] = {}
         part = path.with_name(path.name + PART_SUFFIX)
         self._sink = Sink(part)
         try:
@@ -112,14 +165,9 @@ class RecordingWriter:
         self.size_at_begin = self.size
 
     def _begin(self, attachments: Iterable[tuple[str, bytes]]) -> None:
-        self._writer = Writer(cast(IO[bytes], self._sink), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile=PROFILE, library=SOFTWARE)
-        self._schemas = {
-            message.schema_name(): self._writer.register_schema(
-                message.schema_name(), "jsonschema", dump_json(message.json_schema())
-            )
-            for message in MESSAGES
-        }
+        self._writer = TopicWriter(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
+        for message in MESSAGES:
+            self._writer.schema(message.schema_name())
         for name, data in attachments:
             self.attach(name, data)
 
@@ -135,18 +183,14 @@ class RecordingWriter:
 
     def register(self, topics: Iterable[tuple[str, str]]) -> None:
         """Register topics with the names of their schemas, and write the list down apart from the chunks."""
-        new = [(topic, schema) for topic, schema in topics if topic not in self._channels]
-        for topic, schema in new:
-            if schema not in self._schemas:  # of what is recorded only, without a published schema
-                self._schemas[schema] = self._writer.register_schema(schema, "", b"")
-            channel = self._writer.register_channel(topic, "json", self._schemas[schema])
-            self._channels[topic] = channel
-            self._described[str(channel)] = (topic, schema)
+        channels = {str(self._writer.channel(*topic)): topic for topic in topics}
+        new = {channel: topic for channel, topic in channels.items() if channel not in self._described}
         if new:
-            self._describe([str(self._channels[topic]) for topic, _ in new])
+            self._described |= new
+            self._describe(new)
 
-    def _describe(self, new: list[str]) -> None:
-        """Write down which channel is what: all of them, so that one list that is whole tells all.
+    def _describe(self, new: dict[str, tuple[str, str]]) -> None:
+        """Write down which channel is what: all of them, so that one list that is whole is enough.
 
         Of a fleet only what is new, but for when their number has doubled: else the lists would fill the file.
         """
@@ -154,32 +198,28 @@ class RecordingWriter:
         whole = count <= FEW_CHANNELS or count >= 2 * self._described_whole
         if whole:
             self._described_whole = count
-        told = self._described if whole else {channel: self._described[channel] for channel in new}
-        self.attach(CHANNELS_ATTACHMENT, dump_json(told))
+        self.attach(CHANNELS_ATTACHMENT, dump_json(self._described if whole else new))
 
     def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
         """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
         self.register([(topic, schema)])
         self._log_time = max(self._log_time, time_ns or 0)
-        channel = self._channels[topic]
-        sequence = self._sequence.get(channel, 0)
-        self._sequence[channel] = (sequence + 1) % 2**32
-        self._writer.add_message(channel, self._log_time, payload, self.wall_ns(), sequence)
+        self._writer.write(topic, schema, payload, self._log_time, self.wall_ns())
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment; of several with one name the last one counts."""
         media_type = "application/toml" if name.endswith(".toml") else "application/json"
-        self._writer.add_attachment(0, self._log_time, name, media_type, data)
+        self._writer.mcap.add_attachment(0, self._log_time, name, media_type, data)
 
     def sync(self) -> None:
         """Bring everything to the disk."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._writer.mcap.flush()  # type: ignore[no-untyped-call]
         self._sink.sync()
 
     def close(self) -> None:
         """Write the file's end and close it."""
         try:
-            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._writer.finish()
             self._sink.sync()
         finally:
             self._sink.close()

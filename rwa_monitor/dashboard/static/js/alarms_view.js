@@ -5,10 +5,10 @@ import { signature } from "./signature.js";
 import { last } from "./store.js";
 
 const HOURS = [1, 8, 24, 168];
-const MONITOR = "monitor"; // the alarm of a monitor that is not heard: one process that died is one card
+const MONITOR = "monitor"; // the alarm of a monitor that does not report: one process that died is one card
 const TOGETHER_NS = 10e9;
 
-/** Whether somebody has set an alarm aside, for now. */
+/** Whether an alarm is shelved, for now. */
 export const shelved = (alarm, now) => alarm.closed_ns === null && (alarm.shelved_until_wall_ns ?? 0) / 1e6 > now;
 
 /** All alarms: open ones first, the worst first, then shelved ones, then closed ones. */
@@ -16,15 +16,15 @@ export function alarmsView(store) {
   const list = h("div", {});
   let drawn = "";
 
-  function refresh({ deed = false } = {}) {
-    const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || aside(alarm) ? 1 : 0);
+  function refresh({ changed = false } = {}) {
+    const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || retired(alarm) ? 1 : 0);
     const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
     all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
     const cards = gathered(all);
     const now = JSON.stringify([all, all.map(({ alarm }) => latestOf(alarm)?.window_end_ns), store.connected]);
     if (now === drawn) return;
-    // While somebody writes, or presses a button, what is written and pressed stays; after a deed all is drawn.
-    if (!deed && list.querySelector("form :is(:focus, :active)")) return;
+    // While somebody writes, or presses a button, what is written and pressed stays; after a change all is drawn.
+    if (!changed && list.querySelector("form :is(:focus, :active)")) return;
     drawn = now;
     list.replaceChildren(...cards.map(({ alarms, group }) => card(alarms, group)));
     if (!all.length) list.replaceChildren(h("p", { class: "empty" }, store.connected ? "No alarm so far." : "Loading…"));
@@ -33,12 +33,12 @@ export function alarmsView(store) {
   /** The latest window of the alarm's wheel, null where none is known. */
   const latestOf = (alarm) => { const wheel = store.wheels.get(`${alarm.spacecraft}/${alarm.wheel}`); return wheel ? last(wheel) : null; };
 
-  const aside = (alarm) => store.isAside(`${alarm.spacecraft}/${alarm.wheel}`);
+  const retired = (alarm) => store.isRetired(`${alarm.spacecraft}/${alarm.wheel}`);
 
   function card(alarms, group) {
     const [alarm] = alarms;
     const open = group < 2;
-    const sign = !open ? ["✓ cleared"] : [group === 1 ? `‖ ${aside(alarm) ? "wheel put aside" : "shelved"} ` : null, badge(alarm.level)];
+    const sign = !open ? ["✓ cleared"] : [group === 1 ? `‖ ${retired(alarm) ? "wheel retired" : "shelved"} ` : null, badge(alarm.level)];
     const several = alarms.length > 1;
     return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${several ? `${alarms.length} wheels` : alarm.wheel}` },
       h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${several ? `${alarms.length} wheels` : `${alarm.spacecraft} / ${alarm.wheel}`} · ${alarm.name}`),
@@ -58,12 +58,12 @@ export function alarmsView(store) {
     const change = (what, done, extra) => who.post(alarms.map((one) => `/api/alarms/${one.id}/${what}`), extra, done, (content) => {
       store.alarms.set(content.id, content);
       store.worst = null;
-      refresh({ deed: true });
+      refresh({ changed: true });
     });
-    const setAside = (seconds) => change("shelve", seconds ? "shelved" : "brought back", { seconds });
+    const shelve = (seconds) => change("shelve", seconds ? "shelved" : "brought back", { seconds });
     return h("form", { onsubmit: (event) => { event.preventDefault(); if (alarm.phase !== "acknowledged") change("acknowledge", "acknowledged", {}); } }, who.fields,
       alarm.phase === "acknowledged" ? null : h("button", {}, "Acknowledge"),
-      shelved(alarm, store.now) ? h("button", { type: "button", onclick: () => setAside(0) }, "Bring back") : [h("button", { type: "button", onclick: () => setAside(3600 * Number(hours.value)) }, "Shelve for"), hours],
+      shelved(alarm, store.now) ? h("button", { type: "button", onclick: () => shelve(0) }, "Bring back") : [h("button", { type: "button", onclick: () => shelve(3600 * Number(hours.value)) }, "Shelve for"), hours],
       who.problem);
   }
 
@@ -83,10 +83,10 @@ function gathered(all) {
   return cards;
 }
 
-/** When an alarm rose: that of a monitor by the clock of the machine that did not hear it. */
+/** When an alarm rose: that of a monitor by the clock of the machine that missed it. */
 const raised = (alarm) => (alarm.name === MONITOR ? `Raised at ${utc(alarm.trail[0].wall_ns)}.` : `Raised with the window to ${wheelTime(alarm.raised_ns)}.`);
 
-/** What the latest window says of the alarm's part: the reason above keeps the figures of the window that raised it. */
+/** What the latest window shows of the alarm's part: the reason above keeps the figures of the window that raised it. */
 function latestFigures(alarm, latest) {
   const part = latest?.anomalies[alarm.name];
   if (!part) return null;

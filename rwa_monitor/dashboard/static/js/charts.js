@@ -1,4 +1,4 @@
-/** Charts on uPlot: units on every axis, UTC below, colours that colour-blind people tell apart, shapes beside them. */
+/** Charts on uPlot: units on every axis, UTC below, colours that colour-blind people can distinguish, shapes beside them. */
 import { h } from "./dom.js";
 import { tellsUtc, wheelTime } from "./format.js";
 
@@ -69,7 +69,7 @@ function read(u, series, unit, reading) {
 }
 
 /** Hours and minutes, with the date where it begins, or days where the ticks are days apart; seconds of a clock that
- *  tells no UTC. */
+ *  gives no UTC. */
 function clockTicks(u, ticks) {
   if (ticks.length && !tellsUtc(ticks[0] * 1e9)) return ticks.map((s) => String(s));
   const texts = ticks.map((s) => new Date(s * 1e3).toISOString());

@@ -2,8 +2,8 @@
 import { h } from "./dom.js";
 import { number, quantity, wheelTime } from "./format.js";
 
-const VERDICT = { adequate: "✓ the friction model fits", inadequate: "▲ the friction model lacks something", untestable: "? this data cannot tell" };
-const UNIT_SUFFIX = /_(Nm|Nm_s_rad|rad_s2?|s|degC|A|V|kg_m2|per_.*)$/; // said again by the value's unit
+const VERDICT = { adequate: "✓ the friction model fits", inadequate: "▲ the friction model lacks something", untestable: "? not testable with this data" };
+const UNIT_SUFFIX = /_(Nm|Nm_s_rad|rad_s2?|s|degC|A|V|kg_m2|per_.*)$/; // repeated by the value's unit
 const words = (name) => name.replaceAll("_", " ");
 const title = (parameter) => words(parameter.replace(UNIT_SUFFIX, ""));
 const value = (one) => (one.unit === "-" || one.unit === "" ? number(one.value) : quantity(one.value, one.unit));

@@ -1,4 +1,4 @@
-/** The live feed: one WebSocket, opened again by itself; says when it is gone. */
+/** The live feed: one WebSocket, opened again by itself; shows when it is gone. */
 const QUIET_MS = 4000; // the server beats every second
 const RETRY_MS = 1000;
 
@@ -13,17 +13,17 @@ export class Feed {
     this.notes = [];
     this.since = Date.now();
     this.watched = "";
-    this.heard = 0;
+    this.receivedMs = 0;
     this.open();
     setInterval(() => {
-      if (this.connected && Date.now() - this.heard > QUIET_MS) this.socket.close();
+      if (this.connected && Date.now() - this.receivedMs > QUIET_MS) this.socket.close();
     }, 1000);
   }
 
   open() {
     this.socket = new WebSocket(`ws://${location.host}/api/feed`);
     this.socket.onmessage = (event) => {
-      this.heard = Date.now();
+      this.receivedMs = Date.now();
       if (!this.connected) {
         this.connected = this.store.connected = true;
         this.send();

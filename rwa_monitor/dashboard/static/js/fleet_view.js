@@ -1,4 +1,4 @@
-import { asideList } from "./retired_wheels.js";
+import { retiredList } from "./retired_wheels.js";
 import { h } from "./dom.js";
 import { age, counted, number, percent, span } from "./format.js";
 import { badge } from "./levels.js";
@@ -9,7 +9,7 @@ const ORDER = { anomalous: 0, inconclusive: 2, nominal: 4 };
 const ARROW = { worse: "↑ worse", better: "↓ better", steady: "→ steady" };
 let search = "";
 
-/** All wheels, the worst first. What is stale is said to be, and stands behind what is as bad and heard now. */
+/** All wheels, the worst first. What is stale is marked, and stands behind what is as bad and live. */
 export function fleetView(store, base) {
   const list = h("div", {});
   const summary = h("p", { class: "soft", role: "status" });
@@ -17,30 +17,30 @@ export function fleetView(store, base) {
   field.addEventListener("input", () => { search = field.value; refresh(); });
   const rows = new Map();
   const nothing = h("p", { class: "empty" });
-  const aside = asideList(store, base);
+  const retired = retiredList(store, base);
 
   function refresh() {
-    aside.refresh(matches);
-    const wheels = [...store.wheels.values()].filter((wheel) => !store.isAside(wheel.name) && matches(wheel)).map((wheel) => {
+    retired.refresh(matches);
+    const wheels = [...store.wheels.values()].filter((wheel) => !store.isRetired(wheel.name) && matches(wheel)).map((wheel) => {
       const state = store.state(wheel);
       return { wheel, state, rank: rank(store, wheel, state), worst: worst(wheel) };
     });
     wheels.sort((a, b) => a.rank - b.rank || b.worst - a.worst || (a.wheel.name < b.wheel.name ? -1 : 1));
     place(wheels.map(({ wheel, state }) => row(wheel, state)));
     if (!wheels.length) {
-      nothing.textContent = search ? "No wheel matches." : store.wheels.size ? "All wheels are put aside." : nobody();
+      nothing.textContent = search ? "No wheel matches." : store.wheels.size ? "All wheels are retired." : nobody();
       list.replaceChildren(nothing);
     }
-    const heard = wheels.filter(({ state }) => state === "live");
+    const live = wheels.filter(({ state }) => state === "live");
     const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
     const alarms = store.openAlarms().length;
-    const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${heard.length} of ${counted(wheels.length, "wheel")} reporting, ${bad} anomalous, ${counted(alarms, "open alarm")}` : `${counted(wheels.length, "wheel")}, ${bad} anomalous`;
+    const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${live.length} of ${counted(wheels.length, "wheel")} reporting, ${bad} anomalous, ${counted(alarms, "open alarm")}` : `${counted(wheels.length, "wheel")}, ${bad} anomalous`;
     if (summary.textContent !== text) summary.textContent = text;
   }
 
   function nobody() {
     if (!store.live) return "Nothing has happened yet at this time of the recording. Play it, or go to the next window.";
-    return store.connected ? "No wheel has been heard yet. Start a monitor (rwa-monitor run) on the same bus, or open a recording." : "Loading…";
+    return store.connected ? "No wheel has reported yet. Start a monitor (rwa-monitor run) on the same bus, or open a recording." : "Loading…";
   }
 
   /** Bring the rows into order, moving only those that stand wrong. */
@@ -89,31 +89,31 @@ export function fleetView(store, base) {
     const shown = diagnosis ? colour(diagnosis) : verdict;
     element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
     parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
-    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
+    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}${wheel.verdicts?.change ? `\n${ARROW[wheel.verdicts.change]}` : ""}`;
     parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`;
     const alarm = store.worstAlarm(wheel.name);
     parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
-    const facts = [alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not heard` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
+    const facts = [alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not reporting` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
     parts.since.textContent = facts.filter(Boolean).join("; ");
     parts.age.textContent = staleness(store, wheel, state) ?? (wheel.refused ? "messages refused" : fill(wheel));
   }
 
   refresh();
-  return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list, aside.element), refresh };
+  return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list, retired.element), refresh };
 }
 
-const LEAD = { live: "", silent: "Not heard now; last known: ", starved: "No telemetry now; last known: ", past: "From the history: ", unserved: "" };
+const LEAD = { live: "", silent: "Not reporting now; last known state: ", starved: "No telemetry now; last known state: ", recorded: "Last known state: ", unserved: "" };
 
 /** Why what is shown of a wheel is not its present, null where it is. */
 export function staleness(store, wheel, state) {
-  if (state === "silent") return `stale: monitor heard ${age(store.now - wheel.heard)}`;
+  if (state === "silent") return `stale: monitor reported ${age(store.now - wheel.reported)}`;
   if (state === "starved") return `stale: no telemetry for ${span(store.starvedFor(wheel))}, expected within ${span(wheel.telemetry.stale_after_s)}`;
-  if (state === "unserved") return "no monitor is heard";
-  return state === "past" ? "stale, from the history" : null;
+  if (state === "unserved") return "no monitor reports";
+  return state === "recorded" ? "stale, from the history" : null;
 }
 
-/** What is said of a wheel before its first diagnosis. */
-export const firstWindow = (wheel, state) => (state === "unserved" ? "No monitor speaks of this wheel: nothing of it is diagnosed." : wheel.refused ? `No message of this wheel can be used: ${wheel.refused}.` : "The first window is being filled.");
+/** The text of a wheel before its first diagnosis. */
+export const firstWindow = (wheel, state) => (state === "unserved" ? "No monitor reports on this wheel: nothing of it is diagnosed." : wheel.refused ? `No message of this wheel can be used: ${wheel.refused}.` : "The first window is being filled.");
 
 const fill = (wheel) => `window ${Math.round(100 * wheel.fill)} % full`;
 
@@ -121,9 +121,9 @@ const fill = (wheel) => `window ${Math.round(100 * wheel.fill)} % full`;
 function since(wheel, diagnosis) {
   const active = Object.values(diagnosis.anomalies).filter((one) => one.active);
   const sure = active.length ? `probability ${percent(Math.max(...active.map((one) => one.probability)))}, severity ${number(worst(wheel))}` : "";
-  if (!wheel.course?.since_ns) return sure;
-  const windows = wheel.course.windows;
-  return `${sure ? `${sure}; ` : ""}${diagnosis.verdict} for ${counted(windows, "window")}, ${span((diagnosis.window_end_ns - wheel.course.since_ns) / 1e9)}`;
+  if (!wheel.verdicts?.since_ns) return sure;
+  const windows = wheel.verdicts.windows;
+  return `${sure ? `${sure}; ` : ""}${diagnosis.verdict} for ${counted(windows, "window")}, ${span((diagnosis.window_end_ns - wheel.verdicts.since_ns) / 1e9)}`;
 }
 
 function worst(wheel) {
@@ -132,8 +132,8 @@ function worst(wheel) {
   return Math.max(0, ...Object.values(diagnosis.anomalies).map((anomaly) => (anomaly.active ? anomaly.severity ?? 0 : 0)));
 }
 
-/** A wheel with an alarm that nobody has acknowledged stands as high as an anomalous one, heard or not. */
+/** A wheel with an alarm that nobody has acknowledged stands as high as an anomalous one, live or not. */
 function rank(store, wheel, state) {
   if (store.worstAlarm(wheel.name)?.phase === "active") return Math.min(1, ORDER[last(wheel)?.verdict] ?? 1);
-  return (state === "past" || state === "unserved" ? 10 : state === "live" ? 0 : 1) + (ORDER[last(wheel)?.verdict] ?? 3);
+  return (state === "recorded" || state === "unserved" ? 10 : state === "live" ? 0 : 1) + (ORDER[last(wheel)?.verdict] ?? 3);
 }

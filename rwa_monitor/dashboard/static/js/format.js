@@ -1,4 +1,4 @@
-const FIRST_UTC_NS = 631152e12; // before 1990 a clock does not count from 1970, so that it tells no UTC
+const FIRST_UTC_NS = 631152e12; // before 1990 a clock does not count from 1970, so that it gives no UTC
 const PREFIX = { "N m": [1e3, "mN m"], "N m s/rad": [1e6, "µN m s/rad"] };
 
 /** Factor and name of the unit in which a quantity is shown. */
@@ -24,7 +24,7 @@ export function utc(ns) {
   return new Date(ns / 1e6).toISOString().replace("T", " ").slice(0, 19) + " UTC";
 }
 
-/** A wheel's time: UTC where its clock tells it, and the spacecraft clock beside. */
+/** A wheel's time: UTC where its clock gives it, and the spacecraft clock beside. */
 export function wheelTime(ns) {
   const clock = `spacecraft clock ${(ns / 1e9).toFixed(1)} s`;
   return tellsUtc(ns) ? `${utc(ns)} (${clock})` : `${clock}, UTC unknown`;

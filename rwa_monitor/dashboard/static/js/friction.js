@@ -1,4 +1,4 @@
-/** What the diagnosis says the friction was, to lay beside what was measured. */
+/** The friction by the diagnosis, to lay beside what was measured. */
 
 /** Friction of one switching system at a slot of its window [N m]. */
 function systemFriction(sojourns, slot) {

@@ -65,7 +65,7 @@ addEventListener("keydown", (event) => {
   if (event.key === "/" && document.querySelector("input[type=search]")) { event.preventDefault(); document.querySelector("input[type=search]").focus(); }
 });
 setInterval(() => {
-  if (!feed.connected) store.now = Date.now(); // what is known gets older also while the server does not tell the time
+  if (!feed.connected) store.now = Date.now(); // what is known gets older also while the server does not send the time
   redraw();
 }, 1000);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);

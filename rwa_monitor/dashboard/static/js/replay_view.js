@@ -33,7 +33,7 @@ export function recordingsView() {
 /** The time that a recording covers, on the wheels' clocks; "" where none is known. */
 const times = (one) => (one.first_ns === null ? "" : `${shortTime(one.first_ns)} to ${shortTime(one.last_ns)}`);
 
-/** A field for a time, written as the page shows it: in UTC where the clock tells it, else in seconds. `go` goes there,
+/** A field for a time, written as the page shows it: in UTC where the clock gives it, else in seconds. `go` goes there,
  *  and returns what is wrong. */
 function timeField(go) {
   const field = h("input", { required: true, "aria-label": "Go to", spellcheck: "false", size: 20 });
@@ -48,7 +48,7 @@ function timeField(go) {
     problem.textContent = Number.isFinite(time) ? go(time) : `That is no time such as ${example}.`;
   } }, h("label", {}, "Go to ", field), unit, h("button", {}, "Go"), problem);
 
-  /** Take the first time there is: it tells the kind of clock, and where to begin. */
+  /** Take the first time there is: it shows the kind of clock, and where to begin. */
   function use(first) {
     utcClock = tellsUtc(first);
     field.value = example = utcClock ? utc(first).slice(0, 19) : (first / SECOND_NS).toFixed(0);

@@ -2,7 +2,7 @@ import { ask } from "./ask.js";
 import { h } from "./dom.js";
 import { setToken, token } from "./token.js";
 
-/** Who changes something, and why: the fields for it, and what posts the change or says why it was refused. */
+/** Who changes something, and why: the fields for it, and what posts the change or shows why it was refused. */
 export function signature() {
   const name = h("input", { name: "name", placeholder: "your name", "aria-label": "Your name", required: true, maxlength: 100 });
   const note = h("input", { name: "note", placeholder: "note (optional)", "aria-label": "Note", maxlength: 2000 });
@@ -18,7 +18,7 @@ export function signature() {
       for (const path of paths) {
         const answer = await ask(path, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body });
         problem.textContent = "";
-        note.value = ""; // it was of this deed
+        note.value = ""; // it was of this change
         name.blur();
         note.blur();
         then(answer);

@@ -4,14 +4,14 @@ import { LEVELS } from "./levels.js";
 const MAX_WINDOWS = 1000;
 const MAX_POINTS = 12000;
 const MAX_CURVES = 4; // windows whose wGLR is kept: those that the samples' charts span
-const SILENT_MS = 6000; // the monitor speaks every second
+const SILENT_MS = 6000; // the monitor reports every second
 
 export class Store {
   constructor(live) {
     this.live = live;
     this.wheels = new Map();
     this.alarms = new Map();
-    this.deeds = new Map(); // the last deed on the list of each wheel that was ever put aside
+    this.retirements = new Map(); // the last audit event of each wheel that was ever retired
     this.worst = null; // open alarm of each wheel, of the second worstOf
     this.now = 0; // time of the source, ms
   }
@@ -19,7 +19,7 @@ export class Store {
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, heard: null, fill: 0, telemetry: null, refused: null, course: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
     }
     return this.wheels.get(name);
   }
@@ -31,24 +31,24 @@ export class Store {
     if (parts[3] === "alarm") {
       this.alarms.set(message.id, message);
       this.worst = null;
-      if (message.closed_ns === null) this.wheel(`${parts[1]}/${parts[2]}`); // a wheel that no monitor speaks of has nothing else
+      if (message.closed_ns === null) this.wheel(`${parts[1]}/${parts[2]}`); // a wheel without a monitor has nothing else
       return;
     }
     if (parts[3] === "aside") {
-      this.deeds.set(`${parts[1]}/${parts[2]}`, message);
+      this.retirements.set(`${parts[1]}/${parts[2]}`, message);
       this.worst = null;
       return;
     }
     const wheel = this.wheel(`${parts[1]}/${parts[2]}`);
     wheel.version += 1;
-    // What comes out of the history or a bus's memory is not what is heard now: only a status tells of a live monitor.
+    // What comes out of the history or a bus's memory is not of now: only a status shows a live monitor.
     if (parts[3] === "status") {
       wheel.status = message;
       const refused = message.messages_rejected && !message.samples_received ? message.last_error : null;
-      this.hear(wheel, entry.received_wall_ns, message.window_fill, entry.beside, refused);
+      this.report(wheel, entry.received_wall_ns, message.window_fill, entry.beside, refused);
     } else if (parts[3] === "diagnosis") {
       this.addDiagnosis(wheel, message);
-      if (entry.beside) wheel.course = entry.beside;
+      if (entry.beside) wheel.verdicts = entry.beside;
     } else if (parts[3] === "changepoints") wheel.jumps.push(...message.changepoints);
     else if (parts[3] === "samples") this.addSamples(wheel, message);
     else if (parts[3] === "evidence") this.addCurve(wheel, message);
@@ -57,12 +57,12 @@ export class Store {
 
   /** What the statuses of wheels come to that this page does not look at. */
   pulse(wheels) {
-    for (const [name, beat] of Object.entries(wheels)) this.hear(this.wheel(name), beat.heard_wall_ns, beat.window_fill, beat.telemetry, beat.refused);
+    for (const [name, beat] of Object.entries(wheels)) this.report(this.wheel(name), beat.heard_wall_ns, beat.window_fill, beat.telemetry, beat.refused);
   }
 
-  hear(wheel, wallNs, fill, telemetry, refused) {
+  report(wheel, wallNs, fill, telemetry, refused) {
     wheel.version += 1;
-    wheel.heard = wallNs / 1e6;
+    wheel.reported = wallNs / 1e6;
     wheel.fill = fill;
     wheel.telemetry = telemetry;
     wheel.refused = refused;
@@ -102,13 +102,13 @@ export class Store {
     if (over > 0) for (const list of [wheel.t, wheel.speed, wheel.friction]) list.splice(0, over);
   }
 
-  /** Whether what is known of a wheel is its present: "live", "silent" (its monitor is not heard), "past" (it never was,
-   *  all is from the history), "unserved" (it never was, and nothing is known), or "starved" (the monitor lives, and gets
+  /** Whether the state of a wheel is of now: "live", "silent" (its monitor does not report), "recorded" (it never did,
+   *  all is from the history), "unserved" (it never did, and there is nothing), or "starved" (the monitor lives, and gets
    *  no samples). */
   state(wheel) {
     if (!this.live) return "live";
-    if (wheel.heard === null) return wheel.diagnoses.length ? "past" : "unserved";
-    if (this.now - wheel.heard > SILENT_MS) return "silent";
+    if (wheel.reported === null) return wheel.diagnoses.length ? "recorded" : "unserved";
+    if (this.now - wheel.reported > SILENT_MS) return "silent";
     return this.starvedFor(wheel) > (wheel.telemetry?.stale_after_s ?? Infinity) ? "starved" : "live";
   }
 
@@ -133,13 +133,13 @@ export class Store {
     return this.worst.get(name) ?? null;
   }
 
-  isAside(name) {
-    return this.deeds.get(name)?.event === "put_aside";
+  isRetired(name) {
+    return this.retirements.get(name)?.event === "put_aside";
   }
 
-  /** The open alarms of all wheels but those that are put aside. */
+  /** The open alarms of all wheels but the retired ones. */
   openAlarms() {
-    return [...this.alarms.values()].filter((alarm) => alarm.closed_ns === null && !this.isAside(`${alarm.spacecraft}/${alarm.wheel}`));
+    return [...this.alarms.values()].filter((alarm) => alarm.closed_ns === null && !this.isRetired(`${alarm.spacecraft}/${alarm.wheel}`));
   }
 }
 

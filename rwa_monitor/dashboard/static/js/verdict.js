@@ -4,7 +4,7 @@ export const SIGN = { nominal: "✓", anomalous: "▲", inconclusive: "?" };
 /** Class of a diagnosis's colour: that of its verdict, but nothing is green while the friction model does not fit. */
 export const colour = (diagnosis) => (diagnosis.verdict === "nominal" && !diagnosis.model_adequate ? "inconclusive" : diagnosis.verdict);
 
-/** What is said of the friction model beside the verdict; "" where it fits. */
+/** The note on the friction model beside the verdict; "" where it fits. */
 export function misfit(diagnosis) {
   if (diagnosis.model_adequate) return "";
   return `the friction model does not fit${diagnosis.suspected_effect ? `; suspected: ${diagnosis.suspected_effect.replaceAll("_", " ")}` : ""}`;
@@ -24,7 +24,7 @@ export function partsNote(diagnosis) {
   const lines = [];
   if (parts.some((part) => part.nominal_low === null)) lines.push("– not judged: no nominal range is known.");
   if (parts.some((part) => partVerdict(diagnosis, part)[0] === "inconclusive")) {
-    const why = diagnosis.model_adequate ? "the verdict on this window is open" : "the friction model does not fit, so these figures are in doubt";
+    const why = diagnosis.model_adequate ? "the verdict on this window is open" : "the friction model does not fit, so these figures are uncertain";
     lines.push(`? is neither a called anomaly nor an all-clear: ${why}.`);
   }
   return lines.join(" ");

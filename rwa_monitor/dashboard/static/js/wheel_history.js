@@ -46,7 +46,7 @@ export function estimateTrends() {
   const place = h("div", { class: "two" });
   let lines = [];
 
-  /** `parts` say the order. */
+  /** `parts` give the order. */
   function refresh(records, trends, parts) {
     const names = parts.filter((part) => records.some((one) => one.name === part));
     if (lines.map(({ name }) => name).join() !== names.join()) make(names, records);

@@ -40,7 +40,7 @@ export function wheelSamples(store, wheel) {
       rest.push(against === null || expected === null ? null : (against - expected) * 1e3);
     }
     notice.textContent = !times.length
-      ? "No samples now: they are drawn while they come over the bus. Those of the past are under Recordings."
+      ? "No samples now: they are drawn while they come over the bus. Earlier ones are under Recordings."
       : measured.every((value) => value === null) ? "These samples hold no friction torque, and none can be derived: that takes motor current or torque and the wheel's inertia (--wheel)." : "";
     drawing.hidden = !times.length && !wheel.curves.length;
     if (drawing.hidden) return;

@@ -1,4 +1,4 @@
-import { asideCard } from "./retired_wheels.js";
+import { retirementCard } from "./retired_wheels.js";
 import { ask } from "./ask.js";
 import { discrepancyReport } from "./discrepancy.js";
 import { h } from "./dom.js";
@@ -18,10 +18,10 @@ export function wheelView(store, name, base) {
   const samples = wheelSamples(store, wheel);
   const split = frictionSplit(wheel);
   const trends = estimateTrends();
-  const aside = asideCard(store, wheel);
+  const retirement = retirementCard(store, wheel);
   const report = h("section", { class: "card", hidden: true });
   const notice = h("p", { class: "inconclusive", role: "status", hidden: true });
-  let drawn = "", reported = null, past = [], course = null;
+  let drawn = "", reported = null, earlier = [], trendOf = null;
   let closed = false;
 
   if (store.live) backfill();
@@ -40,8 +40,8 @@ export function wheelView(store, name, base) {
       now.evidence.forEach((one) => store.addCurve(wheel, one));
       wheel.discrepancy ??= now.discrepancy;
       wheel.status ??= now.status;
-      past = records;
-      course = Object.fromEntries(trend.map((one) => [one.name, one]));
+      earlier = records;
+      trendOf = Object.fromEntries(trend.map((one) => [one.name, one]));
       drawn = "";
       notice.hidden = true;
       refresh();
@@ -58,7 +58,7 @@ export function wheelView(store, name, base) {
     drawHead(diagnosis, state);
     drawQuality(diagnosis, state);
     drawReport();
-    aside.refresh(state);
+    retirement.refresh(state);
     const now = `${wheel.diagnoses.length} ${diagnosis?.window_end_ns} ${wheel.t.length} ${wheel.t[wheel.t.length - 1]} ${wheel.curves.map((one) => one.time_ns.length)} ${samples.width} ${matchMedia("(prefers-color-scheme: dark)").matches}`;
     if (now === drawn) return;
     drawn = now;
@@ -67,15 +67,15 @@ export function wheelView(store, name, base) {
     if (diagnosis) {
       drawTable(diagnosis);
       split.refresh(systems);
-      trends.refresh(records(), course, Object.keys(diagnosis.anomalies));
+      trends.refresh(records(), trendOf, Object.keys(diagnosis.anomalies));
     }
   }
 
   /** The history's estimates, and those of the windows since. */
   function records() {
-    const known = past.length ? past[past.length - 1].window_end_ns : -1;
+    const known = earlier.length ? earlier[earlier.length - 1].window_end_ns : -1;
     const later = wheel.diagnoses.filter((one) => one.window_end_ns > known);
-    return [...past, ...later.flatMap((one) => Object.entries(one.anomalies).map(([part, found]) => ({ name: part, window_end_ns: one.window_end_ns, value: found.estimate, ...found })))];
+    return [...earlier, ...later.flatMap((one) => Object.entries(one.anomalies).map(([part, found]) => ({ name: part, window_end_ns: one.window_end_ns, value: found.estimate, ...found })))];
   }
 
   function drawHead(diagnosis, state) {
@@ -96,8 +96,8 @@ export function wheelView(store, name, base) {
   }
 
   function since(diagnosis) {
-    if (!wheel.course?.since_ns) return "";
-    const { windows, since_ns: begin } = wheel.course;
+    if (!wheel.verdicts?.since_ns) return "";
+    const { windows, since_ns: begin } = wheel.verdicts;
     return `; ${diagnosis.verdict} for ${counted(windows, "window")}, since ${wheelTime(begin)} (${span((diagnosis.window_end_ns - begin) / 1e9)})`;
   }
 
@@ -146,7 +146,7 @@ export function wheelView(store, name, base) {
   }
 
   const element = h("div", {},
-    h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), notice, head, aside.element,
+    h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), notice, head, retirement.element,
     h("section", { class: "card" }, h("h2", {}, "Diagnosis of the latest window"), table),
     report, samples.element,
     h("div", { class: "two" }, h("section", { class: "card" }, h("h2", {}, "Friction split, window by window"), split.element), h("section", { class: "card" }, h("h2", {}, "Data quality"), quality)),

@@ -1,0 +1,50 @@
+"""Retired wheels: who did it, what hinders it, and that a wheel whose telemetry arrives is back once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.history.store import History
+from tests.history.support import diagnosis
+
+
+def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) -> None:
+    clock = iter(range(1_000))
+    with History(place, wall_ns=lambda: next(clock)) as history:
+        history.add_all([diagnosis(0), diagnosis(1)])
+        line = history.retired.retire("sat", "wheel_1", " Ann ", "retired")
+        assert (line.retired, line.person, line.time_ns) == (True, "Ann", diagnosis(1).window_end_ns)
+        assert history.retired.latest() == [line]
+        with pytest.raises(InputError, match="is retired already, by Ann"):
+            history.retired.retire("sat", "wheel_1", "Ben")
+        assert not history.retired.restore("sat", "wheel_1", "Ben").retired
+        with pytest.raises(InputError, match="is not retired"):
+            history.retired.restore("sat", "wheel_1", "Ben")
+        again = history.retired.retire("sat", "wheel_1", "Ann")
+        back = again.model_copy(update={"event": "spoke_again", "person": ""})
+        history.retired.record([back])
+        history.retired.record([back])  # a second dashboard on the same database had its telemetry too
+    with History(place) as history:
+        events = [(line.event, line.person) for line in history.retired.events("sat", "wheel_1")]
+        assert events == [("put_aside", "Ann"), ("brought_back", "Ben"), ("put_aside", "Ann"), ("spoke_again", "")]
+        assert [line.event for line in history.retired.latest()] == ["spoke_again"]
+        assert history.windows("sat", "wheel_1") == [diagnosis(0), diagnosis(1)]  # nothing of the wheel is removed
+
+
+def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(place: Path | str) -> None:
+    with History(place) as history:
+        history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
+        with pytest.raises(InputError, match="alarms to acknowledge first: viscous"):
+            history.retired.retire("sat", "wheel_1", "Ann")
+        history.acknowledge(1, "Ann")
+        history.retired.retire("sat", "wheel_1", "Ann")
+        assert len(history.open_alarms("sat", "wheel_1")) == 1  # it stays as it is
+
+
+@pytest.mark.parametrize("person", ["", "  ", "n" * 101])
+def test_a_wheel_is_not_retired_without_a_name(person: str) -> None:
+    with History(None) as history, pytest.raises(InputError, match="name"):
+        history.retired.retire("sat", "wheel_1", person)
