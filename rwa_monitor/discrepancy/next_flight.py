@@ -73,9 +73,9 @@ def plan(search: Search) -> Plan:
         for effect in mean
         if (others := [name for name in effect.equivalent if name in MEAN_EFFECTS])
     ]
-    doubtful = [[effect.name] for effect in mean if effect.delta_deviance < CERTAIN]
-    if sets or doubtful:
-        causes = (sets or doubtful)[0]
+    uncertain = [[effect.name] for effect in mean if effect.delta_deviance < CERTAIN]
+    if sets or uncertain:
+        causes = (sets or uncertain)[0]
         manoeuvres = _worth_flying(rank_manoeuvres(search.problem, search.extended, causes, search.wheel))
         question = f"separate {' from '.join(causes)}" if sets else f"confirm {causes[0]}"
         if max((entry.separation for entry in manoeuvres), default=0.0) < DECIDES:

@@ -243,8 +243,8 @@ def test_what_no_manoeuvre_tells_is_said_with_what_would(found: Search) -> None:
     ladder = (*found.mean.ladder, asked)
     search = replace(found, mean=replace(found.mean, ladder=ladder), result=replace(found.result, effects=(both,)))
     planned = plan(search)
-    assert planned.question == "tell coulomb_asymmetry from torque_bias"
-    assert any("would tell" in line and "motor" in line for line in planned.advice)
+    assert planned.question == "separate coulomb_asymmetry from torque_bias"
+    assert any("would separate" in line and "motor" in line for line in planned.advice)
 
 
 def test_what_is_unexplained_asks_for_the_manoeuvre_that_shows_its_shape(nothing: Search) -> None:
