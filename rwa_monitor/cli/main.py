@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,9 +18,9 @@ import click
 
 from rwa_monitor.cli.console import PROGRAM, log
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
-from rwa_monitor.cli.lazy import LazyGroup
 from rwa_monitor.cli.options import FILE
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.hints import did_you_mean
 
 # One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each
 # other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere, and for
@@ -49,8 +50,31 @@ COMMANDS: Final = (
 EXTRAS: Final = {"matplotlib": "plot", "pyarrow": "parquet"}  # by package: what a part of a command needs
 
 
-class Program(LazyGroup):
-    """The group of all commands, with the exit codes of this program."""
+class Program(click.Group):
+    """The group of all commands, with the exit codes of this program.
+
+    A command is `command` in a module of its name, loaded only when it is called for, so that --help answers at once.
+    """
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"rwa_monitor.cli.{cmd_name}").command
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; for a name that is none, name the nearest; click searches loaded ones only."""
+        name = args[0]
+        if self.get_command(ctx, name) is None and not name.startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(f"No such command {name!r}{did_you_mean(name, self.list_commands(ctx))}")
+        return super().resolve_command(ctx, args)
 
     def main(
         self,
@@ -103,7 +127,6 @@ def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
 @click.group(
     name=PROGRAM,
     cls=Program,
-    modules={name: f"rwa_monitor.cli.{name}" for name in COMMANDS},
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )

@@ -20,7 +20,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities, strays
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
-from rwa_monitor.wheel.strict import Strict
+from rwa_monitor.wheel.toml import Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 MODEL_VERSION: Final = 1

@@ -36,8 +36,7 @@ from rwa_monitor.hints import did_you_mean
 from rwa_monitor.samples import CHANNELS
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
-from rwa_monitor.wheel.strict import Strict
-from rwa_monitor.wheel.toml import parse_toml
+from rwa_monitor.wheel.toml import Strict, parse_toml
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel
 

@@ -24,7 +24,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
-from rwa_monitor.wheel.strict import Strict
+from rwa_monitor.wheel.toml import Strict
 from rwa_monitor.wheel.wheel import Wheel
 
 STATE_VERSION: Final = 1

@@ -37,8 +37,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, key_of, split_key
 from rwa_monitor.telemetry.reader import MAX_MAP_BYTES, TextFile
-from rwa_monitor.wheel.strict import Strict
-from rwa_monitor.wheel.toml import parse_toml
+from rwa_monitor.wheel.toml import Strict, parse_toml
 
 MAX_WHEELS: Final = 4_096
 MAX_APID: Final = 2_046  # 11 bits; 2,047 are idle packets (CCSDS 133.0-B-2, 4.1.3.3.4.4)

@@ -1,4 +1,4 @@
-"""Reads TOML that somebody else wrote: its size and the depth of its keys are limited before it is parsed."""
+"""TOML that somebody else wrote: its size and the depth of its keys are limited before it is parsed."""
 
 from __future__ import annotations
 
@@ -6,11 +6,19 @@ import re
 import tomllib
 from typing import Any, Final
 
+from pydantic import BaseModel, ConfigDict
+
 from rwa_monitor.errors import InputError
 
 MAX_KEY_PARTS: Final = 16  # of a.b.c; ours have two, and Python's parser takes a time that grows with their square
 _PART: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY: Final = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
+
+
+class Strict(BaseModel):
+    """Base of the content of a file: frozen, no key that is not known, no number that is not finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 def parse_toml(text: str, source: str, limit: int, what: str) -> dict[str, Any]:

@@ -19,8 +19,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.hints import did_you_mean
 from rwa_monitor.slots import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
-from rwa_monitor.wheel.strict import Strict
-from rwa_monitor.wheel.toml import parse_toml
+from rwa_monitor.wheel.toml import Strict, parse_toml
 
 MAX_WHEEL_FILE_BYTES: Final = 1_000_000  # a wheel file is a page of text; more is not one
 
