@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.angle_drift import smooth_phase, track_drift
+from rwa_monitor.discrepancy.angle import smooth_phase, track_drift
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels

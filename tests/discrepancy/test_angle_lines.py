@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.angle_lines import angle_line
+from rwa_monitor.discrepancy.angle import angle_line
 from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
