@@ -46,7 +46,7 @@ def wheels(mirrors: Path, out: Path) -> None:
         ("front_dtswiss_loose", "WheelSpindown/6_12_2019/dtswiss_loose", 0.4),
         ("front_greenspeed", "WheelSpindown/6_12_2019/greenspeed1", 0.8),
         ("front_nsk", "BearingTests/spindown_NSKsmall2", 0.3),
-        ("front_nsk_again", "BearingTests/spindown_NSKlarge2", 0.3),
+        ("front_nsk_other", "BearingTests/spindown_NSKlarge2", 0.3),
     ):
         rows = git_table(mirrors, DUKE, f"{path}.txt", invalid_raise=False)
         part = run_down(rows[:, 9], rows[:, 3], slowest, 20)
@@ -57,10 +57,10 @@ def wheels(mirrors: Path, out: Path) -> None:
 def hub_motor(mirrors: Path, out: Path) -> None:
     """From DukeElectricVehicles/DEV_data, DynoData/MITSUBA/spindown_noFlywheel and guinness2019_Bearings.
 
-    Wheel with hub motor running down: controller connected or disconnected, or the rotor taken out of the stator
-    (bearings and air alone), 16 ticks told as a turn each, thus rpm / 16 (spindown.m), 50 Hz, means of 10 rows
-    (connected, disconnected: 0.2 s) or 100 rows (2 s). J = 0.06175 kg m² (stock hub wheel). `hub_left`: another hub,
-    J = 0.04.
+    Wheel with hub motor running down with its controller connected or disconnected, or the rotor taken out of the
+    stator (bearings and air alone). The sensor counts 16 pulses a turn, thus rpm / 16 (spindown.m); 50 Hz, means of 20
+    rows (0.4 s), out of the stator of 100 rows (2 s). J = 0.06175 kg m² (stock hub wheel, spindown.m). `hub_left`:
+    another hub, means of 10 rows (1 s), J = 0.04 kg m².
     """
     folder = "DynoData/MITSUBA/spindown_noFlywheel/stockHubWheel_outofdyno_"
     for name, path, inertia, count, slowest in (
@@ -80,36 +80,19 @@ def hub_motor(mirrors: Path, out: Path) -> None:
         save(out, name, {"time_s": t, "speed_rad_s": speed}, {"inertia_kg_m2": inertia}, True, 0.3)
 
 
-def no_load(mirrors: Path, out: Path) -> None:
-    """From DukeElectricVehicles/DEV_data, DynoData/Koford/noLoad.
-
-    Brushless motor (Koford) without load while its supply is turned down: friction (iron, bearings, air) = (power −
-    the controller's own, 0.46 W) / speed, rpm × 48 (analyze.m), glitches of the reading left out, means of 50 rows
-    (1 s).
-    """
-    quiet = git_table(mirrors, DUKE, "DynoData/Koford/noLoad/quiescentPower_KofordController.txt", invalid_raise=False)
-    rows = git_table(mirrors, DUKE, "DynoData/Koford/noLoad/PSrampdown_KofordController.txt", invalid_raise=False)
-    good = (rows[:, 3] > 5) & (rows[:, 3] < 210)
-    rows = rows[good]
-    time, speed, power = means(50, rows[:, 5] / 1e3, rows[:, 3] * 48 * np.pi / 30, rows[:, 0] * rows[:, 1])
-    power = power - (quiet[:, 0] * quiet[:, 1]).mean()
-    save(out, "koford_no_load", {"time_s": time, "speed_rad_s": speed, "friction_torque_Nm": power / speed})
-
-
 def car(mirrors: Path, out: Path) -> None:
     """From shotgoose/coastdown-testing.
 
-    A small racing car rolling down, speed of a rear wheel at 500 Hz, means of 50 rows (0.1 s): m = 250 kg, diameter
-    of the wheel 0.5842 m, J = m r². `coast_1` ends where the brake comes in (below 190 rpm).
+    A small racing car rolling down, speed of a rear wheel at 500 Hz, means of 50 rows (0.1 s): m = 250 kg, diameter of
+    the wheel 0.5842 m (coastdown-testing.py), J = m r². From half a second after the fastest to near the end of the
+    recording. The ground is taken as level: its slope is not given.
     """
     radius = 0.5842 / 2
     for name, file, slowest in (
         ("car_4wd_1", "4WD-1", 55.0),
         ("car_4wd_2", "4WD-2", 55.0),
-        ("car_2wd_1", "2WD-1", 70.0),
-        ("car_2wd_3", "2WD-3", 70.0),
-        ("car_coast_1", "1", 190.0),
-        ("car_coast_3", "3", 115.0),
+        ("car_2wd", "2WD-3", 70.0),
+        ("car_coast", "3", 115.0),
     ):
         rows = git_table(
             mirrors,
@@ -182,48 +165,73 @@ def pendulums(mirrors: Path, out: Path) -> None:
 def direct_drive(mirrors: Path, out: Path) -> None:
     """From jorgevchin/Friction-Identification, Test 2.
 
-    Arm with two direct-drive joints in a vertical plane, both turned at one constant speed (0.1–90 °/s) from hanging
-    down, 67 Hz; the rows between start and stop that the authors name (Test2.m), means of 10 (0.15 s), speed from the
-    angles. Friction = torque less the gravity of Test2.m (38.5 N m sin q1 + 1.82 N m sin(q1 + q2), 1.82 N m sin(q1 +
-    q2)). Runs in growing order, forth, then back, 5 s between them; `_again` has their second recording (forth).
+    Arm with two direct-drive joints in a vertical plane, both turned at one constant speed (0.1–80 °/s) from hanging
+    down, 67 Hz. Means of 20 rows (0.3 s), speed from the angles; those within a tenth of the set speed (a half below 5
+    °/s), a second after the start (0.4 s from 50 °/s on). Friction = torque less the gravity of Test2.m (38.5 N m sin
+    q1 + 1.82 N m sin(q1 + q2) for joint 1, 1.82 N m sin(q1 + q2) for joint 2). Runs in growing order, forth and back in
+    turn, 5 s between them; `_again` has their second recording (forth alone).
     """
-    speeds = ("01", "02", "03", "04", "05", "1", "2", "3", "4", "5", "10", "15", "20", "30", "40", "50", "60", "70", "80", "90")  # fmt: skip
-    forth = [19, 6, 3.3, 2.6, 1.5, 1, 1, 0.8] + [0.5] * 11 + [0.3]
-    forth_end = [38.0] * 4 + [4.8] * 10 + [4.4, 3.5, 2.9, 2.5, 2.2, 1.9]
-    back = [8, 4.5, 3, 2, 1.5, 1, 0.5, 0.5, 0.4, 0.4, 0.3, 0.3, 0.3] + [0.5] * 6 + [0.6]
-    back_end = [38.0] * 2 + [4.8] * 12 + [4.3, 3.4, 2.8, 2.5, 2.1, 1.9]
-    for end, runs in (
-        ("", [("", "exp", forth, forth_end), ("n", "exp", back, back_end)]),
-        ("_again", [("", "exp2", forth, forth_end)]),
-    ):
+    speeds = {f"0{n}": n / 10 for n in range(1, 6)}
+    speeds |= {str(n): float(n) for n in (1, 2, 3, 4, 5, 10, 15, 20, 30, 40, 50, 60, 70, 80)}
+    for end, signs, take in (("", ("", "n"), "exp"), ("_again", ("",), "exp2")):
         parts: list[np.ndarray] = []
         clock = 0.0
-        for sign, take, starts, stops in runs:
-            for speed, start, stop in zip(speeds, starts, stops, strict=True):
-                if (sign, speed) == ("n", "90"):
-                    continue  # longer than the others, and it starts later
-                q1, q2, tau1, tau2 = (
-                    git_table(
-                        mirrors, "jorgevchin/Friction-Identification", f"Test 2/cin_{key}_{sign}{speed}_{take}_gan.t"
-                    )
-                    for key in ("pos1", "pos2", "tau1", "tau2")
-                )
-                size = min(len(q) for q in (q1, q2, tau1, tau2))
-                time, a1, a2 = q1[:size, 0], np.radians(q1[:size, 1]), np.radians(q2[:size, 1])
-                gravity = 9.81 * 0.186 * np.sin(a1 + a2)
-                f1, f2 = tau1[:size, 1] - 9.81 * 3.921 * np.sin(a1) - gravity, tau2[:size, 1] - gravity
-                keep = (time >= start) & (time <= stop)
-                columns = (time, np.gradient(a1, time), np.gradient(a2, time), f1, f2)
-                t, v1, v2, m1, m2 = means(10, *(c[keep] for c in columns))
-                parts.append(np.column_stack([clock + t - t[0], v1, v2, m1, m2]))
-                clock = parts[-1][-1, 0] + 5.0
+        for speed, sign in ((speed, sign) for speed in speeds for sign in signs):
+            q1, q2, tau1, tau2 = (
+                git_table(mirrors, "jorgevchin/Friction-Identification", f"Test 2/cin_{key}_{sign}{speed}_{take}_gan.t")
+                for key in ("pos1", "pos2", "tau1", "tau2")
+            )
+            size = min(len(q) for q in (q1, q2, tau1, tau2))
+            time, a1, a2 = q1[:size, 0], np.radians(q1[:size, 1]), np.radians(q2[:size, 1])
+            gravity = 9.81 * 0.186 * np.sin(a1 + a2)
+            f1, f2 = tau1[:size, 1] - 9.81 * 3.921 * np.sin(a1) - gravity, tau2[:size, 1] - gravity
+            rows = means(20, time, np.gradient(a1, time), np.gradient(a2, time), f1, f2)
+            part = np.column_stack(rows)
+            ratio = part[:, 1:3] / np.radians(speeds[speed]) * (-1.0 if sign else 1.0)
+            near = 0.1 if speeds[speed] >= 5 else 0.5
+            steady = (np.abs(ratio - 1.0) < near).all(1) & (part[:, 0] > (0.4 if speeds[speed] >= 50 else 1.0))
+            part = part[steady][:-1]  # the last may hold the stop
+            part[:, 0] += clock - part[0, 0]
+            parts.append(part)
+            clock = part[-1, 0] + 5.0
         table = np.vstack(parts)
         for joint in (1, 2):
             columns = {"time_s": table[:, 0], "speed_rad_s": table[:, joint], "friction_torque_Nm": table[:, joint + 2]}
             save(out, f"direct_drive_joint{joint}{end}", columns, dead_band=5e-4)
 
 
-ALL = (wheels, hub_motor, no_load, car, pendulums, direct_drive)
+def schunk(mirrors: Path, out: Path) -> None:
+    """From nikhilushinde/AutoKoopman (commit 6edafed; recorded for Liu and Althoff, IROS 2018).
+
+    Six-joint robot arm (Schunk) on fast moves, 250 Hz: motor torque and speed of joint 1 (its axis is vertical) and
+    joint 6 (the last, in line with the tool: no gravity) as logged. The inertia is not taken off: a loop over the
+    speed; that of the wheel file is the one by least squares.
+    """
+    for name, number, joint, inertia in (
+        ("schunk_joint1", 85, 1, 1.83),
+        ("schunk_joint6", 85, 6, 0.51),
+        ("schunk_joint6_other", 100, 6, 0.41),
+    ):
+        time, state, torque = (
+            git_table(
+                mirrors,
+                "nikhilushinde/AutoKoopman",
+                f"autoKoopman_codeocean/data/Robot/measurement_{number}/{key}.csv",
+                "6edafed",
+                delimiter=",",
+            )
+            for key in ("time", "trajectory", "input")
+        )
+        size = len(torque)
+        columns = {
+            "time_s": time[:size],
+            "speed_rad_s": state[:size, 5 + joint],
+            "friction_torque_Nm": torque[:, joint - 1],
+        }
+        save(out, name, columns, {"inertia_kg_m2": inertia}, dead_band=0.02)
+
+
+ALL = (wheels, hub_motor, car, pendulums, direct_drive, schunk)
 
 if __name__ == "__main__":
     for one in ALL:
