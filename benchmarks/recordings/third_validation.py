@@ -33,10 +33,10 @@ def run_down(time: np.ndarray, speed: np.ndarray, slowest: float, skip: int) -> 
 def wheels(mirrors: Path, out: Path) -> None:
     """From DukeElectricVehicles/DEV_data, WheelSpindown/6_12_2019 and BearingTests.
 
-    Front wheels of an efficiency vehicle on a stand, running down: speed in m/s (column 4) at 10 Hz
-    over a radius of 0.2375 m (WheelSpindown.m), means of 10 rows; J = 0.0485 kg m² (sum of tyre, sealant, rim and
-    spokes there, for the Michelin tyre; the Greenspeed wheel's is not given and scales everything alike). `covered`:
-    spokes behind discs; `dtswiss`: its hub with seals; `nsk`: small bearings, nine minutes below 5 m/s.
+    Front wheels of an efficiency vehicle running down: speed in m/s (column 4) at 10 Hz over a radius of 0.2375 m
+    (WheelSpindown.m), means of 10 rows; J = 0.0485 kg m² (sum of tyre, sealant, rim and spokes there, for the Michelin
+    tyre; that of the other wheels is not given and scales everything alike). Tyres, hubs (`dtswiss`) and bearings
+    (`nsk`, minutes below 5 m/s; one recording is called large in this folder, small in the other) after the file names.
     """
     radius, inertia = 0.2375, 0.570 * 0.227**2 + 0.020 * 0.23**2 + 0.380 * 0.20**2 + 0.170 * 0.13**2
     for name, path, slowest in (
