@@ -1,9 +1,10 @@
 """Searches the validation recordings and holds the answers against what was written down before any search was run.
 
 `python -m benchmarks.recordings.judge FOLDER` prints a Markdown table; FOLDER holds what `validation` converted, with
-`FOLDER second` what `second_validation` did. An answer is right where it names, in a set of look-alikes or alone, one
-effect of each group that is required (or nothing, where that is acceptable), and nothing but what is tolerable beside.
-Effects of the noise count for nothing; a formula counts as a law of the speed.
+`FOLDER second` what `second_validation` did and with `FOLDER third` what `third_validation` did. An answer is right
+where it names, in a set of look-alikes or alone, one effect of each group that is required (or nothing, where that is
+acceptable), and nothing but what is tolerable beside. Effects of the noise count for nothing; a formula counts as a law
+of the speed.
 """
 
 from __future__ import annotations
@@ -171,6 +172,49 @@ SECOND: dict[str, Expected] = {
 }
 
 
+# ---- the third set ---------------------------------------------------------------------------------------------------
+
+SWINGS = Expected(("quadratic_drag",), f"stribeck formula {CONCAVE}")
+HALF_SWINGS = Expected(("quadratic_drag",), f"stribeck viscous_asymmetry lubricant_lag formula {CONCAVE} {OFFSET}")
+CAR = Expected((f"run_in_drift {CONCAVE}",), f"stribeck lubricant_lag formula run_in_drift {CONCAVE}")  # slope, wind
+DIRECT = f"stribeck viscous_asymmetry torque_ripple load_dependence run_in_drift {CONCAVE} {SLEW} {OFFSET}"
+LOOP = Expected((SLEW,), f"quadratic_drag stribeck viscous_asymmetry torque_ripple {CONCAVE} {SLEW} {OFFSET}")
+
+THIRD: dict[str, Expected] = {
+    # wheels running down
+    **dict.fromkeys(
+        (
+            *("front_michelin", "front_michelin_covered", "front_greenspeed", "front_nsk", "front_nsk_other"),
+            *("front_dtswiss", "front_dtswiss_loose", "hub_out_of_stator", "hub_left"),
+        ),
+        WINDAGE,
+    ),
+    "hub_disconnected": Expected((f"quadratic_drag stribeck {CONCAVE}",), f"quadratic_drag stribeck formula {CONCAVE}"),
+    "hub_connected": Expected(
+        (), f"quadratic_drag stribeck formula torque_ripple lubricant_lag {CONCAVE}", nothing=True
+    ),
+    # a car rolling down
+    **dict.fromkeys(("car_4wd_2", "car_2wd", "car_coast"), CAR),
+    "car_4wd_1": Expected((), f"quadratic_drag stribeck formula lubricant_lag run_in_drift {CONCAVE}", nothing=True),
+    # pendulums
+    **dict.fromkeys(("pendulum_arm_swings", "pendulum_cart_swings"), SWINGS),
+    **dict.fromkeys(("pendulum_arm_half_swings", "pendulum_cart_half_swings"), HALF_SWINGS),
+    "pendulum_furuta_half_swings": Expected(
+        (), f"quadratic_drag stribeck viscous_asymmetry lubricant_lag {CONCAVE} {OFFSET}", nothing=True
+    ),
+    # joints at constant speeds, gravity taken off
+    "direct_drive_joint1": Expected((OFFSET,), DIRECT),
+    "direct_drive_joint1_again": Expected(("stribeck presliding lubricant_lag",), DIRECT, nothing=True),
+    **dict.fromkeys(("direct_drive_joint2", "direct_drive_joint2_again"), Expected((), DIRECT, nothing=True)),
+    # joints on fast moves, inertia not taken off
+    **dict.fromkeys(("schunk_joint1", "schunk_joint6", "schunk_joint6_other"), LOOP),
+    # two recordings of one machine
+    "front_dtswiss front_dtswiss_loose": WINDAGE,
+    "car_4wd_2 car_2wd": CAR,
+    "schunk_joint6 schunk_joint6_other": LOOP,
+}
+
+
 def is_right(expected: Expected, sets: Iterable[set[str]]) -> bool:
     """Say whether sets of look-alikes, one for each effect that is named, are what was expected."""
     sets = list(sets)
@@ -190,7 +234,7 @@ def search(folder: Path, names: list[str]) -> Search:
 def main() -> None:
     """Search them all and print the table."""
     folder, right = Path(sys.argv[1]), []
-    sets = {"first": EXPECTED, "second": SECOND}
+    sets = {"first": EXPECTED, "second": SECOND, "third": THIRD}
     print("| recordings | rows | answer | left | RMSE in sample | right |\n|---|---|---|---|---|---|")
     for key, expected in sets[sys.argv[2] if len(sys.argv) > 2 else "first"].items():
         try:
