@@ -6,11 +6,15 @@ low and at high speed alike.
 """
 
 from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft, optimize
+
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
@@ -23,10 +27,8 @@ from rwa_monitor.wheel.effects.torque_ripple import (
     MAX_HARMONIC,
     TorqueRipple,
     angle_turned,
+    coherent_slots,
 )
-from dataclasses import replace
-from numpy.typing import NDArray
-from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC, angle_turned, coherent_slots
 
 CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
 MOST_CELLS: Final = 2**21  # of a record; where it turns more often, high orders are not looked for

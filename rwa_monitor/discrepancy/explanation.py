@@ -12,8 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.angle import AngleLine, angle_line, order_to_try, ripple_with
-from rwa_monitor.discrepancy.angle import with_angle_drift
+from rwa_monitor.discrepancy.angle import AngleLine, angle_line, order_to_try, ripple_with, with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
