@@ -239,7 +239,7 @@ def _line(
     return AngleLine(order[0], order[1], flips, (torque,), size)
 
 
-# ---- how far the integrated angle has drifted, by the phase of a torque ripple ----------------------------------------
+# ---- how far the integrated angle has drifted, by the phase of a torque ripple ---------------------------------------
 # The angle of the wheel is the integral of a noisy speed: its error is a random walk, and after `coherent_slots` the
 # phase of a harmonic is lost by a radian (docs/effects/torque_ripple.md). Over blocks shorter than
 # that a harmonic is a line still; the phases of the blocks, smoothed by the random walk that the speed's noise makes,

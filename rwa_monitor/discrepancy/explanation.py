@@ -28,10 +28,17 @@ from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, with_slope_jumps
 from rwa_monitor.discrepancy.testable import speed_curve
-from rwa_monitor.discrepancy.unexplained import judge_leftover, shorter, with_free_curves, without_unnamed
+from rwa_monitor.discrepancy.unexplained import (
+    does_nearly_all,
+    judge_leftover,
+    shorter,
+    with_free_curves,
+    without_unnamed,
+)
 from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.effects.formula import Formula
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -207,14 +214,17 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     known, _ = approach.sort_out([effect for effect in effects if effect.name in CATALOGUE], found.ladder[0])
     models = [one for one in approach.extensions(found.ladder[-1], laws) if one.score <= most]
     most = min(most, models[0].score + EQUIVALENT_WITHIN) if models else most
-    by_name = [one for one in approach.extensions(found.ladder[-1], known) if one.score <= most]
-    models = [one for one in by_name or models if len(one.terms) > len(found.ladder[-1].terms)]
+    models = [one for one in approach.extensions(found.ladder[-1], known) if one.score <= most] or models
+    models = [one for one in models if len(one.terms) > len(found.ladder[-1].terms)]
     if not models:
         return explained
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
     best = prune(approach, models[0], keep_last=True)  # what was named may have stood in for a part of it
-    gain = approach.without(best, len(best.terms) - 1).score - best.score
-    names = set(best.names)
+    simpler = approach.without(best, len(best.terms) - 1)
+    if issubclass(best.terms[-1].effect, Formula):  # its cause is unknown: known ones of much the same shape go with it
+        alike = [one for one in approach.extensions(simpler, known) if does_nearly_all(simpler, one, best)]
+        near += [one.names[-1] for one in alike if one.terms]
+    gain, names = simpler.score - best.score, set(best.names)
     named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
     found = replace(
         found, ladder=(*shorter(found.ladder, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))

@@ -26,7 +26,7 @@ from rwa_monitor.discrepancy.unnamed import UNNAMED, UnnamedEffect
 from rwa_monitor.samples import FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
-NEARLY_ALL: Final = 0.9  # of the sum of squares that a free curve explains
+NEARLY_ALL: Final = 0.9  # of the sum of squares that another explains
 BESIDE_SHARE: Final = 0.1  # of the gain of what has no name that a name beside it must reach: no law is exact
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
@@ -69,11 +69,16 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
     # A curve over the same quantity makes any law needless, the right one, too.
     if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
         return found, unexplained, best
-    fits = reduced.fit.rss, model.fit.rss, alone.fit.rss
-    if fits[0] > fits[1] and fits[0] - fits[1] > NEARLY_ALL * (fits[0] - fits[2]):
+    if does_nearly_all(reduced, model, alone):
         return found, unexplained, best  # what it lacks shows because the noise is far less
     left = tuple(entry for entry in found.found if entry.name in reduced.names)
     return replace(found, ladder=(*shorter(found.ladder, reduced), reduced), found=left), unexplained, best
+
+
+def does_nearly_all(simpler: Model, law: Model, other: Model) -> bool:
+    """Return whether a law lowers the sum of squares by nearly as much as another explanation of the same does."""
+    lower = simpler.fit.rss - law.fit.rss
+    return lower > 0.0 and lower > NEARLY_ALL * (simpler.fit.rss - other.fit.rss)
 
 
 def with_free_curves(fitting: Fitting, model: Model) -> list[Model]:
