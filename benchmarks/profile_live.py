@@ -39,20 +39,19 @@ from rwa_monitor.telemetry.sensor_validation import Screen
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEY = "rwa/profile/wheel_1/samples"
-# What runs within what is told by the stack of stages: each gets only its own time.
+# What runs within what follows from the stack of stages: each gets only its own time.
 STAGES: dict[str, tuple[Any, str]] = {
     "read the message: JSON, pydantic": (SamplesMessage, "parse"),
     "lists to arrays": (SamplesMessage, "samples"),
-    "record the message: MCAP, zstd": (Recorder, "input"),
     "sequencer": (Sequencer, "put"),
-    "order guard": (SlotAssignment, "next_piece"),
+    "slot assignment": (SlotAssignment, "next_piece"),
     "ring buffer": (RingBuffer, "extend"),
-    "screen": (Screen, "run"),
+    "sensor validation": (Screen, "run"),
     "friction": (FrictionSource, "friction"),
     "detection: stage 1": (WindowAccumulator, "append"),
     "close: stage 1's end": (WindowAccumulator, "close"),
     "diagnosis: stages 2 to 4": (windows, "diagnose_window"),
-    "record what is said": (Recorder, "output"),
+    "record messages and outputs: MCAP, zstd": (Recorder, "write"),
     "bring to the disk": (Recorder, "sync"),
     "flush, rotate, status by the clock": (Monitor, "tick"),
     "the core around them": (WheelCore, "feed"),
