@@ -19,9 +19,8 @@ import tomli_w
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import split_key
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
-from rwa_monitor.telemetry.files import atomic_write, write_text
+from rwa_monitor.telemetry.files import atomic_write, beside, write_text
 from rwa_monitor.telemetry.reader import Decoding, TextFile
-from rwa_monitor.telemetry.truth import beside
 
 XTCE_FILE: Final = Path(__file__).with_name("wheel_packet.xtce.xml")
 XTCE_SUFFIX: Final = ".xtce.xml"
