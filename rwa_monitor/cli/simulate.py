@@ -145,7 +145,7 @@ def publish(
     from rwa_monitor.monitor.bridge import PacketSender, UdpAddress
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import SamplesPublisher, SamplesSink, send
-    from rwa_monitor.telemetry.ccsds_example import FIRST_APID, MAX_EXAMPLE_WHEELS
+    from rwa_monitor.telemetry.ccsds_packets import FIRST_APID, MAX_EXAMPLE_WHEELS
 
     if udp is None:
         warn_if_alone(bus)

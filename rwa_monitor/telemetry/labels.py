@@ -26,7 +26,7 @@ from rwa_monitor.errors import InputError, MissingExtraError
 from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
 from rwa_monitor.simulation.record import Truth
 from rwa_monitor.telemetry.files import beside, display_name, read_text, write_text
-from rwa_monitor.telemetry.parquet import parquet
+from rwa_monitor.telemetry.table import parquet
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES
 
 MAX_LABELS_BYTES: Final = 100_000_000
