@@ -48,11 +48,11 @@ from rwa_monitor.simulation.record import Telemetry
 from rwa_monitor.simulation.record import simulate as simulate_telemetry
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.telemetry.configuration import read_model as read_model_file
+from rwa_monitor.telemetry.configuration import read_scenario
+from rwa_monitor.telemetry.configuration import read_wheel as read_wheel_file
 from rwa_monitor.telemetry.files import display_name
-from rwa_monitor.telemetry.model_file import read_model as read_model_file
 from rwa_monitor.telemetry.reader import joined, only_wheel, read_decoding
-from rwa_monitor.telemetry.scenario_file import read_scenario
-from rwa_monitor.telemetry.wheel_file import read_wheel as read_wheel_file
 from rwa_monitor.threads import on_threads, one_thread_of_algebra
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel

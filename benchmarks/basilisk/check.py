@@ -13,8 +13,8 @@ from pathlib import Path
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.identification.identify import identify
+from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.telemetry.wheel_file import read_wheel
 
 COULOMB_NM, VISCOUS = 1.6e-3, 5.3e-6  # as in record.py
 WITHIN = 0.01  # of the true value

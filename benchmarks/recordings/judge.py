@@ -19,8 +19,8 @@ import numpy as np
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.errors import InputError
+from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.telemetry.wheel_file import read_wheel
 
 OFFSET = "torque_bias coulomb_asymmetry"
 CONCAVE = "sublinear_viscous saturating_drag"

@@ -26,11 +26,10 @@ from rwa_monitor.monitor.telemetry_files import NO_DECODING, read_telemetry
 from rwa_monitor.reporting.diagnosis_rows import Row, diagnosis_row
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.files import display_name
+from rwa_monitor.telemetry.configuration import read_wheel
+from rwa_monitor.telemetry.files import beside, display_name
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, WheelTelemetry, joined, only_wheel
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.telemetry.truth import beside
-from rwa_monitor.telemetry.wheel_file import read_wheel
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 

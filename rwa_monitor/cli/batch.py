@@ -46,7 +46,7 @@ class Fleet:
         """Yield the results of the recordings that could be used, in order; logs what is wrong with the others."""
         from rwa_monitor.batch.cluster import each
         from rwa_monitor.telemetry.files import make_folder
-        from rwa_monitor.telemetry.parquet import parquet
+        from rwa_monitor.telemetry.table import parquet
 
         results, store = self._options.results, None
         if results:

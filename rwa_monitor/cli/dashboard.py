@@ -93,7 +93,7 @@ def command(
     from rwa_monitor.history.retention import Retention
     from rwa_monitor.history.store import History
     from rwa_monitor.monitor.bus import endpoints, open_session
-    from rwa_monitor.telemetry.wheel_file import read_wheel
+    from rwa_monitor.telemetry.configuration import read_wheel
 
     try:
         retention = Retention(*keep) if keep else None

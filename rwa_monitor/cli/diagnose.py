@@ -70,8 +70,7 @@ def command(
     from rwa_monitor.batch.tasks import Diagnose
     from rwa_monitor.cli.diagnosis_view import has_too_few_samples, render
     from rwa_monitor.monitor.trends import WindowFriction
-    from rwa_monitor.telemetry.model_file import read_model
-    from rwa_monitor.telemetry.wheel_file import read_wheel
+    from rwa_monitor.telemetry.configuration import read_model, read_wheel
     from rwa_monitor.words import counted
 
     if carry and fleet.given:

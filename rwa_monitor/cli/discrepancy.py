@@ -115,7 +115,7 @@ def command(
     With --each the files are judged one by one, side by side: a line of verdict and causes, or a JSON object, for each.
     """
     from rwa_monitor.cli.recordings import read_recordings, with_motor_off
-    from rwa_monitor.telemetry.wheel_file import read_wheel
+    from rwa_monitor.telemetry.configuration import read_wheel
 
     wheel = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
     if each:

@@ -51,8 +51,7 @@ def command(
         """Return what a monitor with these options would diagnose with."""
         from rwa_monitor.monitor.state_recovery import Setup
         from rwa_monitor.monitor.wheel_set import WheelSet
-        from rwa_monitor.telemetry.model_file import read_model
-        from rwa_monitor.telemetry.wheel_file import read_wheel, read_wheel_folder
+        from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
         own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
         return Setup(WheelSet(read_wheel(wheel_file), own_wheels), read_model(model_file), "joint")
@@ -194,7 +193,7 @@ def _settings(ctx: click.Context) -> str:
 def _wheel(wheel_file: Path | None) -> str:
     """Check that the wheel file can be used, and return what it lacks."""
     from rwa_monitor.monitor.service import first_verdict
-    from rwa_monitor.telemetry.wheel_file import read_wheel
+    from rwa_monitor.telemetry.configuration import read_wheel
     from rwa_monitor.words import counted
 
     wheel = read_wheel(wheel_file)
@@ -207,8 +206,7 @@ def _wheel(wheel_file: Path | None) -> str:
 def _model(model_file: Path | None, wheel_file: Path | None) -> str:
     """Check that the model can be used, and with this wheel."""
     from rwa_monitor.diagnosis.model import models_for
-    from rwa_monitor.telemetry.model_file import read_model
-    from rwa_monitor.telemetry.wheel_file import read_wheel
+    from rwa_monitor.telemetry.configuration import read_model, read_wheel
 
     model, wheel = read_model(model_file), read_wheel(wheel_file)
     names = sorted(anomaly.name for anomaly in model.anomalies)
@@ -231,7 +229,7 @@ def _model(model_file: Path | None, wheel_file: Path | None) -> str:
 
 def look_at_wheel_folder(folder: Path) -> str:
     """Check that the wheel files of single wheels can be used, and return what they lack and what lies beside them."""
-    from rwa_monitor.telemetry.wheel_file import read_wheel_folder
+    from rwa_monitor.telemetry.configuration import read_wheel_folder
     from rwa_monitor.words import counted, first_few
 
     wheels = read_wheel_folder(folder)
@@ -289,7 +287,7 @@ def _stale(last: Path, setup: Setup) -> str:
 
 def _own_wheels(wheel_folder: Path | None) -> set[WheelKey]:
     """Return the wheels that have a file in a folder; none where it cannot be used, which another check reports."""
-    from rwa_monitor.telemetry.wheel_file import read_wheel_folder
+    from rwa_monitor.telemetry.configuration import read_wheel_folder
 
     try:
         return set(read_wheel_folder(wheel_folder)) if wheel_folder else set()

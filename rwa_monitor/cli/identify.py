@@ -62,8 +62,8 @@ def command(
     from rwa_monitor.cli.recordings import read_recordings, with_motor_off
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.identification.identify import bare_wheel, identify
+    from rwa_monitor.telemetry.configuration import read_wheel
     from rwa_monitor.telemetry.files import write_text
-    from rwa_monitor.telemetry.wheel_file import read_wheel
 
     start = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
     if each:

@@ -81,8 +81,7 @@ def command(
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.monitor.monitor import RunOptions
     from rwa_monitor.monitor.service import Supervisor, run
-    from rwa_monitor.telemetry.model_file import read_model
-    from rwa_monitor.telemetry.wheel_file import read_wheel, read_wheel_folder
+    from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
     wheel = read_wheel(wheel_file)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}

@@ -145,7 +145,7 @@ def publish(
     from rwa_monitor.monitor.bridge import PacketSender, UdpAddress
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import SamplesPublisher, SamplesSink, send
-    from rwa_monitor.telemetry.ccsds_example import FIRST_APID, MAX_EXAMPLE_WHEELS
+    from rwa_monitor.telemetry.ccsds_packets import FIRST_APID, MAX_EXAMPLE_WHEELS
 
     if udp is None:
         warn_if_alone(bus)
@@ -182,8 +182,7 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
 
     from rwa_monitor.simulation.datasets import LabelledWindow
     from rwa_monitor.simulation.record import simulate
-    from rwa_monitor.telemetry.scenario_file import read_scenario
-    from rwa_monitor.telemetry.wheel_file import read_wheel
+    from rwa_monitor.telemetry.configuration import read_scenario, read_wheel
 
     scenario, wheel = read_scenario(scenario_file), read_wheel(wheel_file)
     telemetry = simulate(scenario, wheel, np.random.default_rng(seed))
@@ -192,8 +191,9 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
 
 def _write_beside(window: LabelledWindow, table: Path, **source: Any) -> tuple[str, ...]:
     """Write the truth of a recording beside it, and its wheel unless it is built in; returns what was left out."""
-    from rwa_monitor.telemetry.truth import beside, write_truth
-    from rwa_monitor.telemetry.wheel_file import write_wheel
+    from rwa_monitor.telemetry.configuration import write_wheel
+    from rwa_monitor.telemetry.files import beside
+    from rwa_monitor.telemetry.labels import write_truth
     from rwa_monitor.wheel.wheel import built_in_wheel
 
     if window.wheel != built_in_wheel():

@@ -29,10 +29,9 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     from rwa_monitor.batch.tasks import ReadFeatures
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
     from rwa_monitor.paper.classification import with_classifiers
+    from rwa_monitor.telemetry.configuration import read_wheel, write_model
     from rwa_monitor.telemetry.files import display_name
     from rwa_monitor.telemetry.labels import read_labels
-    from rwa_monitor.telemetry.model_file import write_model
-    from rwa_monitor.telemetry.wheel_file import read_wheel
     from rwa_monitor.words import counted
 
     wheel = read_wheel(wheel_file)

@@ -17,8 +17,7 @@ from typing import Any, Final
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.monitor.publisher import SamplesSink
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.ccsds_example import packets_of
-from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, split_packets
+from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, packets_of, split_packets
 from rwa_monitor.words import counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold

@@ -22,6 +22,11 @@ def display_name(path: Path) -> str:
     return os.fsencode(path).decode("utf-8", "replace")
 
 
+def beside(recording: Path, suffix: str) -> Path:
+    """Return the name of a file that belongs to a recording: its own name with a suffix added."""
+    return recording.with_name(recording.name + suffix)
+
+
 def read_bytes(path: Path, limit: int) -> bytes:
     """Return a file's content.
 
@@ -68,11 +73,11 @@ def read_checked_text(path: Path, limit: int) -> str:
         As `read_text`; if the file beside it cannot be read, or its first word is not the hash of the content.
     """
     content = read_bytes(path, limit)
-    beside = path.with_name(path.name + SHA256_SUFFIX)
-    if beside.exists():
-        stated = read_bytes(beside, MAX_SHA256_BYTES).split(maxsplit=1)
+    hash_file = beside(path, SHA256_SUFFIX)
+    if hash_file.exists():
+        stated = read_bytes(hash_file, MAX_SHA256_BYTES).split(maxsplit=1)
         if not stated or stated[0].decode("ascii", "replace").lower() != sha256(content).hexdigest():
-            raise InputError(display_name(path), f"is not the file whose hash stands in {display_name(beside)}")
+            raise InputError(display_name(path), f"is not the file whose hash stands in {display_name(hash_file)}")
     return decode_utf8(content, path)
 
 

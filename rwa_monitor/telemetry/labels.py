@@ -1,21 +1,32 @@
-"""labels.csv: which anomalies each recording of a data set holds; what `simulate dataset` writes and `train` reads.
+"""What is known of simulated recordings: labels.csv, which `simulate dataset` writes and `train` reads, and the truth.
 
-The header is `file,dry,viscous,<names of the switching systems>`, the rest is 0 or 1. File names are relative to the
-folder of the labels, or absolute, and do not lead out of that folder. A label holds for all windows of its file.
+The header of the labels is `file,dry,viscous,<names of the switching systems>`, the rest is 0 or 1. File names are
+relative to the folder of the labels, or absolute, and do not lead out of that folder. A label holds for all windows of
+its file.
+
+The truth of `FILE` is `FILE.truth.json` (labels, jumps, sojourns, scenario, seed) and `FILE.truth.pq` (what changes
+from slot to slot: motion, temperature, every part of the friction, noise). Not `.parquet`, so that a pattern that finds
+the recordings of a folder does not find their truth.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import json
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.telemetry.files import display_name, read_text, write_text
+import numpy as np
+
+from rwa_monitor.errors import InputError, MissingExtraError
+from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
+from rwa_monitor.simulation.record import Truth
+from rwa_monitor.telemetry.files import beside, display_name, read_text, write_text
+from rwa_monitor.telemetry.table import parquet
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES
 
 MAX_LABELS_BYTES: Final = 100_000_000
@@ -102,3 +113,40 @@ def _leads_out(file: str, folder: Path) -> str:
     if not path.is_absolute() or path.is_relative_to(folder.absolute()) or Path(real_path).is_relative_to(real_folder):
         return ""
     return f"is an absolute path and not in the folder of the labels, {display_name(folder.absolute())}"
+
+
+# ---- the truth -------------------------------------------------------------------------------------------------------
+
+
+def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> str:
+    """Write both files of truth beside a recording; returns why one is left out, "" where none is.
+
+    Parameters
+    ----------
+    window
+        The simulated record.
+    recording
+        The file that its samples are in.
+    **provenance
+        What else the JSON shall say: how to make the recording again.
+    """
+    document = {**truth_document(window), **provenance}
+    write_text(beside(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")
+    try:
+        parquet().write_columns(slot_columns(window.telemetry.truth), beside(recording, ".truth.pq"))
+    except MissingExtraError as error:
+        return f"no table of the truth in every slot: {error}"
+    return ""
+
+
+def slot_columns(truth: Truth) -> dict[str, np.ndarray[Any, Any]]:
+    """Return all arrays of a truth that have an entry for each slot; those of a system as `<system>.<array>`."""
+    columns: dict[str, np.ndarray[Any, Any]] = {}
+    for field in fields(truth):
+        value = getattr(truth, field.name)
+        if isinstance(value, np.ndarray):
+            columns[field.name] = value
+        elif isinstance(value, dict):
+            arrays = {key: array for key, array in value.items() if isinstance(array, np.ndarray)}
+            columns.update({f"{key}.{field.name}": array for key, array in arrays.items()})
+    return columns

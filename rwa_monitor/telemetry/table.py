@@ -9,15 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Final, Literal
 
-from rwa_monitor.errors import InputError
+from rwa_monitor.errors import InputError, MissingExtraError
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.ccsds_example import write_packets
+from rwa_monitor.telemetry.ccsds_packets import write_packets
 from rwa_monitor.telemetry.columns import SampleTable
 from rwa_monitor.telemetry.csv_table import read_csv, write_csv
 from rwa_monitor.telemetry.files import display_name, unreadable
-from rwa_monitor.telemetry.parquet import parquet
 from rwa_monitor.telemetry.pulses import speed_of_pulses
 
 PARQUET_MAGIC: Final = b"PAR1"
@@ -29,6 +29,21 @@ _PROFILE_AT: Final = len(MCAP_MAGIC) + 1 + 8
 PACKET_SUFFIXES: Final = (".ccsds", ".bin")  # space packets have no first bytes of their own either
 
 FileFormat = Literal["csv", "parquet", "mcap", "packets", "ros2"]
+
+
+def parquet() -> ModuleType:
+    """Return `parquet_table`, which belongs to an extra and whose Arrow takes a third of a second to import.
+
+    Raises
+    ------
+    MissingExtraError
+        If what it needs is not installed.
+    """
+    try:
+        from rwa_monitor.telemetry import parquet_table  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(f"{error.name} is missing: pip install 'rwa-monitor[parquet]'") from error
+    return parquet_table
 
 
 def _write_parquet(samples: Samples, path: Path) -> None:

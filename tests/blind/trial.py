@@ -19,9 +19,9 @@ from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Term, make_term
+from rwa_monitor.telemetry.configuration import read_wheel, write_wheel
 from rwa_monitor.telemetry.csv_table import write_csv
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.telemetry.wheel_file import read_wheel, write_wheel
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.effects.noise_base import NoiseEffect

@@ -8,7 +8,7 @@ import pytest
 from click.testing import Result
 
 from rwa_monitor.simulation.datasets import scaled_wheel
-from rwa_monitor.telemetry.wheel_file import write_wheel
+from rwa_monitor.telemetry.configuration import write_wheel
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
 from tests.program import run
 

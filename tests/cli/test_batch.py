@@ -22,8 +22,7 @@ from rwa_monitor.batch.store import Store, read_results
 from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.telemetry.model_file import read_model
-from rwa_monitor.telemetry.wheel_file import read_wheel
+from rwa_monitor.telemetry.configuration import read_model, read_wheel
 from tests.cli.conftest import simulate
 from tests.program import command, run
 

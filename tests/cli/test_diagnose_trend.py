@@ -7,8 +7,8 @@ import json
 import pytest
 
 import rwa_monitor as rwa
+from rwa_monitor.telemetry.configuration import write_wheel
 from rwa_monitor.telemetry.table import table_writer
-from rwa_monitor.telemetry.wheel_file import write_wheel
 from tests.program import run
 
 GROWING = "[anomalies.viscous]\nfactor = 1.5\nonset_s = 4000.0\ngrowth_s = 6000.0\n"

@@ -7,10 +7,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
+from rwa_monitor.telemetry.configuration import read_model, read_wheel
 from rwa_monitor.telemetry.labels import read_labels
-from rwa_monitor.telemetry.model_file import read_model
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.telemetry.wheel_file import read_wheel
 from tests.cli.conftest import SECONDS, simulate
 from tests.program import run
 

@@ -12,8 +12,8 @@ from benchmarks.measured import PUBLISHED, basic_law, bias_beside, load
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.telemetry.wheel_file import read_wheel
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
 pytestmark = pytest.mark.skipif(MEASURED is None, reason="RWA_MEASURED_DATA does not say where the measured tables are")

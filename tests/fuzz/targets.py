@@ -47,14 +47,12 @@ from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
+from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import read_text
 from rwa_monitor.telemetry.labels import read_labels, write_labels
-from rwa_monitor.telemetry.model_file import read_model
 from rwa_monitor.telemetry.reader import Decoding, TextFile
 from rwa_monitor.telemetry.ros2_bag import read_bag
-from rwa_monitor.telemetry.scenario_file import read_scenario
 from rwa_monitor.telemetry.table import read_table, table_writer
-from rwa_monitor.telemetry.wheel_file import read_wheel
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import telemetry, wheel
 from tests.telemetry import bags

@@ -19,9 +19,8 @@ from rwa_monitor.monitor.bridge import HOLD_S, Bridge, UdpAddress, listening, ru
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.samples import CHANNELS, Samples, concatenate
 from rwa_monitor.simulation.record import simulate
-from rwa_monitor.telemetry.ccsds_example import FIRST_APID, example_decoding, packets_of
-from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
-from rwa_monitor.telemetry.scenario_file import read_scenario
+from rwa_monitor.telemetry.ccsds_packets import FIRST_APID, PacketDecoder, example_decoding, packets_of
+from rwa_monitor.telemetry.configuration import read_scenario
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.monitor.processes import PATIENCE_S, Listener, process, wait_for
 from tests.monitor.support import free_port

@@ -20,7 +20,7 @@ from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import jobs_of
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.wheel_file import read_wheel_folder, write_wheel
+from rwa_monitor.telemetry.configuration import read_wheel_folder, write_wheel
 from rwa_monitor.wheel.wheel import Wheel
 from tests.history.support import discrepancy
 from tests.monitor.processes import Listener, monitor, wait_for

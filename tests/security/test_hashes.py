@@ -14,9 +14,7 @@ from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.state_recovery import Setup
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.model_file import read_model
-from rwa_monitor.telemetry.scenario_file import read_scenario
-from rwa_monitor.telemetry.wheel_file import read_wheel
+from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.monitor.recordings import rewrite
 

@@ -11,7 +11,7 @@ from spacepackets.ccsds.spacepacket import SpacePacketHeader
 from spacepackets.ccsds.time import CdsShortTimestamp
 
 from rwa_monitor.samples import CHANNELS, Samples
-from rwa_monitor.telemetry.ccsds_example import FIRST_APID, example_decoding, packets_of
+from rwa_monitor.telemetry.ccsds_packets import FIRST_APID, example_decoding, packets_of
 from rwa_monitor.telemetry.reader import Decoding, TextFile
 
 KEY = "rwa/sat/wheel_1/samples"

@@ -19,8 +19,7 @@ from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.recording.writer import RecordingWriter
 from rwa_monitor.monitor.telemetry_files import READERS, read_telemetry
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.ccsds_definition import definition_of
-from rwa_monitor.telemetry.ccsds_example import write_packets
+from rwa_monitor.telemetry.ccsds_packets import definition_of, write_packets
 from rwa_monitor.telemetry.csv_table import write_csv
 from rwa_monitor.telemetry.parquet_table import write_parquet
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, joined, only_wheel, read_decoding

@@ -13,15 +13,16 @@ from spacepackets.ccsds.spacepacket import PacketType, SequenceFlags, SpacePacke
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS, Samples
-from rwa_monitor.telemetry.ccsds_example import (
+from rwa_monitor.telemetry.ccsds_packets import (
     FIELDS,
     FIRST_APID,
     XTCE_FILE,
+    PacketDecoder,
     example_decoding,
     packets_of,
+    read_packets,
     write_packets,
 )
-from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
 from rwa_monitor.telemetry.reader import Decoding, TextFile, joined, only_wheel, read_decoding
 from tests.telemetry import packets as made
 

@@ -17,7 +17,7 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.sensor_validation import Channel, friction_limit, speed_limit
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.monitor.support import adds_up, diagnoses, model, said
+from tests.monitor.support import adds_up, diagnoses, messages_of, model
 
 SLOTS = 80_000
 FROM = 30_000  # where a fault begins
@@ -48,7 +48,7 @@ def diagnosed(samples: Samples) -> tuple[WindowDiagnosed, WheelCore, list[Event]
 
 def message(window: WindowDiagnosed) -> bytes:
     """Return the diagnosis as it is published."""
-    return diagnoses(said([window]))[0]
+    return diagnoses(messages_of([window]))[0]
 
 
 def sensor_faults(events: list[Event]) -> list[SensorFault]:

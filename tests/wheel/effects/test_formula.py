@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.errors import InputError
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.wheel_file import read_wheel, write_wheel
+from rwa_monitor.telemetry.configuration import read_wheel, write_wheel
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, build, effect_class, mean_effects, to_block
 from rwa_monitor.wheel.effects.formula import FORMULAS, Formula, parse

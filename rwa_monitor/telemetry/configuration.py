@@ -1,11 +1,13 @@
-"""Wheel files: wheel.toml in and out, with its size limited before it is parsed."""
+"""The files that configure the program: wheel, scenario and model, their sizes limited before they are parsed."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from rwa_monitor.diagnosis.model import MAX_MODEL_BYTES, Model, built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
+from rwa_monitor.simulation.scenario import MAX_SCENARIO_BYTES, Scenario
 from rwa_monitor.telemetry.files import display_name, read_checked_text, write_text
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES, Wheel, built_in_wheel
@@ -62,3 +64,34 @@ def read_wheel_folder(folder: Path) -> dict[tuple[str, str], Wheel]:
 def write_wheel(wheel: Wheel, path: Path) -> None:
     """Write a wheel.toml that `read_wheel` gives back."""
     write_text(path, wheel.to_toml())
+
+
+def read_scenario(path: Path | None) -> Scenario:
+    """Read a scenario; without a path, return the default one: a healthy wheel in orbit.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; names the file, the key and the reason.
+    """
+    if path is None:
+        return Scenario()
+    return Scenario.from_toml(read_checked_text(path, MAX_SCENARIO_BYTES), display_name(path))
+
+
+def read_model(path: Path | None) -> Model:
+    """Read a model file; without a path, return the built-in model.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; names the file, the field and the reason.
+    """
+    if path is None:
+        return built_in_model()
+    return Model.from_json(read_checked_text(path, MAX_MODEL_BYTES), display_name(path))
+
+
+def write_model(model: Model, path: Path) -> None:
+    """Write a model file that `read_model` gives back."""
+    write_text(path, model.to_json())
