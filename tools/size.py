@@ -15,7 +15,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS = 350, 35_000, 362_500
+MOST_FILES, MOST_LINES, MOST_TOKENS = 305, 34_450, 358_500
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,
