@@ -12,6 +12,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 from rwa_monitor.wheel.effects.columns import stack
 from rwa_monitor.wheel.effects.resolution import narrowed, speed_step, used_speed
 
+SHARPEST: Final = 6.0  # of the bend: at ω_s the drag is 89 % of its end; sharper is a corner
 RARER: Final = 100.0  # odds of a power law, which bearings of machines are known to follow, against this one
 
 
@@ -20,28 +21,30 @@ class SaturatingDrag(MeanEffect):
 
     name = "saturating_drag"
     title = "Saturating drag"
-    formula = r"\tau = c\, \frac{\omega / \omega_s}{1 + |\omega| / \omega_s}"
+    formula = r"\tau = c\, \frac{\omega / \omega_s}{\left(1 + |\omega / \omega_s|^b\right)^{1/b}}"
     description = (
         "A lubricant that shears faster thins: Cross's law lets the viscosity fall as 1/(1 + shear rate / critical "
         "rate), and the drag of a film of constant thickness then levels off at the strength c, half of which it has "
-        "at ω_s. Greases and polymer-thickened oils do so; so does the friction of motor and gear benches at some tens "
-        "of rad/s, where the viscous friction is a slope only near zero. What is left of a slope is the base law's. "
-        "The name means concave drag with an end, not which lubricant: a power of the speed (`sublinear_viscous`) has "
-        "no end."
+        "at ω_s; Carreau's and Yasuda's law bends more sharply (b > 1; tanh is near b = 2). Greases and "
+        "polymer-thickened oils do so; so does the friction of motor and gear benches at some tens of rad/s, where the "
+        "viscous friction is a slope only near zero. What is left of a slope is the base law's. The name means concave "
+        "drag with an end, not which lubricant: a power of the speed (`sublinear_viscous`) has no end."
     )
     signature = "A residual that is concave in |ω|: a slope near zero, a plateau above."
     confused_with = ("sublinear_viscous", "stribeck", "presliding")
     separate_by = "Dwells over the whole speed range, some well above the bend: a plateau, or a power that goes on."
     source = (
         "M. M. Cross, Rheology of non-Newtonian fluids: a new flow equation for pseudoplastic systems, Journal of "
-        "Colloid Science 20, 1965 (exponent 1); S. Andersson, A. Söderberg, S. Björklund, Friction models for sliding "
-        "dry, boundary and mixed lubricated contacts, Tribology International 40, 2007. That a whole bearing follows "
-        "the law of one film is an assumption."
+        "Colloid Science 20, 1965 (exponent 1); K. Yasuda, R. C. Armstrong, R. E. Cohen, Shear flow properties of "
+        "concentrated solutions of linear and star branched polystyrenes, Rheologica Acta 20, 1981 (b; power index 0); "
+        "S. Andersson, A. Söderberg, S. Björklund, Friction models for sliding dry, boundary and mixed lubricated "
+        "contacts, Tribology International 40, 2007. That a whole bearing follows the law of one film is an assumption."
     )
     choice_deviance: ClassVar[float] = 2.0 * float(np.log(RARER))
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
         Parameter("saturation_speed_rad_s", "rad/s", 1e-3, 1000.0, 20.0),
+        Parameter("bend", "-", 1.0, SHARPEST, 1.0, choices=(1.0,), default=1.0, between=True),
     )
 
     @classmethod
@@ -50,8 +53,10 @@ class SaturatingDrag(MeanEffect):
     ) -> tuple[FloatArray, Memory]:
         """Return the drag at unit strength."""
         del memory
-        ratio = channels.speed_rad_s / shape["saturation_speed_rad_s"]
-        return stack(ratio / (1.0 + np.abs(ratio))), None
+        ratio, bend = channels.speed_rad_s / shape["saturation_speed_rad_s"], shape["bend"]
+        if bend == 1.0:
+            return stack(ratio / (1.0 + np.abs(ratio))), None
+        return stack(ratio / (1.0 + np.abs(ratio) ** bend) ** (1.0 / bend)), None
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
@@ -59,3 +64,9 @@ class SaturatingDrag(MeanEffect):
         bounds, top = super().shape_bounds(channels), float(used_speed(channels).max())
         low = max(3.0 * speed_step(channels), 1e-3 * top)
         return {**bounds, "saturation_speed_rad_s": narrowed(bounds["saturation_speed_rad_s"], low, top)}
+
+    @classmethod
+    def reach_between(cls, channels: Channels) -> dict[str, float]:
+        """The bend is fitted in every record."""
+        del channels
+        return {"bend": SHARPEST - 1.0}

@@ -15,6 +15,7 @@ from rwa_monitor.wheel.effects.switching_base import JumpClock, SwitchingEffect,
 
 FEWEST_JUMPS: Final = 5
 BINS: Final = 200  # of the covariate
+FEWEST_PASSES: Final = 2  # from the lower quarter of the covariate's range to the upper one, or back
 STEEPEST: Final = 20.0  # of the log rate over the range of the speed: beyond, all jumps are at one speed
 
 
@@ -67,6 +68,8 @@ class SpeedTriggeredJumps(SwitchingEffect):
         if len(evidence.jumps) < FEWEST_JUMPS or everywhere.size < 2 or everywhere.max() == everywhere.min():
             return cls.nothing_found(len(evidence.jumps))
         low, span = float(everywhere.min()), float(everywhere.max() - everywhere.min())
+        if _passes((everywhere - low) / span) < FEWEST_PASSES:
+            return cls.nothing_found(len(evidence.jumps))  # a rate that changes with time would look the same
         # From 0 to 1 over its range; where it is not known, the jumps' clock goes at its mean rate.
         x = np.where(known, (covariate - low) / span, float((everywhere.mean() - low) / span))
         gain = _sojourn_gain(evidence, x) if evidence.sojourns else _place_gain(evidence, x)
@@ -82,6 +85,12 @@ class SpeedTriggeredJumps(SwitchingEffect):
         values[name] = float(np.clip(c / span, parameter.low, parameter.high))
         std[name] = curvature_std(_place_gain(evidence, x), c, 0.05) / span
         return LikelihoodFit(values, std, max(gain(c), 0.0), 1, len(evidence.jumps))
+
+
+def _passes(x: FloatArray) -> int:
+    """Count how often a covariate in [0, 1] goes from its lower quarter to its upper one, or back."""
+    end = np.where(x < 0.25, -1, np.where(x > 0.75, 1, 0))
+    return int(np.count_nonzero(np.diff(end[end != 0])))
 
 
 def _place_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float], float]:

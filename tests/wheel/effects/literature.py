@@ -248,3 +248,8 @@ def jumping_slope(speed: Values, places: Sequence[int], sizes: Values, per_torqu
 def cross_film(speed: Values, slope: float, critical: float) -> np.ndarray:
     """Cross (1965): viscosity η₀/(1 + rate/critical rate), of a film whose shear rate is in proportion to the speed."""
     return speed * slope / (1.0 + np.abs(speed) / critical)
+
+
+def carreau_yasuda_film(speed: Values, slope: float, critical: float, bend: float) -> np.ndarray:
+    """Yasuda and others (1981) with power index n = 0: viscosity η₀ [1 + (λγ̇)^a]^((n−1)/a), λγ̇ = |ω|/critical."""
+    return speed * slope * (1.0 + (np.abs(speed) / critical) ** bend) ** (-1.0 / bend)

@@ -104,6 +104,12 @@ def test_saturating_drag_is_a_film_whose_viscosity_follows_cross(motion: Channel
     assert_same(torque("saturating_drag", motion, strength_Nm=2e-5 * 12.0, saturation_speed_rad_s=12.0), theirs)
 
 
+def test_a_sharper_saturating_drag_is_a_film_after_carreau_and_yasuda(motion: Channels) -> None:
+    theirs = literature.carreau_yasuda_film(motion.speed_rad_s, 2e-5, 12.0, 2.5)
+    shape = {"saturation_speed_rad_s": 12.0, "bend": 2.5}
+    assert_same(torque("saturating_drag", motion, strength_Nm=2e-5 * 12.0, **shape), theirs)
+
+
 def test_viscosity_falls_by_two_to_eight_per_cent_a_kelvin() -> None:
     for b_kelvin, per_kelvin in ((1700.0, -0.02), (6900.0, -0.08)):
         change = literature.andrade_viscosity(20.5, 1.0, b_kelvin) - literature.andrade_viscosity(19.5, 1.0, b_kelvin)

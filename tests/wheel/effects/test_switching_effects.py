@@ -193,6 +193,15 @@ def test_a_fast_clock_brings_more_jumps() -> None:
     assert 4 < counts[1] / counts[0] < 20
 
 
+def test_in_one_sweep_a_rate_over_the_speed_is_one_over_time() -> None:
+    once = np.linspace(80.0, 0.0, SLOTS)
+    for speed, found in ((once, False), (np.concatenate([once[::2], once[1::2]]), True)):
+        fast = np.flatnonzero(speed > 60.0)[::200].astype(np.int64)
+        channels = replace(record(None, 0).channels, speed_rad_s=speed, bearing_temperature_degC=None)
+        evidence = SwitchingEvidence(np.zeros(SLOTS), channels, channels.good, Jumps(fast, np.ones(fast.size)))
+        assert (SWITCHING_EFFECTS["speed_triggered_jumps"].fit(evidence).log_likelihood_gain > 0.0) == found
+
+
 def test_temperature_triggered_jumps_need_the_temperature() -> None:
     effect = SWITCHING_EFFECTS["speed_triggered_jumps"](strength_s_rad=0.0, strength_1_K=0.1)
     with pytest.raises(InputError, match="temperature"):
