@@ -312,10 +312,11 @@ def distance_to_crossings(problem: Problem, at: IntArray) -> IntArray:
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
-    """Return the fitted jumps and subsets of them that a missing effect may have had no hand in."""
+    """Return the fitted jumps, subsets of them that a missing effect may have had no hand in, and the strong ones."""
     sets = [fitted.jumps]
-    for subset in (sharp_jumps(problem, fitted), jumps_off_crossings(problem, fitted.jumps)):
-        if all(subset.size < known.size or not np.array_equal(subset, known) for known in sets):
+    subsets = sharp_jumps(problem, fitted), jumps_off_crossings(problem, fitted.jumps), strong_jumps(problem, fitted)
+    for subset in subsets:
+        if not any(np.array_equal(subset, known) for known in sets):
             sets.append(subset)
     return sets
 

@@ -9,7 +9,7 @@ noise must not be cut into jumps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -23,7 +23,6 @@ from rwa_monitor.discrepancy.base_fit import (
     fit,
     jump_sets,
     segment_records,
-    strong_jumps,
     with_noise_of,
 )
 from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
@@ -44,6 +43,7 @@ EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # times the price of a jump
 STARTED: Final = 4  # candidates of each start that are tried, those that screening puts first
 REFITTED: Final = 5  # candidates whose shapes and noise are refitted, of those that were segmented anew
+LEAST_SHARE: Final = 0.25  # of the best one's gain: with less, shapes and noise fitted anew never put one first
 ROUNDS: Final = 4  # of shapes, noise and jumps in turn
 SETTLED: Final = 0.5  # of the score
 STEP: Final = 0.25  # of a column's range from one sample to the next: more is a step
@@ -69,6 +69,7 @@ class Fitting:
         self.problem = problem
         self.jumps = jumps
         self.several = Series.of(problem).several
+        self._known: dict[Hashable, tuple[Sequence[Term], Model]] = {}  # what `without` returned
 
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
@@ -95,7 +96,7 @@ class Fitting:
             return min(model, self._refined(model), key=lambda one: one.score)
         calmer = with_noise_of(self.problem, model.fit.residual)
         if calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
-            self.problem = calmer
+            self.problem, self._known = calmer, {}
         return model
 
     def extensions(self, current: Model, effects: Effects) -> list[Model]:
@@ -118,7 +119,11 @@ class Fitting:
 
     def without(self, model: Model, index: int) -> Model:
         """Return a model without term `index`, refitted from the full model's jumps."""
-        return self.refitted(model.terms[:index] + model.terms[index + 1 :], model, [model.fit.jumps])
+        terms, jumps = model.terms[:index] + model.terms[index + 1 :], model.fit.jumps
+        key = tuple(map(id, terms)), jumps.tobytes(), law_of(model)
+        if key not in self._known:
+            self._known[key] = terms, self.refitted(terms, model, [jumps])
+        return self._known[key][1]
 
     def refitted(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
         """Return a model with other terms than one that is near to it, from these jumps or from those of the near one.
@@ -156,7 +161,7 @@ class Fitting:
         """Return sets of jumps that a model near to another may start from."""
         if not self.jumps:
             return [NO_JUMPS]
-        return [*jump_sets(self.problem, model.fit), strong_jumps(self.problem, model.fit)]
+        return jump_sets(self.problem, model.fit)
 
     def _extended(self, current: Model, effects: Effects, instead: Term | None = None) -> list[Model]:
         """Return the model with each of the most promising effects added; `instead` of a term, those that come near."""
@@ -178,6 +183,8 @@ class Fitting:
         started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1], law), tried)
         if self.jumps:
             started = _best_of_each(started)[:REFITTED]
+            gain = max((current.score - one.score for one in started), default=0.0)
+            started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started)
         return _best_of_each([one for one in refined if _is_possible(one) and _explains(one, current)])
 

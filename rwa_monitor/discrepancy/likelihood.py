@@ -13,13 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from scipy import linalg, optimize, special
 
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.kernels.state_space import whiten
+from rwa_monitor.kernels.state_space import filter_gains, whiten
 from rwa_monitor.samples import FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
@@ -222,21 +222,49 @@ class Series:
 
     def whitened(self, rows: FloatArray, law: NoiseLaw) -> tuple[FloatArray, float]:
         """Return the innovations of rows, float64 (p, n), and the log-determinant of their covariance without jumps."""
+        whitening = Whitening.of(self, law)
+        return whitening.innovations(rows), whitening.log_determinant
+
+
+@dataclass(frozen=True, slots=True)
+class Whitening:
+    """The filter that makes noise of a law white, for any number of rows.
+
+    Attributes
+    ----------
+    series
+        The samples and their jumps.
+    spread, level
+        float64 (n,), standard deviation of the noise, None where it is the same everywhere; and what a level adds to
+        the friction, in units of that.
+    gains
+        float64 (n, 4), see `kernels/state_space`.
+    log_determinant
+        Of the covariance without jumps.
+    """
+
+    series: Series
+    spread: FloatArray | None
+    level: FloatArray
+    gains: FloatArray
+    log_determinant: float
+
+    @classmethod
+    def of(cls, series: Series, law: NoiseLaw) -> Self:
+        """Make the filter of a law."""
+        spread = series.spread(law) if law.growth != 0.0 else None
+        level = series.sign if spread is None else series.sign / spread  # friction, not noise: the same at every speed
+        drift = np.where(series.gap == 0, law.level_spread, 0.0)
+        gains, parts = np.empty((series.size, 4)), (law.white, 1.0 - law.white, law.correlation)
+        return cls(series, spread, level, gains, filter_gains(level, drift, series.gap, series.jumps, parts, gains))
+
+    def innovations(self, rows: FloatArray) -> FloatArray:
+        """Return the innovations of rows, float64 (p, n), over their standard deviations."""
         rows = np.array(rows, dtype=np.float64, order="C", ndmin=2)
-        level = self.sign
-        if law.growth != 0.0:
-            spread = self.spread(law)
-            rows /= spread
-            level = level / spread  # friction, not noise: it is the same at every speed
-        drift = np.where(self.gap == 0, law.level_spread, 0.0)
-        parts = law.white, 1.0 - law.white, law.correlation, 0.0
-        if self.jumps.size == 0:
-            return rows, whiten(rows, level, drift, self.gap, parts)
-        nothing = np.zeros((0, self.size))
-        log_determinant = whiten(nothing, level, drift, self.gap, parts)
-        drift[self.jumps] = np.inf
-        whiten(rows, level, drift, self.gap, parts)
-        return rows, log_determinant
+        if self.spread is not None:
+            rows /= self.spread
+        whiten(rows, self.level, self.series.gap, self.gains)
+        return rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -329,32 +357,37 @@ def fit_noise(
     very law that is missing.
     """
     again = again and start.correlation < LONG_MEMORY
+
+    def under(law: NoiseLaw) -> _NoiseFit:
+        """Return a noise law with the coefficients that are best under it, and the score."""
+        coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
+        return _NoiseFit(law, coefficients, deviance + law.price(series.size))
+
+    def refitted(one: _NoiseFit) -> _NoiseFit:
+        """Fit the noise to what the coefficients leave, and coefficients under it."""
+        left = replace(series, friction=series.friction - one.coefficients @ rows)
+        return under(_noise_of(left.in_part(), one.law, again))
+
     plain = NoiseLaw(level_spread=start.level_spread)
-    starts = [start] if again or start == plain else [start, plain]  # slow noise hides a law that it could be, too
-    tried = [(start, _least(series, rows, low, high, start))]
-    best, least = min(
-        [*tried, *(_round(series, rows, low, high, one, again) for one in starts)], key=lambda one: one[1]
-    )
+    starts = [under(start)]
+    if not again and start != plain:  # slow noise hides a law that it could be, too
+        starts.append(under(plain))
+    best = min(starts[0], *(refitted(one) for one in starts), key=lambda one: one.score)
     for _ in range(ROUNDS - 1):
-        law, score = _round(series, rows, low, high, best, again)
-        if score > least - SETTLED:
-            return (law, score) if score < least else (best, least)
-        best, least = law, score
-    return best, least
+        found = refitted(best)
+        settled = found.score > best.score - SETTLED
+        best = min(best, found, key=lambda one: one.score)
+        if settled:
+            break
+    return best.law, best.score
 
 
-def _least(series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, law: NoiseLaw) -> float:
-    """Return the score of a noise law with the coefficients that are best under it."""
-    return Equations.of(series, rows, low, high, law).solve()[1] + law.price(series.size)
+class _NoiseFit(NamedTuple):
+    """A noise law, the coefficients that are best under it, float64 (p,), and their score."""
 
-
-def _round(
-    series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw, again: bool
-) -> tuple[NoiseLaw, float]:
-    """Fit coefficients under a noise law, and the noise to what they leave; return it and the score with it."""
-    coefficients, _ = Equations.of(series, rows, low, high, start).solve()
-    law = _noise_of(replace(series, friction=series.friction - coefficients @ rows).in_part(), start, again)
-    return law, _least(series, rows, low, high, law)
+    law: NoiseLaw
+    coefficients: FloatArray
+    score: float
 
 
 def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
@@ -362,7 +395,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     free = np.full(2, np.inf)
 
     def score(law: NoiseLaw) -> float:
-        return _least(series, series.base, -free, free, law)
+        return Equations.of(series, series.base, -free, free, law).solve()[1] + law.price(series.size)
 
     law = replace(start, white=1.0, correlation=0.0)
     best, least = law, score(law)

@@ -15,7 +15,7 @@ from typing import Final, Self
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Fit, distance_to_crossings, remove_levels, segment_starts
-from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, fit_noise
+from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.segmentation import segment_correlated
@@ -161,26 +161,24 @@ class Background:
         float64 (n,), direction of rotation at each sample.
     first
         int64 (m,), first sample of each mean; each of its own where nothing is averaged.
-    series, law
-        What the means are, and the law of their noise.
+    whitening
+        Of the means and the law of their noise.
     white, products
         float64 (1 + p, m), friction and the model's regressors, and (1 + p, 1 + p), their products.
     low, high
         float64 (p,), bounds of the coefficients.
-    log_determinant, price
-        Of the covariance; of the parameters and jumps so far.
+    price
+        Of the parameters and jumps so far.
     """
 
     problem: Problem
     sign: FloatArray
     first: IntArray
-    series: Series
-    law: NoiseLaw
+    whitening: Whitening
     white: FloatArray
     products: FloatArray
     low: FloatArray
     high: FloatArray
-    log_determinant: float
     price: float
 
     @classmethod
@@ -190,22 +188,27 @@ class Background:
         rows, low, high = regressors(whole, terms)
         series, first = whole.averaged(SCREENED)
         means = law.of_means(-(-whole.size // series.size))
-        white, log_determinant = series.whitened(np.vstack([series.friction, _means(rows, first)]), means)
+        whitening = Whitening.of(series, means)
+        white = whitening.innovations(np.vstack([series.friction, _means(rows, first)]))
         known = whole.log_size * (price(terms) + JUMP_PENALTY * jumps.size) + law.price(whole.size)
         products = white @ white.T
-        return cls(problem, whole.sign, first, series, means, white, products, low, high, log_determinant, known)
+        return cls(problem, whole.sign, first, whitening, white, products, low, high, known)
 
     def equations_with(self, *terms: Term) -> Equations:
         """Return the normal equations with terms more."""
         if not terms:
-            return Equations.of_products(self.series, self.products, self.low, self.high, self.log_determinant)
+            return self._equations(self.products, self.low, self.high)
         rows = np.vstack([term.columns.T * self.sign for term in terms])
-        columns, _ = self.series.whitened(_means(rows, self.first), self.law)
+        columns = self.whitening.innovations(_means(rows, self.first))
         across = self.white @ columns.T
         products = np.block([[self.products, across], [across.T, columns @ columns.T]])
         low = np.concatenate([self.low, *(term.low for term in terms)])
         high = np.concatenate([self.high, *(term.high for term in terms)])
-        return Equations.of_products(self.series, products, low, high, self.log_determinant)
+        return self._equations(products, low, high)
+
+    def _equations(self, products: FloatArray, low: FloatArray, high: FloatArray) -> Equations:
+        filtered = self.whitening
+        return Equations.of_products(filtered.series, products, low, high, filtered.log_determinant)
 
     def criterion_with(self, *terms: Term) -> float:
         """Return the score with terms more."""

@@ -194,7 +194,11 @@ def make_term_with(
     if not issubclass(effect, UnnamedEffect):
         # No part of the friction is larger than all of it: parts that cancel each other fit anything.
         share = max(effect.largest_share(record.channels) for record in problem.records)
-        most = share * problem.largest_friction_Nm / np.maximum(np.abs(columns).max(axis=0, initial=0.0), TINY)
+        most = (
+            share
+            * problem.largest_friction_Nm
+            / np.maximum(np.abs(columns.T, order="C").max(axis=1, initial=0.0), TINY)
+        )
         low, high = np.maximum(low, -most), np.minimum(high, most)
     return Term(effect, dict(shape), columns, low, high, price=_price(problem, effect, shape))
 

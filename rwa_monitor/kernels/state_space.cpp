@@ -1,6 +1,5 @@
 #include "arrays.hpp"
 
-#include <algorithm>
 #include <cmath>
 
 namespace rwa {
@@ -10,90 +9,116 @@ struct NoiseLaw {
     double white;        // of the measurement noise of each sample
     double coloured;     // stationary variance of the AR(1) part
     double correlation;  // its φ from slot to slot
-    double differenced;  // of the noise whose first difference enters (friction derived from speed)
-    auto fields() { return std::tie(white, coloured, correlation, differenced); }
+    auto fields() { return std::tie(white, coloured, correlation); }
 };
 
-// Whiten friction and regressors: the innovations of the Kalman filter of
+// Covariance of the level l and the coloured noise a, given the samples so far.
+struct Covariance {
+    double ll = 0.0, la = 0.0, aa = 0.0;
+
+    void predict(double power, double coloured, double drift) {
+        la *= power;
+        aa = power * power * aa + coloured * (1.0 - power * power);
+        ll += drift;
+    }
+    void begin(double coloured, double drift) {
+        ll = drift;
+        la = 0.0;
+        aa = coloured;
+    }
+    // A level of which nothing is known: the sample only sets it.
+    void reset(double s, double white) {
+        ll = (aa + white) / (s * s);
+        la = -aa / s;
+    }
+    // Returns the variance of the innovation; the gains of l and a are left in `gain_l` and `gain_a`.
+    double update(double s, double white, double& gain_l, double& gain_a) {
+        const double gl = s * ll + la, ga = s * la + aa, variance = s * gl + ga + white, inverse = 1.0 / variance;
+        gain_l = gl * inverse;
+        gain_a = ga * inverse;
+        ll -= gl * gain_l;
+        la -= gl * gain_a;
+        aa -= ga * gain_a;
+        return variance;
+    }
+};
+
+// The Kalman filter of
 //
-//   y_k = s_k l_k + a_k + (v_k - v_{k-1}) + w_k,   l_k = l_{k-1} + N(0, drift_k),   a_k = φ^gap a_{k-1} + N(0, ·)
+//   y_k = s_k l_k + a_k + w_k,   l_k = l_{k-1} + N(0, drift_k),   a_k = φ^gap a_{k-1} + N(0, ·)
 //
-// divided by their standard deviations; the gains are the same for all columns (de Jong 1991, "The diffuse Kalman
-// filter"; Harvey 1989, section 3.4). Row 0 of `columns` (p, n) is y, the others regressors; each is replaced by its
-// innovations. `gap` counts the slots since the sample before, 0 where a recording begins: there all begins anew, and
-// drift_k is the variance of the recording's level about the common one. An infinite drift_k is a jump: a level of which
-// nothing is known, so that the sample only sets it; its innovation is zero, and its log S_k is left out (de Jong, too).
-// Returns Σ log S_k.
-double whiten(
-    Matrix<double> columns, Vector<const double> sign, Vector<const double> drift, Vector<const std::int64_t> gap,
-    const NoiseLaw& law) {
-    const std::int64_t n = columns.extent(1), p = columns.extent(0);
-    std::vector<double> state(3 * p, 0.0);  // l, a and v_{k-1} of each column
-    double ll = 0.0, la = 0.0, lv = 0.0, aa = 0.0, av = 0.0, vv = 0.0;  // their covariance
-    double log_determinant = 0.0, power = law.correlation;
-    std::int64_t last_gap = 1;
-    for (std::int64_t k = 0; k < n; ++k) {
+// whose gains are the same for friction and all regressors (de Jong 1991, "The diffuse Kalman filter"; Harvey 1989,
+// section 3.4). `gap` counts the slots since the sample before, 0 where a recording begins: there all begins anew, and
+// drift_k is the variance of the recording's level about the common one. At a jump nothing is known of the level. Row k
+// of `gains` (n, 4) becomes 1/√S_k, 0 at a jump, the gains of l and a, and φ^gap. Returns Σ log S_k of the same samples
+// without jumps: that of the covariance.
+double filter_gains(
+    Vector<const double> sign, Vector<const double> drift, Vector<const std::int64_t> gap,
+    Vector<const std::int64_t> jumps, const NoiseLaw& law, Matrix<double> gains) {
+    Covariance jumping, smooth;
+    double log_determinant = 0.0, power = law.correlation, unused_l, unused_a;
+    std::int64_t last_gap = 1, next = 0;
+    for (std::int64_t k = 0; k < gap.size(); ++k) {
         if (gap[k] == 0) {
-            ll = la = lv = av = 0.0;
-            aa = law.coloured;
-            vv = law.differenced;
-            std::fill(state.begin(), state.end(), 0.0);
+            jumping.begin(law.coloured, drift[k]);
+            smooth.begin(law.coloured, drift[k]);
         } else {
             if (gap[k] != last_gap) {
                 power = gap[k] == 1 ? law.correlation : std::pow(law.correlation, static_cast<double>(gap[k]));
                 last_gap = gap[k];
             }
-            la *= power;
-            av *= power;
-            aa = power * power * aa + law.coloured * (1.0 - power * power);
-            if (gap[k] > 1) {  // the sample before shares no noise with this one
-                lv = av = 0.0;
-                vv = law.differenced;
-            }
-            for (std::int64_t j = 0; j < p; ++j) {
-                state[3 * j + 1] *= power;
-                if (gap[k] > 1) state[3 * j + 2] = 0.0;
-            }
+            jumping.predict(power, law.coloured, drift[k]);
+            smooth.predict(power, law.coloured, drift[k]);
         }
-        const double s = sign[k], fresh = law.differenced;
-        if (std::isinf(drift[k])) {
-            const double ga = aa - av, gv = av - vv;  // with the noise of the sample before its fresh part
-            for (std::int64_t j = 0; j < p; ++j) {
-                double* column = &state[3 * j];
-                column[0] = (columns(j, k) - column[1] + column[2]) / s;
-                column[2] = 0.0;
-                columns(j, k) = 0.0;
-            }
-            ll = (ga - gv + fresh + law.white) / (s * s);
-            la = -ga / s;
-            lv = -fresh / s;
-            av = 0.0;
-            vv = fresh;
-            continue;
+        gains(k, 3) = power;
+        log_determinant += std::log(smooth.update(sign[k], law.white, unused_l, unused_a));
+        if (next < jumps.size() && jumps[next] == k) {
+            ++next;
+            jumping.reset(sign[k], law.white);
+            gains(k, 0) = gains(k, 1) = gains(k, 2) = 0.0;
+        } else {
+            gains(k, 0) = 1.0 / std::sqrt(jumping.update(sign[k], law.white, gains(k, 1), gains(k, 2)));
         }
-        ll += drift[k];
-        const double gl = s * ll + la - lv, ga = s * la + aa - av, gv = s * lv + av - vv;
-        const double variance = s * gl + ga - gv + fresh + law.white;
-        const double scale = 1.0 / std::sqrt(variance), kl = gl / variance, ka = ga / variance, kv = fresh / variance;
-        log_determinant += std::log(variance);
-        for (std::int64_t j = 0; j < p; ++j) {
-            double* column = &state[3 * j];
-            const double innovation = columns(j, k) - (s * column[0] + column[1] - column[2]);
-            column[0] += kl * innovation;
-            column[1] += ka * innovation;
-            column[2] = kv * innovation;
-            columns(j, k) = innovation * scale;
-        }
-        ll -= gl * kl;
-        la -= gl * ka;
-        aa -= ga * ka;
-        lv = -kl * fresh;
-        av = -ka * fresh;
-        vv = fresh - kv * fresh;
     }
     return log_determinant;
 }
 
-void bind_state_space(nanobind::module_& module) { kernel(module, "whiten", &whiten); }
+// Whiten P rows from row j on together: their recursions wait for themselves, not for each other.
+template <std::int64_t P>
+void whiten_rows(
+    Matrix<double> columns, Vector<const double> sign, Vector<const std::int64_t> gap, Matrix<const double> gains,
+    std::int64_t j) {
+    double l[P] = {}, a[P] = {};
+    for (std::int64_t k = 0; k < columns.extent(1); ++k) {
+        const double s = sign[k], scale = gains(k, 0), kl = gains(k, 1), ka = gains(k, 2), power = gains(k, 3);
+        for (std::int64_t i = 0; i < P; ++i) {
+            double& y = columns(j + i, k);
+            a[i] = gap[k] == 0 ? 0.0 : power * a[i];
+            if (gap[k] == 0) l[i] = 0.0;
+            if (scale == 0.0) {
+                l[i] = (y - a[i]) / s;
+                y = 0.0;
+                continue;
+            }
+            const double innovation = y - (s * l[i] + a[i]);
+            l[i] += kl * innovation;
+            a[i] += ka * innovation;
+            y = innovation * scale;
+        }
+    }
+}
+
+// Replace each row of `columns` (p, n), friction or a regressor, by its innovations over their standard deviations.
+void whiten(
+    Matrix<double> columns, Vector<const double> sign, Vector<const std::int64_t> gap, Matrix<const double> gains) {
+    std::int64_t j = 0;
+    for (; j + 4 <= columns.extent(0); j += 4) whiten_rows<4>(columns, sign, gap, gains, j);
+    for (; j < columns.extent(0); ++j) whiten_rows<1>(columns, sign, gap, gains, j);
+}
+
+void bind_state_space(nanobind::module_& module) {
+    kernel(module, "filter_gains", &filter_gains);
+    kernel(module, "whiten", &whiten);
+}
 
 }  // namespace rwa

@@ -102,7 +102,7 @@ SAID = {
         "The simulation lacks quadratic drag (windage).\n",
         "The simulation lacks stribeck",
         "motor off: friction is -J dω/dt, which the inertia only scales",
-        "torque_bias  strength_Nm = 0.0601 ±",
+        "torque_bias  strength_Nm = 0.06007 ±",
         "The simulation lacks torque_ripple.",
     ),
     "python.md": (

@@ -13,6 +13,7 @@ from rwa_monitor.wheel.effects.columns import stack
 from rwa_monitor.wheel.effects.resolution import narrowed, speed_step, used_speed
 
 GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
+WIDEST_SHARE: Final = 0.5  # of the largest speed: e⁻² of a wide one (δ = 1) is left there, and the rest is seen
 EXPONENT_REACH: Final = 0.6  # of a round of fitting; several follow each other
 
 
@@ -72,11 +73,11 @@ class Stribeck(MeanEffect):
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From a few speed steps to 0.15 of the largest speed: wider ones are a part of the slope."""
+        """From a few speed steps to half of the largest speed: wider ones are a part of the slope."""
         speed = used_speed(channels)
         low = max(3.0 * speed_step(channels), float(speed.min()) / GONE_AT)
         bounds = super().shape_bounds(channels)
         return {
             **bounds,
-            "stribeck_speed_rad_s": narrowed(bounds["stribeck_speed_rad_s"], low, 0.15 * float(speed.max())),
+            "stribeck_speed_rad_s": narrowed(bounds["stribeck_speed_rad_s"], low, WIDEST_SHARE * float(speed.max())),
         }
