@@ -13,11 +13,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from rwa_monitor.discrepancy.figures import ladder_picture as ladder
-from rwa_monitor.discrepancy.figures import overlay as discrepancy
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.trends import CoefficientTrend, WindowFriction, wheel_trends
+from rwa_monitor.reporting.figures import ladder_picture as ladder
+from rwa_monitor.reporting.figures import overlay as discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.friction import source_of
 from rwa_monitor.wheel.torque_balance import mended_friction, torque_per_ampere, without_motor

@@ -15,7 +15,7 @@ from benchmarks.paper.benchmark import PAPER_ERROR, PaperBenchmark
 from benchmarks.paper.bins import BinsSweep
 from benchmarks.paper.examine import ERROR_BINS, ERROR_STEP, ORACLE
 from benchmarks.paper.run_length import PAPER_WEIGHTS, RunLengths
-from rwa_monitor.discrepancy.figures import svg
+from rwa_monitor.reporting.figures import svg
 from rwa_monitor.samples import FloatArray
 
 COLOURS: Final = {"paper": "#d55e00", ORACLE: "#009e73", "joint": "#0072b2"}  # Okabe and Ito

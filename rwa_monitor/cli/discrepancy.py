@@ -176,7 +176,7 @@ def _search(
 
 
 def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
-    from rwa_monitor.discrepancy.report import sentence
+    from rwa_monitor.reporting.discrepancy_report import sentence
 
     if as_json:
         report = found.result.to_json()
@@ -230,7 +230,7 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
 def _write_report(found: Search, sources: list[str], folder: Path) -> None:
     from rwa_monitor.build import build
     from rwa_monitor.discrepancy.extended import extend
-    from rwa_monitor.discrepancy.report import html
+    from rwa_monitor.reporting.discrepancy_report import html
     from rwa_monitor.telemetry.files import write_text
 
     report = json.dumps(found.result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
@@ -247,10 +247,9 @@ def _print_details(found: Search) -> None:
     from rwa_monitor.discrepancy.bench import SCALED_ONLY
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
     from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-    from rwa_monitor.discrepancy.quantisation import steps_in_words
     from rwa_monitor.discrepancy.record import left_out_in_words
-    from rwa_monitor.discrepancy.report import absent_effects, noise_gains, p_in_words
     from rwa_monitor.discrepancy.untested import as_a_part, not_testable
+    from rwa_monitor.reporting.discrepancy_report import absent_effects, noise_gains, p_in_words, steps_in_words
 
     console = Console(width=None if sys.stdout.isatty() else 120)
     result = found.result

@@ -85,12 +85,6 @@ def is_coarse(step: float, noise_std: float) -> bool:
     return step > COARSE * noise_std
 
 
-def steps_in_words(problem: Problem) -> str:
-    """Return in words in what steps the torque was read, where they matter beside the noise; "" where they do not."""
-    in_words = [record.steps.in_words(problem.noise.std) for record in problem.records if record.steps is not None]
-    return "; ".join(dict.fromkeys(in_words))
-
-
 def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
     """Return the records of a problem with the rounding undone about a better model; None where none is rounded.
 

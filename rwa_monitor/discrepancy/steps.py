@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy import engineering
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.wheel.effects.tachometer_quantisation import lattice_step
 from rwa_monitor.wheel.wheel import Wheel
@@ -25,11 +24,6 @@ class Steps:
     size: float
     unit: str
     torque_Nm: float
-
-    def in_words(self, noise_std_Nm: float) -> str:
-        """Return in words how coarse the steps are beside the noise [N m]."""
-        size = engineering.measure(self.size, None, self.unit)
-        return f"{self.channel} is quantised in steps of {size}, {self.torque_Nm / noise_std_Nm:.2g} σ of the noise"
 
 
 def source_of_friction(samples: Samples) -> FloatArray:

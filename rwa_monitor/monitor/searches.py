@@ -90,7 +90,7 @@ def _search(job: SearchJob, *, with_report: bool = False) -> tuple[Discrepancy, 
     if not with_report:
         return message, {}
     from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
-    from rwa_monitor.discrepancy.report import html  # noqa: PLC0415
+    from rwa_monitor.reporting.discrepancy_report import html  # noqa: PLC0415
 
     report = {
         "report.html": html(search, [f"{job.spacecraft}/{job.wheel}, live"]),

@@ -1,4 +1,5 @@
-"""What people and their tools read: diagnoses as rows of a table, and messages as Foxglove shows them.
+"""What people and their tools read: the report of a search, diagnoses as rows, messages as Foxglove shows them.
 
-In: messages of the bus. Out: rows, and the entries and layout of Foxglove. Each file stands for itself.
+In: a finished search; messages of the bus. Out: an HTML page with figures; rows; the entries and layout of Foxglove.
+Each file stands for itself, beside the number formats.
 """

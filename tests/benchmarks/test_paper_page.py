@@ -19,7 +19,7 @@ from benchmarks.paper.pictures import draw_run_lengths
 from benchmarks.paper.run_length import run_lengths
 from benchmarks.speed.peers import Peer
 from benchmarks.window import window_of
-from rwa_monitor.discrepancy.figures import svg
+from rwa_monitor.reporting.figures import svg
 from rwa_monitor.simulation.datasets import LabelledWindow, generate
 from rwa_monitor.simulation.truth import Changepoints
 

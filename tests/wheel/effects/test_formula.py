@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.discrepancy import figures
 from rwa_monitor.discrepancy.base_fit import make_problem
 from rwa_monitor.discrepancy.formulas import describe, formulas
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
@@ -23,6 +22,7 @@ from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.errors import InputError
+from rwa_monitor.reporting import figures
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.configuration import read_wheel, write_wheel

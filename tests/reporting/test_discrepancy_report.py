@@ -13,7 +13,6 @@ import pytest
 from click.testing import CliRunner
 
 from rwa_monitor.cli.main import main
-from rwa_monitor.discrepancy import figures, report
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search, ladder
@@ -24,6 +23,8 @@ from rwa_monitor.discrepancy.plan import rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.views import all_views
+from rwa_monitor.reporting import discrepancy_report as report
+from rwa_monitor.reporting import figures
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
@@ -146,8 +147,8 @@ def test_without_matplotlib_the_page_has_no_pictures_and_names_what_is_missing(
     found: Search, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib", None)
-    monkeypatch.delitem(sys.modules, "rwa_monitor.discrepancy.figures")
-    monkeypatch.delattr("rwa_monitor.discrepancy.figures")
+    monkeypatch.delitem(sys.modules, "rwa_monitor.reporting.figures")
+    monkeypatch.delattr("rwa_monitor.reporting.figures")
     page = report.html(found, ["hidden.csv"])
     assert "<svg" not in page
     assert "pip install 'rwa-monitor[plot]'" in page

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Final
 
 import jinja2
 
-from rwa_monitor.discrepancy import engineering
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.finished_search import Search, ladder
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.p_values import built_in_nulls
-from rwa_monitor.discrepancy.quantisation import steps_in_words
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words
-from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.untested import Detectable, detectable_strengths, not_testable
 from rwa_monitor.discrepancy.views import all_views
+from rwa_monitor.reporting import number_formats
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.catalogue import effect_class
 
+TEMPLATE: Final = Path(__file__).with_suffix(".html")
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
 PROPER: Final = "Stribeck"  # a name: it keeps its capital
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
@@ -76,7 +77,16 @@ def _name_in_words(effect: FoundEffect) -> str:
 def p_in_words(search: Search, effect: FoundEffect) -> str:
     """Return a p-value, with "≤" where the table of nulls goes no further."""
     floor = built_in_nulls().floor(effect.family, derived=search.problem.friction_is_derived)
-    return f"{'≤ ' if effect.p_value <= floor else ''}{engineering.probability(effect.p_value)}"
+    return f"{'≤ ' if effect.p_value <= floor else ''}{number_formats.probability(effect.p_value)}"
+
+
+def steps_in_words(problem: Problem) -> str:
+    """Return in what steps the torque was read, and how coarse they are beside the noise; "" where they are fine."""
+    in_words = []
+    for steps in {record.steps: None for record in problem.records if record.steps is not None}:
+        size, share = number_formats.measure(steps.size, None, steps.unit), steps.torque_Nm / problem.noise.std
+        in_words.append(f"{steps.channel} is quantised in steps of {size}, {share:.2g} σ of the noise")
+    return "; ".join(in_words)
 
 
 def noise_gains(search: Search) -> list[tuple[str, float]]:
@@ -104,11 +114,12 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
     views = all_views(search.problem, search.base, search.extended)
     extended = bool(search.extended.terms)
     extension = extend(search)
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["torque"] = lambda value: engineering.measure(value, None, "N m")
-    environment.filters["probability"] = engineering.probability
-    environment.globals["measure"] = engineering.measure
-    environment.globals["in_words"] = engineering.in_words
+    folder = jinja2.FileSystemLoader(TEMPLATE.parent)
+    environment = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["torque"] = lambda value: number_formats.measure(value, None, "N m")
+    environment.filters["probability"] = number_formats.probability
+    environment.globals["measure"] = number_formats.measure
+    environment.globals["in_words"] = number_formats.in_words
     rungs = ladder(search)
     facts: dict[str, Any] = {
         "result": search.result,
@@ -142,13 +153,13 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "extended_toml": extension.to_toml() if extended else "",
         "laws": laws_in_words(extension) if extended else [],
     }
-    return environment.from_string(PAGE).render(facts)
+    return environment.get_template(TEMPLATE.name).render(facts)
 
 
 def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:
     """Return a picture of `figures` as SVG; "" where what draws it is not installed."""
     try:
-        from rwa_monitor.discrepancy import figures  # noqa: PLC0415 - of an extra
+        from rwa_monitor.reporting import figures  # noqa: PLC0415 - of an extra
     except ModuleNotFoundError:
         return ""
     return figures.svg(getattr(figures, name)(*drawn, **options), tight=tight)
