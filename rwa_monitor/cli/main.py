@@ -19,8 +19,7 @@ import click
 from rwa_monitor.cli.console import PROGRAM, log
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
 from rwa_monitor.cli.options import FILE
-from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 
 # One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each
 # other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere, and for

@@ -18,8 +18,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
-from rwa_monitor.slots import MAX_TIME_NS
+from rwa_monitor.samples import MAX_TIME_NS, NANOSECONDS_PER_SECOND, Samples, concatenate
 from rwa_monitor.telemetry.files import display_name, read_checked_text
 from rwa_monitor.wheel.wheel import Wheel
 

@@ -29,8 +29,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import display_name, first_line, unreadable
