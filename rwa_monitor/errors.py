@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -20,6 +21,15 @@ class RwaMonitorError(Exception):
 
 class MissingExtraError(RwaMonitorError):
     """A package that belongs to an extra is not installed."""
+
+
+@contextmanager
+def needs_extra(extra: str) -> Iterator[None]:
+    """Raise MissingExtraError where an import in the block fails: what it takes belongs to this extra."""
+    try:
+        yield
+    except ImportError as error:
+        raise MissingExtraError(f"{error.name} is missing: pip install 'rwa-monitor[{extra}]'") from error
 
 
 class InputError(RwaMonitorError):

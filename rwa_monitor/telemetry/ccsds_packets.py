@@ -25,7 +25,7 @@ from typing import Any, Final
 import numpy as np
 import tomli_w
 
-from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.messages import split_key
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
 from rwa_monitor.telemetry.columns import MAX_ROWS
@@ -423,11 +423,9 @@ def definition_of(file: TextFile) -> Any:
         If it is none, is not plain (a document type could name other files and grow without end), or could make the
         parser work without end.
     """
-    try:
+    with needs_extra("ccsds"):
         from lxml import etree
         from space_packet_parser import XtcePacketDefinition
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ccsds]'") from error
     plain = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         root = etree.fromstring(file.text.encode("utf-8"), plain)
@@ -562,10 +560,8 @@ def packets_of(samples: Samples, apid: int, first_count: int = 0) -> Iterator[by
     InputError
         If a packet cannot hold a value or a time.
     """
-    try:
+    with needs_extra("ccsds"):
         from spacepackets.ccsds.spacepacket import SpacePacketHeader
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ccsds]'") from error
     seconds, rest_ns = np.divmod(samples.time_ns, NANOSECONDS_PER_SECOND)
     fraction = np.rint(rest_ns * (CUC_FRACTION / NANOSECONDS_PER_SECOND)).astype(np.int64)
     seconds, fraction = seconds + fraction // CUC_FRACTION, fraction % CUC_FRACTION

@@ -29,7 +29,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean, needs_extra
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import display_name, first_line, unreadable
@@ -219,10 +219,8 @@ class _Bag:
     """Goes over the records of a bag and hands the messages of the map's topics to their series."""
 
     def __init__(self, source: str, wheels: list[_Wheel]) -> None:
-        try:
+        with needs_extra("ros2"):
             from mcap_ros2.decoder import DecoderFactory
-        except ImportError as error:
-            raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ros2]'") from error
         self._source = source
         self._factory = DecoderFactory()
         self._series: dict[str, list[_Series]] = {}
