@@ -22,7 +22,7 @@ from pydantic import BaseModel
 
 import rwa_monitor as rwa
 from rwa_monitor.changepoints.candidates import threshold_for
-from rwa_monitor.cli import exit_codes, settings
+from rwa_monitor.cli import console, settings
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.messages import MESSAGES, Message
@@ -249,8 +249,7 @@ def _exit_codes() -> str:
         "UNREADABLE": "done, but bytes of the input could not be read (said which)",
         "INTERRUPTED": "interrupted (Ctrl-C)",
     }
-    codes = sorted((value, name) for name, value in vars(exit_codes).items() if name.isupper())
-    rows = [(str(value), meaning.get(name, name.lower().replace("_", " "))) for value, name in codes]
+    rows = [(str(getattr(console, name)), words) for name, words in meaning.items()]
     return _table(("code", ""), [("0", "done"), *rows])
 
 

@@ -32,7 +32,7 @@ from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel
 from rwa_monitor.messages import Diagnosis, diagnosis_message
@@ -350,10 +350,8 @@ def frame(diagnoses: Iterable[Diagnosis]) -> DataFrame:
     RwaMonitorError
         If pandas is not installed (`pip install 'rwa-monitor[pandas]'`).
     """
-    try:
+    with needs_extra("pandas"):
         import pandas as pd
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[pandas]'") from error
     return pd.DataFrame([diagnosis_row(diagnosis) for diagnosis in diagnoses])
 
 

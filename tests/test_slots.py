@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.slots import SlotGrid, period_ns
+from rwa_monitor.samples import SlotGrid, period_ns
 
 times = st.integers(-(2**60), 2**60)
 periods = st.integers(1_000, 10**12)

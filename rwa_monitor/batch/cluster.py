@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
-from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.errors import RwaMonitorError, needs_extra
 from rwa_monitor.threads import cores
 from rwa_monitor.version import SOFTWARE
 
@@ -139,10 +139,8 @@ def _parallel(task: Callable[[Path], Result], files: Sequence[Path], workers: in
 @contextmanager
 def _client(scheduler: str) -> Iterator[Client]:
     """Connect to the scheduler."""
-    try:
+    with needs_extra("fleet"):
         from distributed import Client
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[fleet]'") from error
 
     try:
         client = Client(scheduler, timeout=CONNECT_TIMEOUT_S)

@@ -35,7 +35,7 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     """
     from contextlib import ExitStack
 
-    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
     from rwa_monitor.monitor.bus import BusNews, BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher

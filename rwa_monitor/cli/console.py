@@ -1,15 +1,24 @@
-"""What a person reads while a command works: lines and progress, on stderr; stdout is for data."""
+"""A command's process: exit codes, log and progress on stderr (stdout is for data), a clean stop on a signal."""
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from threading import Event
+from types import FrameType
 from typing import Final, TypeVar
 
 import click
 
 PROGRAM: Final = "rwa-monitor"
+
+# Exit codes; 0 is done.
+FAILED: Final = 1  # or a check found a difference
+WRONG_USE: Final = 2  # or bad input
+UNREADABLE: Final = 3  # done, but bytes of the input could not be read
+INTERRUPTED: Final = 130  # as a shell reports a program that SIGINT ended
 
 Item = TypeVar("Item")
 
@@ -41,3 +50,21 @@ def status_line(description: str) -> Iterator[Callable[[str], None]]:
 
     with Console(stderr=True).status(description) as status:
         yield lambda step: status.update(f"{description}: {step}")
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Event]:
+    """Give an event that SIGINT or SIGTERM sets; a second SIGINT interrupts at once, as it does elsewhere."""
+    stop = Event()
+
+    def stop_cleanly(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        stop.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = {number: signal.signal(number, stop_cleanly) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

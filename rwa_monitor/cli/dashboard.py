@@ -21,6 +21,7 @@ from rwa_monitor.cli.options import (
     record_option,
     warn_if_alone,
 )
+from rwa_monitor.errors import InputError, needs_extra
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -83,13 +84,10 @@ def command(
 
     The page can be read by everybody on this machine; the address printed holds the token that changes need.
     """
-    try:
+    with needs_extra("dashboard"):
         from rwa_monitor.dashboard.server import DashboardOptions, serve
-    except ImportError as error:
-        raise click.ClickException(f"{error.name} is missing: pip install 'rwa-monitor[dashboard]'") from error
-    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.dashboard.recordings import import_recordings
-    from rwa_monitor.errors import InputError
     from rwa_monitor.history.retention import Retention
     from rwa_monitor.history.store import History
     from rwa_monitor.monitor.bus import endpoints, open_session

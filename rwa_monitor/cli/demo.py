@@ -21,6 +21,7 @@ import click
 
 from rwa_monitor.cli.console import log
 from rwa_monitor.cli.options import Real, Whole, bus_options, no_browser_option, port_option, record_option
+from rwa_monitor.errors import MissingExtraError, needs_extra
 
 if TYPE_CHECKING:
     import zenoh
@@ -65,7 +66,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     records everything. At the end the truth is printed. Ctrl-C ends it earlier. With -l, -e or -c others can subscribe
     too. The page ends with it; rwa-monitor dashboard shows it again.
     """
-    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.monitor import RunOptions
@@ -119,9 +120,10 @@ def _serve_page(
 ) -> bool:
     """Serve the health page while the demo runs; returns whether what it needs is installed."""
     try:
-        from rwa_monitor.dashboard.server import DashboardOptions, serve
-    except ImportError as error:
-        log(f"no page: {error.name} is missing (pip install 'rwa-monitor[dashboard]')")
+        with needs_extra("dashboard"):
+            from rwa_monitor.dashboard.server import DashboardOptions, serve
+    except MissingExtraError as error:
+        log(f"no page: {error}")
         return False
     from rwa_monitor.cli.dashboard import show_page
 
@@ -301,7 +303,7 @@ class DemoView:
         from rich.table import Table
         from rich.text import Text
 
-        from rwa_monitor.cli.diagnosis_view import VERDICT_STYLE
+        from rwa_monitor.reporting.diagnosis_text import VERDICT_STYLE
 
         hours = max((self.hours(row.last.window_end_ns) for row in self.rows.values() if row.last), default=0.0)
         table = Table(title=f"simulated satellite, {hours:.1f} h of telemetry", title_justify="left", expand=True)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.batch import Fleet
 from rwa_monitor.cli.console import log
 from rwa_monitor.cli.options import (
     FleetOptions,
@@ -21,6 +20,7 @@ from rwa_monitor.cli.options import (
     model_option,
     wheel_option,
 )
+from rwa_monitor.cli.recordings import Fleet
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,8 +68,8 @@ def command(
     will leave the nominal range; not with --json.
     """
     from rwa_monitor.batch.tasks import Diagnose
-    from rwa_monitor.cli.diagnosis_view import has_too_few_samples, render
     from rwa_monitor.monitor.trends import WindowFriction
+    from rwa_monitor.reporting.diagnosis_text import has_too_few_samples, render
     from rwa_monitor.telemetry.configuration import read_model, read_wheel
     from rwa_monitor.words import counted
 

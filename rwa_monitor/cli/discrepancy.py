@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log
-from rwa_monitor.cli.exit_codes import UNREADABLE
+from rwa_monitor.cli.console import UNREADABLE, log
 from rwa_monitor.cli.options import (
     FILE,
     FleetOptions,
@@ -196,7 +195,7 @@ def _each(
 ) -> int:
     """Judge each file by itself, and return the exit code."""
     from rwa_monitor.batch.tasks import FindDiscrepancy
-    from rwa_monitor.cli.batch import Fleet
+    from rwa_monitor.cli.recordings import Fleet
 
     fleet = Fleet(options)
     task = FindDiscrepancy(wheel, decoding)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor import __version__
-from rwa_monitor.cli.exit_codes import FAILED
+from rwa_monitor.cli.console import FAILED
 from rwa_monitor.cli.options import BYTES_PER_GB, FILE, bus_options, model_option, wheel_folder_option, wheel_option
 from rwa_monitor.errors import InputError, RwaMonitorError
 

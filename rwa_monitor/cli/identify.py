@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log
-from rwa_monitor.cli.exit_codes import UNREADABLE
+from rwa_monitor.cli.console import UNREADABLE, log
 from rwa_monitor.cli.options import (
     FILE,
     FleetOptions,
@@ -91,7 +90,7 @@ def command(
 
 def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetOptions) -> int:
     """Learn a wheel from each file, and return the exit code."""
-    from rwa_monitor.cli.batch import Fleet
+    from rwa_monitor.cli.recordings import Fleet
     from rwa_monitor.telemetry.files import make_folder, write_text
     from rwa_monitor.words import counted
 

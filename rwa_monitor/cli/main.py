@@ -16,11 +16,9 @@ from typing import Any, Final
 
 import click
 
-from rwa_monitor.cli.console import PROGRAM, log
-from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
+from rwa_monitor.cli.console import FAILED, INTERRUPTED, PROGRAM, WRONG_USE, log
 from rwa_monitor.cli.options import FILE
-from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 
 # One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each
 # other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere, and for
@@ -46,8 +44,6 @@ COMMANDS: Final = (
     "doctor",
     "completion",
 )
-
-EXTRAS: Final = {"matplotlib": "plot", "pyarrow": "parquet"}  # by package: what a part of a command needs
 
 
 class Program(click.Group):
@@ -102,9 +98,7 @@ class Program(click.Group):
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("rwa_monitor"):
                 raise
-            wanted = EXTRAS.get(error.name.partition(".")[0])
-            how = f"pip install 'rwa-monitor[{wanted}]'" if wanted else "install rwa-monitor again, with pip install ."
-            log(f"the package {error.name} is missing: {how}")
+            log(f"the package {error.name} is missing: install rwa-monitor again, with pip install .")
             status = FAILED
         except click.Abort:
             status = INTERRUPTED

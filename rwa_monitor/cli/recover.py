@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.console import log
-from rwa_monitor.cli.exit_codes import UNREADABLE
+from rwa_monitor.cli.console import UNREADABLE, log
 from rwa_monitor.cli.options import FILE, recording_output_option
 
 

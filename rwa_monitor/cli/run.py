@@ -78,7 +78,7 @@ def command(
     Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
-    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.monitor import RunOptions
     from rwa_monitor.monitor.service import Supervisor, run
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder

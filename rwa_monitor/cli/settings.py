@@ -23,8 +23,7 @@ from typing import Any, Final
 
 import click
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.telemetry.files import display_name, read_checked_text
 from rwa_monitor.wheel.toml import parse_toml
 

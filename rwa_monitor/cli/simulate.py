@@ -141,7 +141,7 @@ def publish(
     With --udp nothing goes onto the bus: the samples are sent as the packets of `simulate recording -o FILE.ccsds`, one
     a datagram, from APID 416 on.
     """
-    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.bridge import PacketSender, UdpAddress
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import SamplesPublisher, SamplesSink, send

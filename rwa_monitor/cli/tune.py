@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 import click
 
-from rwa_monitor.cli.exit_codes import FAILED
+from rwa_monitor.cli.console import FAILED
 from rwa_monitor.cli.options import Real
 
 SEED = 20260126  # of the simulated check: the same wishes give the same figures

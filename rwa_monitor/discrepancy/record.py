@@ -25,9 +25,8 @@ from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, sh
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
 from rwa_monitor.discrepancy.steps import Steps, source_of_friction, steps_of
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.simulation.motion import wheel_angle
-from rwa_monitor.slots import SlotGrid
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from rwa_monitor.wheel.torque_balance import torque_per_ampere

@@ -13,7 +13,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.slots import MAX_TIME_NS
+from rwa_monitor.samples import MAX_TIME_NS
 
 MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import from_json
 
-from rwa_monitor.hints import closest
+from rwa_monitor.errors import closest
 from rwa_monitor.messages.base import MAX_MESSAGE_BYTES, MAX_SAMPLES, Count, Message, TimeNs, dump_json
 from rwa_monitor.samples import CHANNELS, FloatArray, Samples
 

@@ -36,8 +36,7 @@ from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
 from rwa_monitor.monitor.settings_check import SettingsCheck
 from rwa_monitor.monitor.windows import Windows, forget_positions
-from rwa_monitor.samples import FloatArray, IntArray, Samples
-from rwa_monitor.slots import SlotGrid
+from rwa_monitor.samples import FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.friction import Source, source_of
 from rwa_monitor.wheel.torque_balance import without_motor

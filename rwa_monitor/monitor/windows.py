@@ -31,7 +31,7 @@ from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS
 from rwa_monitor.monitor.settings_check import with_sample_period
 from rwa_monitor.paper import method as paper
-from rwa_monitor.slots import SlotGrid
+from rwa_monitor.samples import SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.friction import BLOCK_SLOTS, FrictionSource, Source
 from rwa_monitor.telemetry.ring_buffer import RingBuffer

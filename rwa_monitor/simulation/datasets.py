@@ -13,8 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, cut, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Base, Scenario

@@ -31,8 +31,7 @@ from typing import Annotated, Any, Final
 import tomli_w
 from pydantic import Field, ValidationError, field_validator
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import CHANNELS
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors

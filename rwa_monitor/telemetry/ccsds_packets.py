@@ -10,7 +10,6 @@ content that the definition does not describe. Nothing in a packet shows a flipp
 
 from __future__ import annotations
 
-import struct
 import warnings
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
@@ -25,21 +24,20 @@ from typing import Any, Final
 import numpy as np
 import tomli_w
 
-from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.messages import split_key
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
 from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import atomic_write, beside, display_name, first_line, read_bytes, write_text
-from rwa_monitor.telemetry.reader import (
-    Decoding,
-    SampleBatch,
-    TelemetryFile,
-    TextFile,
-    WheelTelemetry,
+from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
+from rwa_monitor.telemetry.telemetry_map import (
+    PacketWheel,
     check_time,
-    disorder,
+    conversion,
+    telemetry_file,
+    time_conversion,
+    wheels_of,
 )
-from rwa_monitor.telemetry.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
 from rwa_monitor.words import counted
 
 MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
@@ -143,12 +141,12 @@ class PacketDecoder:
                 source, "holds space packets: --xtce says what is in them, and --map what of it is which channel"
             )
         self._definition = definition_of(decoding.xtce)
-        self.wheels = packet_wheels(decoding.map)
+        self.wheels = wheels_of(decoding.map, PacketWheel)
         self.counts = PacketCounts()
         self._by_apid: dict[int, list[tuple[int, _Wheel]]] = {}
         self._last_count: dict[int, int] = {}
         for number, wheel in enumerate(self.wheels):
-            found = _resolved(wheel, self._definition, decoding)
+            found = _resolved(wheel, self._definition, decoding.map.source, decoding.xtce.source)
             self._by_apid.setdefault(wheel.apid, []).append((number, found))
 
     def take(self, packet: bytes) -> list[PacketSample]:
@@ -171,7 +169,9 @@ class PacketDecoder:
         if packet[2] >> 6 != UNSEGMENTED:
             return self._bad(f"APID {apid}: a segment of a packet, which are not put together here")
         try:
-            parameters = self._parsed(packet)
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", UserWarning)  # a length other than the definition's is no packet of it
+                parameters: Mapping[str, Any] = self._definition.parse_bytes(packet)
             samples = [
                 sample for number, wheel in self._by_apid[apid] if (sample := _sample(parameters, number, wheel))
             ]
@@ -182,12 +182,6 @@ class PacketDecoder:
         else:
             counts.other += 1
         return samples
-
-    def _parsed(self, packet: bytes) -> Mapping[str, Any]:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # a length other than the definition's is no packet of it
-            parsed: Mapping[str, Any] = self._definition.parse_bytes(packet)
-        return parsed
 
     def _bad(self, reason: str) -> list[PacketSample]:
         self.counts.bad += 1
@@ -242,11 +236,8 @@ def _value(parameters: Mapping[str, Any], channel: _Channel) -> float:
 # ---- the map against the definition ----------------------------------------------------------------------------------
 
 
-def _resolved(wheel: PacketWheel, definition: Any, decoding: Decoding) -> _Wheel:
-    """Find the parameters of a wheel in the definition, with factors for their units."""
-    assert decoding.map is not None
-    assert decoding.xtce is not None
-    source, xtce = decoding.map.source, decoding.xtce.source
+def _resolved(wheel: PacketWheel, definition: Any, source: str, xtce: str) -> _Wheel:
+    """Find the parameters of a wheel of the map `source` in the definition `xtce`, with factors for their units."""
 
     def type_of(name: str, allowed: tuple[str, ...], place: str) -> Any:
         if name not in definition.parameters:
@@ -304,23 +295,19 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
             columns[sample.wheel].append(sample)
         if decoder.counts.packets > MAX_ROWS:
             raise InputError(source, f"has more than {MAX_ROWS:,} packets: split it, and use --carry")
-    problems = _problems(decoder.counts)
+    counts = decoder.counts
+    problems = []
+    if counts.bad:
+        problems.append(f"{counts.bad} of {counts.packets} packets cannot be read, the first: {counts.first_bad}")
     if stop < len(data):
         problems.append(f"bytes {stop} to {len(data)} of {len(data)} are no whole packet")
-    telemetry = [
-        WheelTelemetry(source, wheel.spacecraft, wheel.wheel, [SampleBatch(entry.samples())])
-        for wheel, entry in zip(decoder.wheels, columns, strict=True)
-        if len(entry)
-    ]
-    unordered = [note for entry in telemetry for note in disorder(entry.batches[0].samples, str(entry.wheel))]
-    if not telemetry:
-        apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
-        because = f" ({problems[0]})" if problems else ""
-        raise InputError(source, f"holds no packet that the map can use, of APID {apids}{because}")
-    return TelemetryFile(
-        telemetry,
-        problems=[f"{source}: {problem}" for problem in problems],
-        notes=[f"{source}: {note}" for note in (*packet_notes(decoder.counts), *unordered)],
+    apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
+    return telemetry_file(
+        source,
+        zip(decoder.wheels, (entry.samples() for entry in columns), strict=True),
+        problems,
+        packet_notes(counts),
+        f"holds no packet that the map can use, of APID {apids}",
     )
 
 
@@ -356,12 +343,6 @@ class SampleColumns:
         """Return all of them, in the order in which they came."""
         channels = {name: np.array(column) for name, column in self._values.items()}
         return Samples(time_ns=np.array(self._times), **channels)
-
-
-def _problems(counts: PacketCounts) -> list[str]:
-    if not counts.bad:
-        return []
-    return [f"{counts.bad} of {counts.packets} packets cannot be read, the first: {counts.first_bad}"]
 
 
 def packet_notes(counts: PacketCounts) -> list[str]:
@@ -423,11 +404,9 @@ def definition_of(file: TextFile) -> Any:
         If it is none, is not plain (a document type could name other files and grow without end), or could make the
         parser work without end.
     """
-    try:
+    with needs_extra("ccsds"):
         from lxml import etree
         from space_packet_parser import XtcePacketDefinition
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ccsds]'") from error
     plain = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
     try:
         root = etree.fromstring(file.text.encode("utf-8"), plain)
@@ -476,9 +455,9 @@ def _check_definition(definition: Any) -> None:
 
 
 # ---- test packets, as `wheel_packet.xtce.xml` describes them, and their map ------------------------------------------
-# Written with `spacepackets` and `struct`, which know nothing of the parser that reads them. A packet holds one sample;
-# a value that was not measured has its flag at 0. What a packet resolves: time 2⁻²⁴ s (60 ns), speed 1e-5 rad/s, torque
-# 1e-9 N m, current 1e-7 A, temperature 0.005 °C, voltage seven digits.
+# Written with `spacepackets` and numpy, which have nothing in common with the parser that reads them. A packet holds
+# one sample; a value that was not measured has its flag at 0. What a packet resolves: time 2⁻²⁴ s (60 ns), speed
+# 1e-5 rad/s, torque 1e-9 N m, current 1e-7 A, temperature 0.005 °C, voltage seven digits.
 
 
 XTCE_FILE: Final = Path(__file__).with_name("wheel_packet.xtce.xml")
@@ -488,29 +467,29 @@ MAP_SUFFIX: Final = ".map.toml"
 FIRST_APID: Final = 416  # of the first wheel, in the definition; the next has the next
 MAX_EXAMPLE_WHEELS: Final = 64
 CUC_FRACTION: Final = 2**24  # units of a second
-_CONTENT: Final = struct.Struct(">I3sBiiiifH")  # time, flags, then the fields in their order
 
 
 @dataclass(frozen=True, slots=True)
 class _Field:
-    """A channel in the packet: raw = (value − offset) / resolution, rounded and within bounds; None: a float32."""
+    """A channel in the packet: raw = (value − offset) / resolution, rounded where its kind is an integer's."""
 
     channel: str
     parameter: str
-    resolution: float | None = None
+    kind: str
+    resolution: float = 1.0
     offset: float = 0.0
-    low: int = -(2**31)
-    high: int = 2**31 - 1
 
 
 FIELDS: Final = (
-    _Field("speed_rad_s", "WHEEL_SPEED", 1e-5),
-    _Field("friction_torque_Nm", "FRICTION_TORQUE", 1e-9),
-    _Field("motor_current_A", "MOTOR_CURRENT", 1e-7),
-    _Field("motor_torque_Nm", "MOTOR_TORQUE", 1e-9),
-    _Field("motor_voltage_V", "MOTOR_VOLTAGE"),
-    _Field("bearing_temperature_degC", "BEARING_TEMPERATURE", 0.005, -100.0, 0, 2**16 - 1),
+    _Field("speed_rad_s", "WHEEL_SPEED", ">i4", 1e-5),
+    _Field("friction_torque_Nm", "FRICTION_TORQUE", ">i4", 1e-9),
+    _Field("motor_current_A", "MOTOR_CURRENT", ">i4", 1e-7),
+    _Field("motor_torque_Nm", "MOTOR_TORQUE", ">i4", 1e-9),
+    _Field("motor_voltage_V", "MOTOR_VOLTAGE", ">f4"),
+    _Field("bearing_temperature_degC", "BEARING_TEMPERATURE", ">u2", 0.005, -100.0),
 )
+_HEAD: Final = [("seconds", ">u4"), ("fraction", "u1", 3), ("flags", "u1")]
+_CONTENT: Final = np.dtype([*_HEAD, *((entry.channel, entry.kind) for entry in FIELDS)])
 
 
 def example_decoding(channels_by_key: Mapping[str, Sequence[str]]) -> Decoding:
@@ -562,38 +541,36 @@ def packets_of(samples: Samples, apid: int, first_count: int = 0) -> Iterator[by
     InputError
         If a packet cannot hold a value or a time.
     """
-    try:
+    with needs_extra("ccsds"):
         from spacepackets.ccsds.spacepacket import SpacePacketHeader
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ccsds]'") from error
     seconds, rest_ns = np.divmod(samples.time_ns, NANOSECONDS_PER_SECOND)
     fraction = np.rint(rest_ns * (CUC_FRACTION / NANOSECONDS_PER_SECOND)).astype(np.int64)
     seconds, fraction = seconds + fraction // CUC_FRACTION, fraction % CUC_FRACTION
     if len(samples) and not 0 <= int(seconds.min()) <= int(seconds.max()) < 2**32:
         raise InputError("time_ns", "lies outside of what four octets of seconds can hold, 0 to 136 years")
-    raw: list[list[int] | list[float]] = []
-    flags = np.zeros(len(samples), dtype=np.int64)
+    content = np.zeros(len(samples), dtype=_CONTENT)
+    content["seconds"], content["fraction"] = seconds, fraction[:, None] >> (16, 8, 0) & 0xFF
     for bit, entry in enumerate(FIELDS):
         values = getattr(samples, entry.channel)
-        values = np.full(len(samples), np.nan) if values is None else values
-        known = np.isfinite(values)
-        flags |= np.where(known, 0x80 >> bit, 0)
-        raw.append(_raw(entry, values, known))
-    rows = zip(seconds.tolist(), fraction.tolist(), flags.tolist(), *raw, strict=True)
-    for number, (second, part, flag, *values) in enumerate(rows):
-        content = _CONTENT.pack(second, part.to_bytes(3, "big"), flag, *values)
-        count = (first_count + number) % 2**14
-        yield bytes(SpacePacketHeader.tm(apid, count, len(content) - 1, sec_header_flag=True).pack()) + content
+        if values is not None:
+            known = np.isfinite(values)
+            content["flags"] |= np.where(known, 0x80 >> bit, 0).astype(np.uint8)
+            content[entry.channel][known] = _raw(entry, values)[known]
+    for number, packed in enumerate(content):
+        header = SpacePacketHeader.tm(
+            apid, (first_count + number) % SEQUENCE_MODULUS, _CONTENT.itemsize - 1, sec_header_flag=True
+        )
+        yield bytes(header.pack()) + packed.tobytes()
 
 
-def _raw(entry: _Field, values: FloatArray, known: Any) -> list[int] | list[float]:
-    """Return what stands in the packets for the values of a channel; 0 where none is known."""
-    if entry.resolution is None:
-        floats: list[float] = np.where(known, values, 0.0).astype(np.float32).tolist()
-        return floats
-    scaled = np.rint((np.where(known, values, entry.offset) - entry.offset) / entry.resolution)
-    if len(scaled) and not (entry.low <= scaled.min() and scaled.max() <= entry.high):
-        at = int(np.argmax((scaled < entry.low) | (scaled > entry.high)))
+def _raw(entry: _Field, values: FloatArray) -> FloatArray:
+    """Return what stands in the packets for the values of a channel, NaN where one is not known."""
+    if entry.kind == ">f4":
+        return values
+    scaled = np.rint((values - entry.offset) / entry.resolution)
+    bounds = np.iinfo(entry.kind)
+    beyond = (scaled < bounds.min) | (scaled > bounds.max)
+    if beyond.any():
+        at = int(np.argmax(beyond))
         raise InputError(entry.channel, f"{values[at]} is more than the example's packet can hold", f"sample {at + 1}")
-    integers: list[int] = scaled.astype(np.int64).tolist()
-    return integers
+    return np.asarray(scaled)

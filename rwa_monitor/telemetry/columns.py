@@ -9,8 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import closest
+from rwa_monitor.errors import InputError, closest
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.foreign import header_hint
 from rwa_monitor.words import counted, first_few

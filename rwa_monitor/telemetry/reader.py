@@ -18,8 +18,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
-from rwa_monitor.slots import MAX_TIME_NS
+from rwa_monitor.samples import Samples, concatenate
 from rwa_monitor.telemetry.files import display_name, read_checked_text
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -158,16 +157,3 @@ def joined(telemetry: WheelTelemetry) -> Samples:
     if (np.diff(samples.time_ns) > 0).all():
         return samples
     return samples[np.unique(samples.time_ns, return_index=True)[1]]
-
-
-def check_time(time_ns: int) -> None:
-    """Raise ValueError, in words for a count of what cannot be used, where the bus takes no such time."""
-    if not 0 <= time_ns <= MAX_TIME_NS:
-        latest_s = MAX_TIME_NS / NANOSECONDS_PER_SECOND
-        raise ValueError(f"a time of {time_ns / NANOSECONDS_PER_SECOND:.3g} s; the bus takes 0 to {latest_s:.0e} s")
-
-
-def disorder(samples: Samples, wheel: str) -> list[str]:
-    """Say how many samples of a wheel come late or again, which `diagnose` counts and `joined` puts in order."""
-    late = int(np.count_nonzero(np.diff(samples.time_ns) <= 0))
-    return [f"{late} samples of {wheel} come after one of the same time or a later one"] if late else []

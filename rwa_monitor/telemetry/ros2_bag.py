@@ -26,16 +26,23 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.records import Channel, Chunk, Message, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean, needs_extra
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import display_name, first_line, unreadable
-from rwa_monitor.telemetry.reader import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, check_time, disorder
-from rwa_monitor.telemetry.telemetry_map import SI_UNITS, TopicChannel, TopicWheel, conversion, topic_wheels
+from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
+from rwa_monitor.telemetry.telemetry_map import (
+    SI_UNITS,
+    TopicChannel,
+    TopicWheel,
+    check_time,
+    conversion,
+    telemetry_file,
+    wheels_of,
+)
 from rwa_monitor.words import counted
 
 MAX_RECORD_BYTES: Final = 64 * 2**20
@@ -79,7 +86,7 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
     source = display_name(path)
     if decoding.map is None:
         raise InputError(source, "is a ROS 2 bag: --map says which topics are which channels")
-    wheels = [_Wheel(wheel, decoding.map.source) for wheel in topic_wheels(decoding.map)]
+    wheels = [_Wheel(wheel, decoding.map.source) for wheel in wheels_of(decoding.map, TopicWheel)]
     bag = _Bag(source, wheels)
     try:
         with path.open("rb") as file:
@@ -87,22 +94,9 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
     except OSError as error:
         raise unreadable(path, error) from error
     bag.check_topics()
-    telemetry = [
-        WheelTelemetry(source, entry.wheel.spacecraft, entry.wheel.wheel, [SampleBatch(entry.samples())])
-        for entry in wheels
-        if len(entry)
-    ]
     absent = list(dict.fromkeys(words for entry in wheels for words in entry.absent_joints()))
-    if not telemetry:
-        why = [*bag.problems(), *absent]
-        because = f" ({why[0]})" if why else ""
-        raise InputError(source, f"holds no sample of a wheel of the map{because}")
-    unordered = [note for entry in telemetry for note in disorder(entry.batches[0].samples, str(entry.wheel))]
-    return TelemetryFile(
-        telemetry,
-        problems=[f"{source}: {problem}" for problem in bag.problems()],
-        notes=[f"{source}: {note}" for note in (*absent, *unordered)],
-    )
+    found = [(entry.wheel, entry.samples()) for entry in wheels]
+    return telemetry_file(source, found, bag.problems(), absent, "holds no sample of a wheel of the map")
 
 
 # ---- the wheels of the map -------------------------------------------------------------------------------------------
@@ -166,13 +160,9 @@ class _Wheel:
             for channel, spec in wheel.channels.items()
         }
 
-    def __len__(self) -> int:
-        """Count the samples."""
-        return len(self.series["speed_rad_s"].times)
-
     def absent_joints(self) -> list[str]:
-        """Say, once for each topic, which joints of the map the bag does not have."""
-        return list(dict.fromkeys(words for series in self.series.values() if (words := series.absent_joint())))
+        """Report which joints of the map the bag does not have."""
+        return [words for series in self.series.values() if (words := series.absent_joint())]
 
     def samples(self) -> Samples:
         """Return what is known of each channel when the speed is."""
@@ -198,6 +188,11 @@ class _Wheel:
         return found
 
 
+def _stream(data: bytes) -> ReadDataStream:
+    """Return the stream of one record: no length in it reaches beyond."""
+    return ReadDataStream(BytesIO(data))
+
+
 def _field(message: Any, path: str) -> Any:
     for name in path.split("."):
         message = getattr(message, name)
@@ -220,10 +215,8 @@ class _Bag:
     """Goes over the records of a bag and hands the messages of the map's topics to their series."""
 
     def __init__(self, source: str, wheels: list[_Wheel]) -> None:
-        try:
+        with needs_extra("ros2"):
             from mcap_ros2.decoder import DecoderFactory
-        except ImportError as error:
-            raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ros2]'") from error
         self._source = source
         self._factory = DecoderFactory()
         self._series: dict[str, list[_Series]] = {}
@@ -233,7 +226,6 @@ class _Bag:
         self._schemas: dict[int, Schema] = {}
         self._topics: dict[int, _Topic | None] = {}  # None: a topic that the map does not name
         self._names: set[str] = set()
-        self._others: set[int] = set()  # channels that the map does not name
         self._described = 0
         self._schemas_bytes = 0
         self._records_seen = 0
@@ -275,84 +267,61 @@ class _Bag:
             if len(content) < length:
                 break
             try:
-                records = self._records(opcode, content)
+                messages = self._messages(opcode, content)
             except _MCAP_ERRORS as error:
                 self._lost.append(f"the record at byte {position} cannot be read: {first_line(error)}")
-                records = []
-            for record in records:
-                self._take(record)
+                messages = []
+            for topic, message in messages:
+                self._decode(topic, message)
             position = file.tell()
         self._lost.append(f"what follows byte {position} cannot be read: the bag was not closed, or is damaged")
 
-    def _records(self, opcode: int, content: bytes) -> list[McapRecord]:
-        """Return what a record holds, of a chunk all that is in it."""
-        # In a stream of its own, no length in a record reaches beyond it.
-        stream = ReadDataStream(BytesIO(content))
-        if opcode == Opcode.SCHEMA:
-            return [Schema.read(stream)]
-        if opcode == Opcode.CHANNEL:
-            return [Channel.read(stream)]
-        if opcode == Opcode.MESSAGE:
-            return [Message.read(stream, len(content))]
-        chunk = Chunk.read(stream)
+    def _messages(self, opcode: int, content: bytes) -> list[tuple[_Topic, Message]]:
+        """Return the messages in a record, of the map's topics; others are passed over unread."""
+        if opcode == Opcode.CHUNK:
+            data = self._unpacked(Chunk.read(ReadDataStream(BytesIO(content))))
+        else:
+            data = _HEAD.pack(opcode, len(content)) + content
+        messages: list[tuple[_Topic, Message]] = []
+        position = undescribed = 0
+        while position < len(data):
+            self._records_seen += 1
+            if self._records_seen > MAX_RECORDS:
+                raise InputError(self._source, f"has more than {MAX_RECORDS:,} records")
+            opcode, length = _HEAD.unpack_from(data, position)
+            start, position = position + _HEAD.size, position + _HEAD.size + length
+            if position > len(data):
+                raise ValueError("a record in it reaches beyond its end")
+            if opcode == _MESSAGE:
+                if length < _MESSAGE_BYTES:
+                    raise ValueError("a message in it has no head")
+                channel_id = _CHANNEL_OF.unpack_from(data, start)[0]
+                if channel_id not in self._topics:
+                    undescribed += 1
+                elif (topic := self._topics[channel_id]) is not None:
+                    messages.append((topic, Message.read(_stream(data[start:position]), length)))
+            elif opcode == Opcode.SCHEMA:
+                self._keep_schema(Schema.read(_stream(data[start:position])))
+            elif opcode == Opcode.CHANNEL:
+                self._keep_channel(Channel.read(_stream(data[start:position])))
+        self._undescribed += undescribed
+        return messages
+
+    def _unpacked(self, chunk: Chunk) -> bytes:
+        """Return the content of a chunk; raises ValueError where it is another than the chunk says."""
         self._work_bytes += chunk.uncompressed_size
         if self._work_bytes > MAX_WORK_BYTES:
             raise InputError(self._source, f"asks for more than {MAX_WORK_BYTES:,} bytes to be unpacked")
         data = _unpacked(chunk)
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
             raise ValueError("it has another checksum than it says")
-        return self._contents(data)
+        return data
 
-    def _contents(self, data: bytes) -> list[McapRecord]:
-        """Return what a chunk holds; messages of topics that the map does not name are passed over unread."""
-        records: list[McapRecord] = []
-        others, known = set(self._others), set(self._topics)
-        position, stop, undescribed = 0, len(data), 0
-        while position < stop:
-            self._count_record()
-            opcode, length = _HEAD.unpack_from(data, position)
-            start, position = position + _HEAD.size, position + _HEAD.size + length
-            if position > stop:
-                raise ValueError("a record in it reaches beyond its end")
-            if opcode == _MESSAGE:
-                if length < _MESSAGE_BYTES:
-                    raise ValueError("a message in it has no head")
-                channel_id = _CHANNEL_OF.unpack_from(data, start)[0]
-                if channel_id not in known:
-                    undescribed += 1
-                elif channel_id not in others:
-                    records.append(Message.read(ReadDataStream(BytesIO(data[start:position])), length))
-            elif opcode == Opcode.SCHEMA:
-                records.append(Schema.read(ReadDataStream(BytesIO(data[start:position]))))
-            elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(ReadDataStream(BytesIO(data[start:position])))
-                records.append(channel)
-                if channel.id not in known and channel.topic not in self._series:
-                    others.add(channel.id)
-                known.add(channel.id)
-        self._undescribed += undescribed
-        return records
-
-    def _count_record(self) -> None:
-        self._records_seen += 1
-        if self._records_seen > MAX_RECORDS:
-            raise InputError(self._source, f"has more than {MAX_RECORDS:,} records")
-
-    def _take(self, record: McapRecord) -> None:
-        if isinstance(record, Schema):
-            self._keep_schema(record)
-        elif isinstance(record, Channel):
-            if record.id not in self._topics:
-                wanted = record.topic in self._series
-                self._names.add(record.topic if wanted else record.topic[:MAX_NAME])
-                self._topics[record.id] = self._topic(record) if wanted else None
-                if not wanted:
-                    self._others.add(record.id)
-        elif isinstance(record, Message):
-            if record.channel_id not in self._topics:
-                self._undescribed += 1
-            elif (topic := self._topics[record.channel_id]) is not None:
-                self._decode(topic, record)
+    def _keep_channel(self, channel: Channel) -> None:
+        if channel.id not in self._topics:
+            wanted = channel.topic in self._series
+            self._names.add(channel.topic if wanted else channel.topic[:MAX_NAME])
+            self._topics[channel.id] = self._topic(channel) if wanted else None
 
     def _keep_schema(self, schema: Schema) -> None:
         before = self._schemas.get(schema.id)

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Final, Literal
 
-from rwa_monitor.errors import InputError, MissingExtraError
+from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.ccsds_packets import write_packets
 from rwa_monitor.telemetry.columns import SampleTable
@@ -39,10 +39,8 @@ def parquet() -> ModuleType:
     MissingExtraError
         If what it needs is not installed.
     """
-    try:
+    with needs_extra("parquet"):
         from rwa_monitor.telemetry import parquet_table  # noqa: PLC0415
-    except ModuleNotFoundError as error:
-        raise MissingExtraError(f"{error.name} is missing: pip install 'rwa-monitor[parquet]'") from error
     return parquet_table
 
 

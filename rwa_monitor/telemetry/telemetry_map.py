@@ -27,16 +27,18 @@ Units are checked: what is not known to measure a channel's quantity is refused,
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from fractions import Fraction
 from math import pi
 from typing import Annotated, Any, Final, Literal, TypeVar
 
+import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, key_of, split_key
-from rwa_monitor.telemetry.reader import MAX_MAP_BYTES, TextFile
+from rwa_monitor.samples import MAX_TIME_NS, NANOSECONDS_PER_SECOND, Samples
+from rwa_monitor.telemetry.reader import MAX_MAP_BYTES, SampleBatch, TelemetryFile, TextFile, WheelTelemetry
 from rwa_monitor.wheel.toml import Strict, parse_toml
 
 MAX_WHEELS: Final = 4_096
@@ -135,7 +137,9 @@ class TopicChannel(Strict):
     time: Literal["header", "log", "publish"] = "header"
 
 
-class _WheelMap(Strict):
+class WheelMap(Strict):
+    """A wheel of a map, whatever carries its telemetry."""
+
     spacecraft: Name
     wheel: Name
     channels: Mapping[ChannelName, PacketChannel | TopicChannel]
@@ -146,7 +150,7 @@ class _WheelMap(Strict):
         return key_of(SamplesMessage, self.spacecraft, self.wheel)
 
     @model_validator(mode="after")
-    def _plain_names(self) -> _WheelMap:
+    def _plain_names(self) -> WheelMap:
         try:
             split_key(self.key)
         except InputError as error:
@@ -154,7 +158,7 @@ class _WheelMap(Strict):
         return self
 
     @model_validator(mode="after")
-    def _with_speed(self) -> _WheelMap:
+    def _with_speed(self) -> WheelMap:
         if "speed_rad_s" not in self.channels:
             raise ValueError("channels.speed_rad_s is missing")
         return self
@@ -165,7 +169,7 @@ def _in_full(channel: Any) -> Any:
     return {"parameter": channel} if isinstance(channel, str) else channel
 
 
-class PacketWheel(_WheelMap):
+class PacketWheel(WheelMap):
     """A wheel in space packets."""
 
     apid: Annotated[int, Field(ge=0, le=MAX_APID)]
@@ -173,7 +177,7 @@ class PacketWheel(_WheelMap):
     channels: Mapping[ChannelName, Annotated[PacketChannel, BeforeValidator(_in_full)]]
 
 
-class TopicWheel(_WheelMap):
+class TopicWheel(WheelMap):
     """A wheel in the topics of a ROS 2 bag."""
 
     hold_s: Annotated[float, Field(gt=0, le=3600)] | None = None
@@ -186,20 +190,11 @@ class TopicWheel(_WheelMap):
         return self
 
 
-OneWheel = TypeVar("OneWheel", bound=_WheelMap)
+OneWheel = TypeVar("OneWheel", bound=WheelMap)
 
 
-def packet_wheels(file: TextFile) -> list[PacketWheel]:
-    """Return the wheels of a map of space packets; raises InputError naming the key that is wrong."""
-    return _wheels(file, PacketWheel)
-
-
-def topic_wheels(file: TextFile) -> list[TopicWheel]:
-    """Return the wheels of a map of topics; raises InputError naming the key that is wrong."""
-    return _wheels(file, TopicWheel)
-
-
-def _wheels(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
+def wheels_of(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
+    """Return the wheels of a map of space packets or of topics; raises InputError naming the key that is wrong."""
     tables = parse_toml(file.text, file.source, MAX_MAP_BYTES, "a telemetry map")
     blocks = tables.pop("wheel", None)
     if tables:
@@ -218,6 +213,55 @@ def _wheels(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
         if keys.count(key) > 1:
             raise InputError(file.source, "is there twice", key)
     return wheels
+
+
+def telemetry_file(
+    source: str,
+    found: Iterable[tuple[WheelMap, Samples]],
+    problems: Sequence[str],
+    notes: Sequence[str],
+    nothing: str,
+) -> TelemetryFile:
+    """Return what a file holds of the wheels of a map.
+
+    Parameters
+    ----------
+    source
+        The file, for messages.
+    found
+        Each wheel with its samples, in the order in which they came.
+    problems, notes
+        What of the file could not be read, and what was left out on purpose.
+    nothing
+        The reason for an error where no wheel has a sample; what follows it in brackets is the first of the others.
+
+    Raises
+    ------
+    InputError
+        If no wheel has a sample.
+    """
+    telemetry, unordered = [], []
+    for wheel, samples in found:
+        if len(samples):
+            telemetry.append(WheelTelemetry(source, wheel.spacecraft, wheel.wheel, [SampleBatch(samples)]))
+        # `diagnose` counts them, and `reader.joined` puts them in order.
+        if late := int(np.count_nonzero(np.diff(samples.time_ns) <= 0)):
+            unordered.append(f"{late} samples of {wheel.wheel} come after one of the same time or a later one")
+    if not telemetry:
+        why = [*problems, *notes]
+        raise InputError(source, f"{nothing}{f' ({why[0]})' if why else ''}")
+    return TelemetryFile(
+        telemetry,
+        problems=[f"{source}: {problem}" for problem in problems],
+        notes=[f"{source}: {note}" for note in (*notes, *unordered)],
+    )
+
+
+def check_time(time_ns: int) -> None:
+    """Raise ValueError, in words for a count of what cannot be used, where the bus takes no such time."""
+    if not 0 <= time_ns <= MAX_TIME_NS:
+        latest_s = MAX_TIME_NS / NANOSECONDS_PER_SECOND
+        raise ValueError(f"a time of {time_ns / NANOSECONDS_PER_SECOND:.3g} s; the bus takes 0 to {latest_s:.0e} s")
 
 
 def conversion(channel: str, unit: str | None, source: str, place: str) -> tuple[float, float]:

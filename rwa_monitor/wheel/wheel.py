@@ -15,9 +15,8 @@ from typing import Annotated, Any, Final, Literal, Self
 import tomli_w
 from pydantic import Field, ValidationError, model_validator
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import did_you_mean
-from rwa_monitor.slots import MIN_PERIOD_NS, period_ns
+from rwa_monitor.errors import InputError, did_you_mean
+from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
 from rwa_monitor.wheel.toml import Strict, parse_toml
 

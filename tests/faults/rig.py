@@ -31,7 +31,7 @@ from typing import Any, Final
 import zenoh
 from zenoh import ext
 
-from rwa_monitor.cli.signals import stop_on_signals
+from rwa_monitor.cli.console import stop_on_signals
 from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import ReliablePublisher

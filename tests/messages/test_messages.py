@@ -26,8 +26,7 @@ from rwa_monitor.messages import (
     split_key,
 )
 from rwa_monitor.messages.samples import misspelt
-from rwa_monitor.samples import Samples
-from rwa_monitor.slots import MAX_TIME_NS
+from rwa_monitor.samples import MAX_TIME_NS, Samples
 from tests.monitor.support import batch_diagnoses, messages_of, run_core, telemetry, wheel
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"

@@ -21,8 +21,7 @@ from rwa_monitor.monitor.ingest.sequencer import (
     PublisherConflict,
 )
 from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
-from rwa_monitor.samples import Samples
-from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
+from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
 from rwa_monitor.wheel.wheel import Limits, Wheel
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
 

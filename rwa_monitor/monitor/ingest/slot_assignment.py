@@ -16,8 +16,7 @@ import numpy as np
 
 from rwa_monitor.kernels.ingest import all_between, assign_slots
 from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
+from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.wheel.wheel import Limits
 
 _channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of every message

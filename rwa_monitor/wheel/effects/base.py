@@ -14,8 +14,7 @@ from typing import ClassVar, Literal, Self
 
 import numpy as np
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import BoolArray, FloatArray
 
 Family = Literal["mean", "noise", "switching"]

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from types import ModuleType
 from typing import Final
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.wheel import effects
 from rwa_monitor.wheel.effects.base import Effect, MeanEffect
 from rwa_monitor.wheel.effects.formula import BLOCK, FORMULAS, Formula, parse

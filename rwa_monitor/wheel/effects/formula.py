@@ -15,8 +15,7 @@ from typing import Any, ClassVar, Final, cast
 
 import numpy as np
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.hints import did_you_mean
+from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.wheel.effects.columns import known_or_nan
