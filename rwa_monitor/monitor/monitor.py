@@ -18,8 +18,17 @@ import zenoh
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
-from rwa_monitor.messages.samples import is_json, misspelt
+from rwa_monitor.messages import (
+    Diagnosis,
+    Health,
+    Message,
+    SamplesMessage,
+    Status,
+    is_json,
+    key_of,
+    misspelt,
+    split_key,
+)
 from rwa_monitor.monitor.bus import BusOptions
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import (
