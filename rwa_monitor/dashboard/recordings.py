@@ -23,8 +23,14 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, read_chain
-from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording, time_span
+from rwa_monitor.monitor.recording.reader import (
+    RECORDING_SUFFIX,
+    RecordedMessage,
+    Recording,
+    read_chain,
+    read_recording,
+    time_span,
+)
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
 

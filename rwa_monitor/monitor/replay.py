@@ -16,13 +16,15 @@ from typing import Any, Final
 
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
 from rwa_monitor.monitor import state_recovery
-from rwa_monitor.monitor.recording.chain import file_sha256, recorded_inputs, recordings_of
 from rwa_monitor.monitor.recording.reader import (
     SOME_CHECKPOINTS,
     Attached,
     PassingRecording,
     RecordedMessage,
     Recording,
+    file_sha256,
+    recorded_inputs,
+    recordings_of,
 )
 from rwa_monitor.monitor.searches import jobs_of, search_message
 from rwa_monitor.monitor.state_recovery import Comparable

@@ -20,9 +20,9 @@ from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, SamplesMe
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import CARRIED_SCHEMA, Output, outputs_of
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX
 from rwa_monitor.monitor.recording.reader import (
     CHECKPOINT_PREFIX,
+    RECORDING_SUFFIX,
     SOME_CHECKPOINTS,
     Attached,
     PassingRecording,

@@ -15,7 +15,7 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import jobs_of
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet

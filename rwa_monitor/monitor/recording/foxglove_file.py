@@ -9,8 +9,7 @@ from typing import Final
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MESSAGES
-from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.recording.writer import TopicWriter
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 
