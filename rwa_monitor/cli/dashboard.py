@@ -90,8 +90,7 @@ def command(
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.dashboard.recordings import import_recordings
     from rwa_monitor.errors import InputError
-    from rwa_monitor.history.retention import Retention
-    from rwa_monitor.history.store import History
+    from rwa_monitor.history.store import History, Retention
     from rwa_monitor.monitor.bus import endpoints, open_session
     from rwa_monitor.telemetry.configuration import read_wheel
 

@@ -34,10 +34,9 @@ from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.listener import retirement_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, replay_json
-from rwa_monitor.dashboard.trends import TrendRecord, trends
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord, RetirementEvent
+from rwa_monitor.history.records import AlarmRecord, EstimateRecord, RetirementEvent, TrendRecord, trends
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis, Discrepancy, Message, Status, dump_json, key_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND

@@ -219,5 +219,5 @@ def import_recordings(history: History, path: Path) -> Imported:
                 history.add_discrepancy(Discrepancy.parse(message.data, f"{recording.path}: {message.topic}"))
         windows += len(diagnoses)
         for begin in range(0, len(diagnoses), BATCH_WINDOWS):
-            new += history.add_all(diagnoses[begin : begin + BATCH_WINDOWS])
+            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])
     return Imported(windows, new, tuple(problems))

@@ -19,12 +19,10 @@ from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier, HealthPublisher,
 from rwa_monitor.dashboard.app import Sources, create_app
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.listener import Listener
-from rwa_monitor.dashboard.monitor_watch import SILENT_S
+from rwa_monitor.dashboard.listener import SILENT_S, Listener
 from rwa_monitor.dashboard.recordings import latest_wheels
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.history.retention import Retention
-from rwa_monitor.history.store import History
+from rwa_monitor.history.store import History, Retention
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.wheel.wheel import Wheel
 

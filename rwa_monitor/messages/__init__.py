@@ -41,6 +41,8 @@ Slot = Annotated[int, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(max_length=200)]
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
+AlarmLevel = Literal["normal", "watch", "warning", "distress", "critical"]
+AlarmPhase = Literal["quiet", "active", "acknowledged", "returned"]
 
 
 class Message(BaseModel):
@@ -402,8 +404,8 @@ class Changepoints(Message):
 class HealthAlarm(Message):
     """An open alarm: what several windows amount to, and whether it is acknowledged."""
 
-    level: Literal["normal", "watch", "warning", "distress", "critical"]
-    phase: Literal["quiet", "active", "acknowledged", "returned"]
+    level: AlarmLevel
+    phase: AlarmPhase
     acknowledged_by: str | None
 
 
