@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import asdict
 from itertools import islice
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
@@ -23,7 +22,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import from_json
 
 from rwa_monitor.changepoints.stage_results import Method
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
 from rwa_monitor.hints import closest
 from rwa_monitor.samples import CHANNELS, FloatArray, Samples
@@ -231,11 +229,6 @@ def samples_json(samples: Samples, publisher: str, batch: int) -> bytes:
 # ---- diagnosis -------------------------------------------------------------------------------------------------------
 
 
-# Fields of a `WindowDiagnosis` that the message, and its provenance, have as they are.
-UNCHANGED: Final = ("coverage", "verdict", "reason", "fit", "model_adequate", "suspected_effect", "explanation")
-MADE_WITH: Final = ("method", "model_sha256", "wheel_sha256", "prior_sha256")
-
-
 class Quantity(Message):
     """A value with its standard deviation; null where the window does not show it."""
 
@@ -329,52 +322,6 @@ class Diagnosis(Message):
     suspected_effect: str | None
     explanation: str
     provenance: Provenance
-
-
-def diagnosis_message(
-    diagnosis: WindowDiagnosis,
-    *,
-    spacecraft: str,
-    wheel: str,
-    window_start_ns: int,
-    window_end_ns: int,
-    period_ns: int,
-    partial: bool,
-    software: str,
-    source: str | None = None,
-) -> Diagnosis:
-    """Turn the diagnosis of a window into its message.
-
-    Parameters
-    ----------
-    diagnosis
-        Of the window.
-    spacecraft, wheel
-        From the bus key; "" and the wheel's name for a table.
-    window_start_ns, window_end_ns, period_ns, partial
-        Where the window lies, as in `monitor.core.WindowDiagnosed`.
-    software
-        Name and version.
-    source
-        File, only for tables.
-    """
-    fss = {system.name: {name: [*getattr(system, name)] for name in Sojourns.model_fields} for system in diagnosis.fss}
-    content = {name: getattr(diagnosis, name) for name in UNCHANGED} | {
-        "spacecraft": spacecraft,
-        "wheel": wheel,
-        "source": source,
-        "window_start_ns": window_start_ns,
-        "window_end_ns": window_end_ns,
-        "samples": diagnosis.slots,
-        "partial": partial,
-        "anomalies": {anomaly.name: anomaly for anomaly in diagnosis.anomalies},
-        "friction": {"base_dry": diagnosis.base_dry, "viscous": diagnosis.viscous, "fss": fss},
-        "changepoints": [
-            {**asdict(one), "time_ns": window_start_ns + one.index * period_ns} for one in diagnosis.changepoints
-        ],
-        "provenance": {"software": software, **{name: getattr(diagnosis, name) for name in MADE_WITH}},
-    }
-    return Diagnosis.model_validate(content, from_attributes=True)
 
 
 # ---- changepoints, health and status ---------------------------------------------------------------------------------

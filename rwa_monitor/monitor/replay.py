@@ -292,7 +292,7 @@ class _Chain:
         self.messages += [
             (output.key, output.payload)
             for output in run.outputs
-            if output.message is not None and (self.from_ns is None or output.time_ns >= self.from_ns)
+            if output.published and (self.from_ns is None or (output.time_ns or 0) >= self.from_ns)
         ]
 
         inherited, own = state_recovery.split_outputs(recording)

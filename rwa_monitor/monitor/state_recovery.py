@@ -19,7 +19,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, SamplesMessage, split_key
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import CARRIED_SCHEMA, Output, outputs_of
+from rwa_monitor.monitor.events import Carried, Output, outputs_of
 from rwa_monitor.monitor.recording.reader import (
     CHECKPOINT_PREFIX,
     RECORDING_SUFFIX,
@@ -35,7 +35,7 @@ from rwa_monitor.monitor.wheel_set import WheelSet, key_of_name
 from rwa_monitor.words import counted, first_few
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
-COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
+COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
 MODEL: Final = "model.json"
 Comparable = tuple[str, str, bytes]  # topic, schema, JSON
@@ -384,7 +384,6 @@ def _diagnoses(recording: Recording) -> list[Output]:
         Output(
             message.topic,
             Diagnosis,
-            message.schema,
             message.data,
             Diagnosis.parse(message.data, f"{recording.path}: {message.topic}").window_end_ns,
         )
