@@ -104,7 +104,7 @@ def wheels_of(recording: Recording) -> WheelSet:
     """Return the constants that a recording was made with; those of the built-in wheel where it holds none."""
     if COMMON not in recording.attachments:
         return WheelSet(built_in_wheel())
-    return WheelSet.of_attachments(recording.attachments, recording.path.name)
+    return WheelSet.of_recording(recording)
 
 
 def latest_wheels(folder: Path | None) -> WheelSet | None:

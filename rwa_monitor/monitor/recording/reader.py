@@ -109,24 +109,26 @@ class Recording:
     attachments: dict[str, bytes] = field(default_factory=dict)
     messages: list[RecordedMessage] = field(default_factory=list)
 
+    def text(self, name: str) -> str:
+        """Return an attached text; raises InputError where it is missing or no UTF-8."""
+        if name not in self.attachments:
+            raise InputError(str(self.path), "is missing: this is no recording of rwa-monitor run", name)
+        try:
+            return self.attachments[name].decode()
+        except UnicodeDecodeError as error:
+            raise InputError(str(self.path), "is no UTF-8 text", name) from error
+
     def settings(self) -> dict[str, Any]:
         """Return the settings attached by the recorder; raises InputError where there are none."""
-        return self.json_attachment(SETTINGS_ATTACHMENT)
-
-    def json_attachment(self, name: str) -> dict[str, Any]:
-        """Return a JSON attachment; raises InputError where it is missing or no JSON object."""
-        if name not in self.attachments:
-            raise InputError(
-                str(self.path), "is missing: this is no recording of rwa-monitor run", f"attachment {name}"
-            )
-        if len(self.attachments[name]) > MAX_JSON_BYTES:
-            raise InputError(str(self.path), f"is larger than {MAX_JSON_BYTES} bytes", f"attachment {name}")
+        text = self.text(SETTINGS_ATTACHMENT)
         try:
-            content = json.loads(self.attachments[name])
+            if len(text) > MAX_JSON_BYTES:
+                raise ValueError(f"larger than {MAX_JSON_BYTES} bytes")
+            content = json.loads(text)
+            if not isinstance(content, dict):
+                raise ValueError("no object")
         except (ValueError, RecursionError) as error:
-            raise InputError(str(self.path), f"is no JSON: {error}", f"attachment {name}") from error
-        if not isinstance(content, dict):
-            raise InputError(str(self.path), "is no JSON object", f"attachment {name}")
+            raise InputError(str(self.path), f"is no JSON that can be used: {error}", SETTINGS_ATTACHMENT) from error
         return content
 
 
