@@ -36,8 +36,7 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import SamplesPublisher
-from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import last_settings
+from rwa_monitor.monitor.recording.reader import last_settings, recordings_of
 from rwa_monitor.monitor.recording.recorder import Recorder
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate

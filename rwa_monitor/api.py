@@ -35,7 +35,7 @@ from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel
-from rwa_monitor.messages import Diagnosis, diagnosis_message
+from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed, trouble_in
 from rwa_monitor.monitor.replay import Report
@@ -54,7 +54,6 @@ from rwa_monitor.telemetry.configuration import read_wheel as read_wheel_file
 from rwa_monitor.telemetry.files import display_name
 from rwa_monitor.telemetry.reader import joined, only_wheel, read_decoding
 from rwa_monitor.threads import on_threads, one_thread_of_algebra
-from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 if TYPE_CHECKING:
@@ -283,17 +282,7 @@ class Monitor:
                 sensor = (event.channel, event.hangs) if isinstance(event, SensorFault) else ()
                 self._troubles.setdefault((type(event).__name__, *sensor), trouble)
         return [
-            diagnosis_message(
-                event.diagnosis,
-                spacecraft=self.spacecraft,
-                wheel=self.name,
-                window_start_ns=event.start_ns,
-                window_end_ns=event.end_ns,
-                period_ns=event.period_ns,
-                partial=event.partial,
-                software=SOFTWARE,
-                source=self.source,
-            )
+            event.message(self.spacecraft, self.name, self.source)
             for event in events
             if isinstance(event, WindowDiagnosed)
         ]

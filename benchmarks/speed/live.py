@@ -29,8 +29,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.publisher import SamplesPublisher
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, recordings_of
-from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.reader import RECORDING_SUFFIX, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import REFUSED, Recorder
 from rwa_monitor.monitor.state_recovery import RecoveredState
 from rwa_monitor.samples import Samples

@@ -88,8 +88,7 @@ def command(
         from rwa_monitor.dashboard.server import DashboardOptions, serve
     from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.dashboard.recordings import import_recordings
-    from rwa_monitor.history.retention import Retention
-    from rwa_monitor.history.store import History
+    from rwa_monitor.history.store import History, Retention
     from rwa_monitor.monitor.bus import endpoints, open_session
     from rwa_monitor.telemetry.configuration import read_wheel
 

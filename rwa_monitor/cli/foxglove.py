@@ -19,7 +19,7 @@ def command(recordings: tuple[Path, ...], output: Path) -> int:
     Every sample is a message, friction's parts and its jumps have topics, and what concerns an operator is a
     foxglove.Log. OUT.layout.json is the layout for it, and for the same wheels live (dashboard --foxglove).
     """
-    from rwa_monitor.monitor.recording.foxglove_file import write_foxglove
+    from rwa_monitor.monitor.recording.copies import write_foxglove
     from rwa_monitor.words import counted
 
     written = write_foxglove(recordings, output)

@@ -19,7 +19,7 @@ def command(recording: Path, output: Path) -> int:
     What is lost is logged on stderr, and the exit code is 3 then; so is, of each wheel, from when to when its samples
     are saved.
     """
-    from rwa_monitor.monitor.recording.recover import recover
+    from rwa_monitor.monitor.recording.copies import recover
     from rwa_monitor.words import counted
 
     recovery = recover(recording, output)

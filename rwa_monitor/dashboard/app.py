@@ -11,7 +11,6 @@ import secrets
 import time
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, TypeVar
 
@@ -23,23 +22,39 @@ from fastapi.middleware.trustedhost import TrustedHostMiddleware
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.security import HTTPBearer
 from fastapi.staticfiles import StaticFiles
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier, alarm_entry
-from rwa_monitor.dashboard.api_models import Acknowledgement, Entry, Refusal, Replay, Retirement, Shelving, WheelNow
-from rwa_monitor.dashboard.feed import Client, frame, pulse
+from rwa_monitor.dashboard.feed import Client, array_json, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.listener import retirement_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, replay_json
-from rwa_monitor.dashboard.trends import TrendRecord, trends
+from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord, RetirementEvent
-from rwa_monitor.history.store import History
-from rwa_monitor.messages import Diagnosis, Discrepancy, Message, Status, dump_json, key_of
+from rwa_monitor.history.records import (
+    MAX_NAME,
+    MAX_NOTE,
+    AlarmRecord,
+    EstimateRecord,
+    RetirementEvent,
+    TrendRecord,
+    trends,
+)
+from rwa_monitor.history.store import MAX_SHELVED_S, History
+from rwa_monitor.messages import (
+    Changepoints,
+    Diagnosis,
+    Discrepancy,
+    Message,
+    SamplesMessage,
+    Status,
+    dump_json,
+    key_of,
+)
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import RELEASE, SOFTWARE
 
@@ -58,24 +73,123 @@ HEADERS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Sources:
-    """What the application shows: fleet, history, folder of recordings or None; alarm notifier and token."""
-
-    fleet: Fleet
-    history: History
-    notifier: AlarmNotifier
-    recordings: Path | None
-    token: str
+# ---- what the API gives or takes beside the bus's messages and the history's records ---------------------------------
 
 
-def create_app(sources: Sources) -> FastAPI:
+class _Shown(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Acknowledgement(_Shown):
+    """Who has seen an alarm, with a note."""
+
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
+    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
+
+
+class Shelving(Acknowledgement):
+    """Who shelves an alarm, for how long, and why; 0 s ends it."""
+
+    seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S)]
+
+
+class Retirement(Acknowledgement):
+    """Who retires a wheel, and why; or brings it back to the list, with `aside` false."""
+
+    aside: bool
+
+
+class TelemetryState(_Shown):
+    """When a wheel's samples came last [ns, this machine's clock], and how long after that they are stale [s]."""
+
+    wall_ns: int | None
+    stale_after_s: float
+
+
+class VerdictState(_Shown):
+    """Since when a wheel's verdict is as it is [ns, the wheel's clock], over how many windows, and where it goes."""
+
+    since_ns: int | None
+    windows: int
+    change: str | None
+
+
+class Beat(_Shown):
+    """The server's clock [ns], and what is wrong with the dashboard itself, in words."""
+
+    wall_ns: int
+    notes: list[str]
+
+
+class PulseOfWheel(_Shown):
+    """What a status comes to for a page that does not look at the wheel; why all messages were refused, else null."""
+
+    heard_wall_ns: int
+    window_fill: float
+    telemetry: TelemetryState
+    refused: str | None
+
+
+class Software(_Shown):
+    """The name and version of the dashboard."""
+
+    software: str
+
+
+class Entry(_Shown):
+    """One entry of the feed, or of a recording.
+
+    The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm`, `aside` (an audit
+    event of a retired wheel) and `evidence` beside the bus's own; dashboard/beat, dashboard/software, or
+    dashboard/pulse, which is by "{spacecraft}/{wheel}".
+    `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
+    diagnosis the history of the verdict. `time_ns`, on the wheel's clock, is of recordings only.
+    """
+
+    time_ns: int | None = None
+    key: str
+    received_wall_ns: int | None
+    beside: TelemetryState | VerdictState | None
+    message: (
+        Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | Evidence | AlarmRecord | RetirementEvent
+        | Beat | Software
+        | dict[str, PulseOfWheel]
+    )  # fmt: skip
+
+
+class WheelNow(_Shown):
+    """One wheel as it is now: samples, thinned; changepoints of the open window; the wGLR; latest report and status."""
+
+    samples: SamplesMessage | None
+    changepoints: list[Changepoints]
+    evidence: list[Evidence]
+    discrepancy: Discrepancy | None
+    status: Status | None
+
+
+class Replay(_Shown):
+    """A recording, samples thinned: what could not be read, and entries in the order of the file."""
+
+    problems: list[str]
+    entries: list[Entry]
+
+
+class Refusal(_Shown):
+    """Why there is no answer."""
+
+    error: str
+
+
+# ---- the application -------------------------------------------------------------------------------------------------
+
+
+def create_app(api: Api) -> FastAPI:
     """Return the application; the pages of FastAPI's documentation, which load scripts from elsewhere, are off."""
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         del app
-        feeding = asyncio.create_task(sources.notifier.hub.run())
+        feeding = asyncio.create_task(api.notifier.hub.run())
         yield
         feeding.cancel()
 
@@ -94,7 +208,7 @@ def create_app(sources: Sources) -> FastAPI:
         exception_handlers=dict.fromkeys((HTTPException, RequestValidationError, InputError, HistoryError), _refused),
         responses={422: {"model": Refusal}, 503: {"model": Refusal}},
     )
-    _add_routes(app, Api(sources))
+    _add_routes(app, api)
     app.mount("/static", StaticFiles(directory=STATIC))
     return app
 
@@ -160,13 +274,25 @@ class SameOrigin:
 
 
 class Api:
-    """The handlers, over the sources. Those that are no coroutines run in threads of their own.
+    """The handlers. Those that are no coroutines run in threads of their own.
 
     Answers are written as bytes, as they came or are kept: FastAPI describes them, and does not make them anew.
+
+    Parameters
+    ----------
+    fleet, history, notifier
+        What is shown and changed.
+    recordings
+        Folder of the recordings, or None.
+    token
+        That whoever changes something must name.
     """
 
-    def __init__(self, sources: Sources) -> None:
-        self.sources = sources
+    def __init__(
+        self, fleet: Fleet, history: History, notifier: AlarmNotifier, recordings: Path | None, token: str
+    ) -> None:
+        self._fleet, self._history, self.notifier = fleet, history, notifier
+        self._folder, self._token = recordings, token
         self._first = Shared(self._first_frame)
 
     def _first_frame(self) -> str:
@@ -174,7 +300,7 @@ class Api:
         try:
             first += self._snapshot()
         except HistoryError:
-            first += self.sources.fleet.snapshot()
+            first += self._fleet.snapshot()
         return frame([*(entry for entry in first if not entry.brief), *pulse(entry for entry in first if entry.brief)])
 
     def fleet(self) -> Response:
@@ -183,7 +309,7 @@ class Api:
 
     def _snapshot(self) -> list[Received]:
         """Return what a page needs first: live wheels, those only of the history, the alarms, retired wheels."""
-        history, live = self.sources.history, self.sources.fleet.snapshot()
+        history, live = self._history, self._fleet.snapshot()
         known = {entry.key for entry in live}
         earlier = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
         earlier = [entry for entry in earlier if entry.key not in known]
@@ -192,48 +318,55 @@ class Api:
 
     def wheel(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
-        history, name = self.sources.history, (spacecraft, wheel)
-        if name not in self.sources.fleet.names():
-            if name not in history.wheels():
-                raise HTTPException(404, "no such wheel")
-            return _json(_wheel_json(b"null", [], [], history.discrepancy(*name), b"null"))
-        known = self.sources.fleet.wheel(*name)
-        assert known is not None  # as looked up above
-        with self.sources.fleet.lock:
-            samples, jumps = known.decimated.message(), [entry.payload for entry in known.provisional]
-            curves = [*known.curves]
-            so_far = known.open_window.evidence_so_far(known.diagnosis, known.constants)
-            found = known.latest.get(Discrepancy.kind)
-            status = known.latest.get(Status.kind)
-        curves += [so_far.to_json()] if so_far else []
-        discrepancy = found.payload if found else history.discrepancy(*name)
-        return _json(_wheel_json(samples, jumps, curves, discrepancy, status.payload if status else b"null"))
+        known = self._fleet.wheel(spacecraft, wheel)
+        samples = discrepancy = status = None
+        jumps: list[bytes] = []
+        curves: list[bytes] = []
+        if known is not None:
+            with self._fleet.lock:
+                samples, jumps = known.decimated.message(), [entry.payload for entry in known.provisional]
+                so_far = known.open_window.evidence_so_far(known.diagnosis, known.constants)
+                curves = [*known.curves, *([so_far.to_json()] if so_far else [])]
+                discrepancy, status = (
+                    known.latest[kind].payload if kind in known.latest else None
+                    for kind in (Discrepancy.kind, Status.kind)
+                )
+        elif (spacecraft, wheel) not in self._history.wheels():
+            raise HTTPException(404, "no such wheel")
+        parts = {
+            "samples": samples or b"null",
+            "changepoints": array_json(jumps),
+            "evidence": array_json(curves),
+            "discrepancy": discrepancy or self._history.discrepancy(spacecraft, wheel) or b"null",
+            "status": status or b"null",
+        }
+        return _json(b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}")
 
     def windows(
         self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_WINDOWS)] = DEFAULT_LIMIT
     ) -> Response:
         """Answer with the latest diagnoses of one wheel, the oldest first."""
-        return _list(self.sources.history.windows(spacecraft, wheel, limit))
+        return _list(self._history.windows(spacecraft, wheel, limit))
 
     def estimates(
         self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_ESTIMATES)] = DEFAULT_LIMIT
     ) -> Response:
         """Answer with the latest estimates of one wheel, the oldest first."""
-        return _list(self.sources.history.estimates(spacecraft, wheel, limit))
+        return _list(self._history.estimates(spacecraft, wheel, limit))
 
     def trend(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the trends of one wheel's estimates."""
-        history = self.sources.history
+        history = self._history
         return _list(trends(history.estimates(spacecraft, wheel, MAX_ESTIMATES), history.policy))
 
     def retirement(self, spacecraft: str, wheel: str) -> Response:
         """Answer with who has retired a wheel and brought it back, the oldest event first."""
-        return _list(self.sources.history.retired.events(spacecraft, wheel))
+        return _list(self._history.retired.events(spacecraft, wheel))
 
     async def retire(self, request: Request, spacecraft: str, wheel: str) -> Response:
         """Retire a wheel that sends no telemetry, or bring it back; needs the token."""
         who = await self._allowed(request, Retirement)
-        retired = self.sources.history.retired
+        retired = self._history.retired
 
         def change() -> RetirementEvent:
             if not who.aside:
@@ -242,17 +375,17 @@ class Api:
             return retired.retire(spacecraft, wheel, who.name, who.note)
 
         event = await run_in_threadpool(change)
-        self.sources.notifier.hub.post(retirement_entry(event))
+        self.notifier.hub.post(retirement_entry(event))
         return _json(event.to_json())
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
         """Refuse to retire a wheel that is unknown, or whose telemetry comes."""
-        known = self.sources.fleet.wheel(spacecraft, wheel)
+        known = self._fleet.wheel(spacecraft, wheel)
         if known is None:
-            if (spacecraft, wheel) not in self.sources.history.wheels():
+            if (spacecraft, wheel) not in self._history.wheels():
                 raise HTTPException(404, "no such wheel")
             return
-        with self.sources.fleet.lock:
+        with self._fleet.lock:
             last_ns, stale_after_s = known.rhythm.wall_ns, known.rhythm.stale_after_s
         if last_ns is not None and time.time_ns() - last_ns < stale_after_s * NANOSECONDS_PER_SECOND:
             reason = f"its telemetry is of now: it can be retired when none has come for {stale_after_s:.0f} s"
@@ -260,17 +393,17 @@ class Api:
 
     def alarms(self) -> Response:
         """Answer with all open alarms and the latest closed ones."""
-        return _list(self.sources.history.alarms())
+        return _list(self._history.alarms())
 
     async def acknowledge(self, request: Request, alarm: int) -> Response:
         """Acknowledge an alarm; needs the token."""
         who = await self._allowed(request, Acknowledgement)
-        return await self._change(lambda: self.sources.history.acknowledge(alarm, who.name, who.note))
+        return await self._change(lambda: self._history.acknowledge(alarm, who.name, who.note))
 
     async def shelve(self, request: Request, alarm: int) -> Response:
         """Shelve an alarm for a while; needs the token."""
         who = await self._allowed(request, Shelving)
-        return await self._change(lambda: self.sources.history.shelve(alarm, who.name, who.seconds, who.note))
+        return await self._change(lambda: self._history.shelve(alarm, who.name, who.seconds, who.note))
 
     async def _allowed(self, request: Request, wanted: type[Wanted]) -> Wanted:
         """Return what a request wants changed; refuses it without the token, or where it is not understood.
@@ -278,7 +411,7 @@ class Api:
         The body is read here: FastAPI would read it whole, however large, before it looks at the token.
         """
         given = request.headers.get("authorization", "")
-        if not secrets.compare_digest(given.encode(), f"Bearer {self.sources.token}".encode()):
+        if not secrets.compare_digest(given.encode(), f"Bearer {self._token}".encode()):
             raise HTTPException(401, "the token is missing or wrong; it is printed where the dashboard was started")
         body = b""
         async for piece in request.stream():
@@ -295,7 +428,7 @@ class Api:
 
         def change() -> AlarmRecord:
             alarm = work()
-            self.sources.notifier.publish(alarm)
+            self.notifier.publish(alarm)
             return alarm
 
         alarm = await run_in_threadpool(change)
@@ -304,18 +437,17 @@ class Api:
     def metrics(self, request: Request) -> Response:
         """Answer with all metrics, for Prometheus."""
         del request
-        sources = self.sources
-        alarms, retired = sources.history.alarms(closed=0), sources.history.retired.names()
-        text = metrics(sources.fleet, alarms, len(sources.notifier.hub.clients), retired)
+        alarms, retired = self._history.alarms(closed=0), self._history.retired.names()
+        text = metrics(self._fleet, alarms, len(self.notifier.hub.clients), retired)
         return Response(text, media_type=CONTENT_TYPE)
 
     def recordings(self) -> Response:
         """Answer with the recordings there are, the latest first."""
-        return _list(list_recordings(self.sources.recordings))
+        return _list(list_recordings(self._folder))
 
     def recording(self, name: str) -> Response:
         """Answer with one recording as entries of the feed, samples thinned."""
-        return _json(replay_json(self.sources.recordings, name))
+        return _json(replay_json(self._folder, name))
 
     def frames(self) -> Response:
         """Entries as they come, in frames over a WebSocket; a page asks for close-ups with {"watch": "{wheel}"}."""
@@ -325,12 +457,12 @@ class Api:
         """Serve one page until it leaves."""
         await socket.accept()
         client = Client()
-        self.sources.notifier.hub.clients.add(client)
+        self.notifier.hub.clients.add(client)
         try:
             await socket.send_text(await self._first.get())
             await _until_first(_send(socket, client), _listen(socket, client))
         finally:
-            self.sources.notifier.hub.clients.discard(client)
+            self.notifier.hub.clients.discard(client)
 
 
 class Shared:
@@ -377,21 +509,12 @@ async def _until_first(*works: Any) -> None:
             await task
 
 
-def _wheel_json(
-    samples: bytes, jumps: list[bytes], curves: list[bytes], discrepancy: bytes | None, status: bytes
-) -> bytes:
-    parts = [b'"samples":' + samples, b'"changepoints":[' + b",".join(jumps) + b"]"]
-    parts += [b'"evidence":[' + b",".join(curves) + b"]", b'"discrepancy":' + (discrepancy or b"null")]
-    parts.append(b'"status":' + status)
-    return b"{" + b",".join(parts) + b"}"
-
-
 def _json(content: bytes) -> Response:
     return Response(content, media_type="application/json")
 
 
 def _list(messages: Iterable[Message]) -> Response:
-    return _json(b"[" + b",".join(message.to_json() for message in messages) + b"]")
+    return _json(array_json(message.to_json() for message in messages))
 
 
 async def _refused(request: Request, error: Exception) -> Response:

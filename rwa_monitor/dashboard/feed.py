@@ -117,6 +117,11 @@ def pulse(statuses: Iterable[Received]) -> list[Received]:
     return [Received(PULSE_KEY, b"{" + beats + b"}", time.time_ns())] if beats else []
 
 
-def frame(entries: list[Received]) -> str:
+def frame(entries: Iterable[Received]) -> str:
     """Return entries as one frame."""
-    return "[" + b",".join(entry.to_json() for entry in entries).decode() + "]"
+    return array_json(entry.to_json() for entry in entries).decode()
+
+
+def array_json(parts: Iterable[bytes]) -> bytes:
+    """Return JSON values as one array."""
+    return b"[" + b",".join(parts) + b"]"

@@ -23,8 +23,14 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, read_chain
-from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording, time_span
+from rwa_monitor.monitor.recording.reader import (
+    RECORDING_SUFFIX,
+    RecordedMessage,
+    Recording,
+    read_chain,
+    read_recording,
+    time_span,
+)
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
 
@@ -98,7 +104,7 @@ def wheels_of(recording: Recording) -> WheelSet:
     """Return the constants that a recording was made with; those of the built-in wheel where it holds none."""
     if COMMON not in recording.attachments:
         return WheelSet(built_in_wheel())
-    return WheelSet.of_attachments(recording.attachments, recording.path.name)
+    return WheelSet.of_recording(recording)
 
 
 def latest_wheels(folder: Path | None) -> WheelSet | None:
@@ -213,5 +219,5 @@ def import_recordings(history: History, path: Path) -> Imported:
                 history.add_discrepancy(Discrepancy.parse(message.data, f"{recording.path}: {message.topic}"))
         windows += len(diagnoses)
         for begin in range(0, len(diagnoses), BATCH_WINDOWS):
-            new += history.add_all(diagnoses[begin : begin + BATCH_WINDOWS])
+            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])
     return Imported(windows, new, tuple(problems))

@@ -16,15 +16,13 @@ import uvicorn
 import zenoh
 
 from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier, HealthPublisher, Webhook
-from rwa_monitor.dashboard.app import Sources, create_app
+from rwa_monitor.dashboard.app import Api, create_app
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.listener import Listener
-from rwa_monitor.dashboard.monitor_watch import SILENT_S
+from rwa_monitor.dashboard.listener import SILENT_S, Listener
 from rwa_monitor.dashboard.recordings import latest_wheels
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.history.retention import Retention
-from rwa_monitor.history.store import History
+from rwa_monitor.history.store import History, Retention
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -114,7 +112,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
         listening = stack.enter_context(_socket(options.port))
         health = stack.enter_context(HealthPublisher(session, history))
         notifier = AlarmNotifier(hub, stack.enter_context(Webhook(options.webhook, hub)), health)
-        app = create_app(Sources(fleet, history, notifier, options.record, token))
+        app = create_app(Api(fleet, history, notifier, options.record, token))
         config = uvicorn.Config(
             app,
             log_level="error",

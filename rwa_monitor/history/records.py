@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Message, Number
-from rwa_monitor.monitor.trends import FrictionEstimate
+from rwa_monitor.history.alarms import Level, Policy
+from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
+from rwa_monitor.monitor.trends import CoefficientTrend, FrictionEstimate, coefficient_trend
+from rwa_monitor.samples import SECONDS_PER_DAY
 
-LevelWord = Literal["normal", "watch", "warning", "distress", "critical"]
-PhaseWord = Literal["quiet", "active", "acknowledged", "returned"]
+# A level as a word, also from the number that the database has.
+LevelWord = Annotated[AlarmLevel, BeforeValidator(lambda level: Level(level).word if isinstance(level, int) else level)]
 EventWord = Literal[
     "raised", "escalated", "eased", "returned", "relapsed", "acknowledged", "cleared", "shelved", "unshelved"
 ]
@@ -39,7 +43,7 @@ class AlarmRecord(Message):
     spacecraft: str
     wheel: str
     name: str
-    phase: PhaseWord
+    phase: AlarmPhase
     level: LevelWord
     peak: LevelWord
     reason: str
@@ -123,3 +127,92 @@ def signed(person: str, note: str) -> tuple[str, str]:
     if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
         raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
     return person, note
+
+
+# ---- trends ----------------------------------------------------------------------------------------------------------
+
+
+class ReachRecord(Message):
+    """When a limit will be reached: median and 95 % interval, in seconds after the last window; null for never."""
+
+    limit: Number
+    level: str
+    median_s: Number | None
+    low_s: Number | None
+    high_s: Number | None
+
+
+class TrendRecord(Message):
+    """What the windows of a wheel show of the trend of one estimate (`diagnosis.trend`)."""
+
+    name: str
+    unit: str
+    windows: int
+    present: bool
+    p_value: Number
+    slope_per_day: Number
+    slope_std_per_day: Number
+    reach: ReachRecord | None
+
+
+def trends(estimates: Sequence[EstimateRecord], policy: Policy) -> list[TrendRecord]:
+    """Return where estimates go that have a standard deviation, and when they will reach the next alarm level.
+
+    Parameters
+    ----------
+    estimates
+        Of one wheel, the oldest first.
+    policy
+        Where the limits lie.
+    """
+    found = []
+    for name in dict.fromkeys(one.name for one in estimates):
+        own = [one for one in estimates if one.name == name and one.value is not None and one.std]
+        if (coefficient := coefficient_trend(name, own)) is not None:
+            found.append(_record(coefficient, own, policy))
+    return found
+
+
+def _record(coefficient: CoefficientTrend, own: Sequence[EstimateRecord], policy: Policy) -> TrendRecord:
+    trend = coefficient.trend
+
+    def after_s(time_s: float) -> float | None:
+        return time_s - trend.lines.now_s if math.isfinite(time_s) else None
+
+    above = [(limit, level) for limit, level in _limits(own, policy) if limit > trend.value]
+    reach = trend.reach(above[0][0]) if above else None
+    return TrendRecord(
+        name=coefficient.name,
+        unit=coefficient.unit,
+        windows=trend.windows,
+        present=trend.present,
+        p_value=trend.p_value,
+        slope_per_day=trend.slope * SECONDS_PER_DAY,
+        slope_std_per_day=trend.slope_std * SECONDS_PER_DAY,
+        reach=reach
+        and ReachRecord(
+            limit=reach.limit,
+            level=above[0][1],
+            median_s=after_s(reach.time_s),
+            low_s=after_s(reach.low_s),
+            high_s=after_s(reach.high_s),
+        ),
+    )
+
+
+def _limits(own: Sequence[EstimateRecord], policy: Policy) -> list[tuple[float, str]]:
+    """Return the values at which an estimate reaches a level, ascending.
+
+    A severity s is the nominal bound plus s steps; how long a step is shows in a window with a severity above 0.
+    """
+    bound = own[-1].nominal_high
+    if bound is None:
+        return []
+    limits = [(bound, "watch")]
+    for one in reversed(own):
+        if one.severity and one.value is not None and one.nominal_high == bound:
+            step = (one.value - bound) / one.severity
+            levels = ((policy.warning, "warning"), (policy.distress, "distress"), (policy.critical, "critical"))
+            limits += [(bound + severity * step, level) for severity, level in levels]
+            break
+    return limits

@@ -15,9 +15,8 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.database import Database
+from rwa_monitor.history.database import AlarmRow, Database, DiagnosisRow, WheelEventRow
 from rwa_monitor.history.records import RetirementEvent, signed
-from rwa_monitor.history.tables import AlarmRow, DiagnosisRow, WheelEventRow
 
 
 class RetiredWheels:

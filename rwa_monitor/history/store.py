@@ -7,12 +7,13 @@ for the alarms is written in the same transaction.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
 
-from sqlalchemy import func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Delete, delete, func, select
+from sqlalchemy.orm import Session, selectinload
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
@@ -28,27 +29,26 @@ from rwa_monitor.history.alarms import (
     Policy,
     acknowledge,
     advance,
-    advice,
     observe,
 )
-from rwa_monitor.history.database import Database
-from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorState, signed
-from rwa_monitor.history.retention import Retention, oldest_ns, prune
-from rwa_monitor.history.retired_wheels import RetiredWheels
-from rwa_monitor.history.tables import (
+from rwa_monitor.history.database import (
     AlarmEventRow,
     AlarmRow,
     AlarmStateRow,
+    Database,
     DiagnosisRow,
     DiscrepancyRow,
     EstimateRow,
 )
+from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, signed
+from rwa_monitor.history.retired_wheels import RetiredWheels
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 MAX_SHELVED_S: Final = 7 * 86_400.0
 MAX_ID: Final = 2**63 - 1  # that a database can hold
 CHANGED: Final = "changed"  # alarms that a session has changed
+_ALARMS: Final = select(AlarmRow).options(selectinload(AlarmRow.trail))
 
 
 class History:
@@ -101,15 +101,16 @@ class History:
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def add(self, diagnosis: Diagnosis) -> bool:
-        """Take in one window; False, and nothing done, where the history has it already.
+    def add(self, *diagnoses: Diagnosis) -> int:
+        """Take in windows in one transaction; returns how many the history did not have yet.
 
         Raises
         ------
         HistoryError
-            If the database cannot be written; nothing of the window is in it then.
+            If the database cannot be written; nothing of the windows is in it then.
         """
-        return self.add_all([diagnosis]) == 1
+        with self._database.session() as session:
+            return sum(self._add(session, diagnosis) for diagnosis in diagnoses)
 
     def take(self, diagnoses: Iterable[Diagnosis]) -> list[AlarmRecord]:
         """Take in windows in one transaction; returns the alarms that they changed. Raises HistoryError as `add`."""
@@ -117,11 +118,6 @@ class History:
             for diagnosis in diagnoses:
                 self._add(session, diagnosis)
             return _changed(session)
-
-    def add_all(self, diagnoses: list[Diagnosis]) -> int:
-        """Take in several windows in one transaction; returns how many were new. Raises HistoryError as `add`."""
-        with self._database.session() as session:
-            return sum(self._add(session, diagnosis) for diagnosis in diagnoses)
 
     def _add(self, session: Session, diagnosis: Diagnosis) -> bool:
         place = {"spacecraft": diagnosis.spacecraft, "wheel": diagnosis.wheel}
@@ -220,10 +216,9 @@ class History:
 
     def _log(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
         session.info.setdefault(CHANGED, set()).add(row.id)
-        session.add(
+        row.trail.append(
             AlarmEventRow(
-                alarm_id=row.id,
-                kind=happened.kind.value,
+                event=happened.kind.value,
                 level=happened.level,
                 time_ns=happened.time_ns,
                 wall_ns=self._wall_ns(),
@@ -252,8 +247,7 @@ class History:
                 by_person = (person, note) if happened.kind == EventKind.ACKNOWLEDGED else ("", "")
                 self._log(session, row, happened, *by_person)
             _write(row, state, after, state.last_window_ns)
-            session.flush()
-            return _records(session, [row])[0]
+            return _records([row])[0]
 
     def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
         """Shelve an open alarm for a while; 0 s ends it, and so does an alarm that gets worse.
@@ -274,8 +268,7 @@ class History:
             until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
             row.shelved_until_wall_ns = until_ns if seconds else None
             self._log(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
-            session.flush()
-            return _records(session, [row])[0]
+            return _records([row])[0]
 
     def _open_alarm(self, session: Session, alarm_id: int) -> tuple[AlarmRow, AlarmStateRow]:
         row = session.get(AlarmRow, alarm_id) if alarm_id <= MAX_ID else None
@@ -356,16 +349,16 @@ class History:
 
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
         """Return the open alarms of one wheel."""
-        wanted = select(AlarmRow).filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None).order_by(AlarmRow.id)
+        wanted = _ALARMS.filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None).order_by(AlarmRow.id)
         with self._database.session() as session:
-            return _records(session, session.scalars(wanted).all())
+            return _records(session.scalars(wanted))
 
     def alarms(self, *, closed: int = 50) -> list[AlarmRecord]:
         """Return all open alarms, the worst first, then the latest closed ones."""
-        open_ones = select(AlarmRow).where(AlarmRow.closed_ns.is_(None)).order_by(AlarmRow.level.desc(), AlarmRow.id)
-        ended = select(AlarmRow).where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
+        open_ones = _ALARMS.where(AlarmRow.closed_ns.is_(None)).order_by(AlarmRow.level.desc(), AlarmRow.id)
+        ended = _ALARMS.where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
         with self._database.session() as session:
-            return _records(session, [row for query in (open_ones, ended) for row in session.scalars(query)])
+            return _records(row for query in (open_ones, ended) for row in session.scalars(query))
 
 
 def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
@@ -433,32 +426,12 @@ def _write(row: AlarmRow, state: AlarmStateRow, alarm: Alarm, time_ns: int) -> N
 
 def _changed(session: Session) -> list[AlarmRecord]:
     """Return the alarms that a session has changed."""
-    session.flush()
-    return _records(session, [session.get_one(AlarmRow, alarm) for alarm in sorted(session.info.get(CHANGED, ()))])
+    return _records(session.get_one(AlarmRow, alarm) for alarm in sorted(session.info.get(CHANGED, ())))
 
 
-def _records(session: Session, rows: Sequence[AlarmRow]) -> list[AlarmRecord]:
+def _records(rows: Iterable[AlarmRow]) -> list[AlarmRecord]:
     """Return alarms with their audit trails, in the order given."""
-    wanted = select(AlarmEventRow).where(AlarmEventRow.alarm_id.in_([row.id for row in rows]))
-    trails: dict[int, list[AlarmLine]] = {row.id: [] for row in rows}
-    for line in session.scalars(wanted.order_by(AlarmEventRow.id)):
-        content = {"event": line.kind, "level": Level(line.level).word}
-        same = {name: getattr(line, name) for name in ("time_ns", "wall_ns", "person", "note")}
-        trails[line.alarm_id].append(AlarmLine.model_validate({**content, **same}))
-    return [
-        AlarmRecord.model_validate(
-            {name: getattr(row, name) for name in _SAME_IN_RECORD}
-            | {"level": Level(row.level).word, "peak": Level(row.peak).word, "trail": trails[row.id]}
-            | {"advice": advice(row.name, Level(row.level))}
-        )
-        for row in rows
-    ]
-
-
-_SAME_IN_RECORD: Final = (
-    "id", "spacecraft", "wheel", "name", "phase", "reason", "raised_ns", "changed_ns", "closed_ns",
-    "shelved_until_wall_ns",
-)  # fmt: skip
+    return [AlarmRecord.model_validate(row, from_attributes=True) for row in rows]
 
 
 def _reason(diagnosis: Diagnosis, name: str) -> str:
@@ -478,3 +451,89 @@ def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
             "value": anomaly.estimate,
             "std": stds.get(name),
         }
+
+
+# ---- how long what is kept -------------------------------------------------------------------------------------------
+
+
+DAY_NS: Final = 86_400 * NANOSECONDS_PER_SECOND
+
+
+@dataclass(frozen=True, slots=True)
+class Retention:
+    """How long things are kept, in days before the latest window of the wheel.
+
+    Attributes
+    ----------
+    diagnoses_days
+        Whole diagnoses. What is older is not taken in again either.
+    fine_days
+        Estimates of every window; older ones are thinned to the worst of each day.
+    estimates_days
+        Estimates at all.
+    alarms_days
+        Closed alarms with their audit trail; open ones are kept always.
+    """
+
+    diagnoses_days: float = 180.0
+    fine_days: float = 365.0
+    estimates_days: float = 3650.0
+    alarms_days: float = 3650.0
+
+    def __post_init__(self) -> None:
+        """Check that estimates last as long as the diagnoses that they are of."""
+        if not 0 < self.diagnoses_days <= self.fine_days <= self.estimates_days:
+            raise ValueError("diagnoses_days, fine_days and estimates_days must be positive and in this order")
+
+
+def oldest_ns(end_ns: int, days: float) -> int:
+    """Return the time some days before the latest window's end."""
+    return end_ns - int(days * DAY_NS)
+
+
+def prune(session: Session, retention: Retention) -> int:
+    """Remove what is older than the policy keeps; returns the number of diagnoses removed."""
+    latest = select(EstimateRow.spacecraft, EstimateRow.wheel, func.max(EstimateRow.window_end_ns)).group_by(
+        EstimateRow.spacecraft, EstimateRow.wheel
+    )
+    removed = 0
+    for spacecraft, wheel, end_ns in session.execute(latest).all():
+        alarms_end = oldest_ns(end_ns, retention.alarms_days)
+        removed += _run(session, _older(DiagnosisRow, spacecraft, wheel, oldest_ns(end_ns, retention.diagnoses_days)))
+        _run(session, _older(EstimateRow, spacecraft, wheel, oldest_ns(end_ns, retention.estimates_days)))
+        _run(session, _thin(spacecraft, wheel, oldest_ns(end_ns, retention.fine_days)))
+        _run(
+            session,
+            delete(AlarmRow).filter_by(spacecraft=spacecraft, wheel=wheel).where(AlarmRow.closed_ns < alarms_end),
+        )
+    return removed
+
+
+def _older(table: type[DiagnosisRow | EstimateRow], spacecraft: str, wheel: str, before_ns: int) -> Delete:
+    return delete(table).filter_by(spacecraft=spacecraft, wheel=wheel).where(table.window_end_ns < before_ns)
+
+
+def _thin(spacecraft: str, wheel: str, before_ns: int) -> Delete:
+    """Return what removes old estimates but the worst of each part and day; of equals, the latest."""
+    own = (EstimateRow.spacecraft == spacecraft) & (EstimateRow.wheel == wheel)
+    day = EstimateRow.window_end_ns - EstimateRow.window_end_ns % DAY_NS
+    rank = func.row_number().over(
+        partition_by=(EstimateRow.name, day),
+        order_by=(func.coalesce(EstimateRow.severity, -1.0).desc(), EstimateRow.window_end_ns.desc()),
+    )
+    old = (
+        select(EstimateRow.name, EstimateRow.window_start_ns, rank.label("rank"))
+        .where(own, EstimateRow.window_end_ns < before_ns)
+        .subquery()
+    )
+    superfluous = (
+        select(old.c.name)
+        .where(old.c.rank > 1, old.c.name == EstimateRow.name, old.c.window_start_ns == EstimateRow.window_start_ns)
+        .exists()
+    )
+    return delete(EstimateRow).where(own, superfluous)
+
+
+def _run(session: Session, statement: Delete) -> int:
+    result: Any = session.execute(statement, execution_options={"synchronize_session": False})
+    return int(result.rowcount)

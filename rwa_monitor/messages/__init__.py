@@ -4,82 +4,540 @@ Every message is one JSON object on the key rwa/{spacecraft}/{wheel}/{kind}, wit
 application/json;rwa.<Message>; in a recording the same name is the schema. Times are integer nanoseconds of the wheel's
 own clock. `schemas/` is generated from here (`make schemas`) and is the contract for every field.
 
-In the order of the flow: `samples` come in; `monitor` reports on the running window; `diagnosis` closes it;
-`discrepancy` is what a search found. `base` is what all have in common.
+What is written is deterministic: fixed order of keys, shortest decimal form of every number, no NaN. What is read is
+limited in size before it is parsed, and a message that does not fit its model is refused with the place and the reason.
+In the order of the flow: samples come in; changepoints, health and status report on the running window; the diagnosis
+closes it; a discrepancy report is what a search found.
 """
 
 from __future__ import annotations
 
 import json
-from typing import Final
+import re
+from itertools import islice
+from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
-from rwa_monitor.messages.base import (
-    KEY_PREFIX,
-    MAX_MESSAGE_BYTES,
-    MAX_SAMPLES,
-    ClockNs,
-    Count,
-    Message,
-    Number,
-    Slot,
-    TimeNs,
-    dump_json,
-    key_of,
-    split_key,
-)
-from rwa_monitor.messages.diagnosis import (
-    Anomaly,
-    Diagnosis,
-    Friction,
-    Provenance,
-    Quantity,
-    Residuals,
-    diagnosis_message,
-)
-from rwa_monitor.messages.discrepancy import Discrepancy, Gain
-from rwa_monitor.messages.monitor import (
-    Changepoints,
-    Health,
-    HealthAlarm,
-    ProvisionalJump,
-    Status,
-    health_message,
-)
-from rwa_monitor.messages.samples import SamplesMessage, samples_json
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import from_json
 
-__all__ = [
-    "KEY_PREFIX",
-    "MAX_MESSAGE_BYTES",
-    "MAX_SAMPLES",
-    "MESSAGES",
-    "Anomaly",
-    "Changepoints",
-    "ClockNs",
-    "Count",
-    "Diagnosis",
-    "Discrepancy",
-    "Friction",
-    "Gain",
-    "Health",
-    "HealthAlarm",
-    "Message",
-    "Number",
-    "Provenance",
-    "ProvisionalJump",
-    "Quantity",
-    "Residuals",
-    "SamplesMessage",
-    "Slot",
-    "Status",
-    "TimeNs",
-    "diagnosis_message",
-    "dump_json",
-    "health_message",
-    "key_of",
-    "samples_json",
-    "schema_files",
-    "split_key",
-]
+from rwa_monitor.changepoints.stage_results import Method
+from rwa_monitor.errors import InputError, closest
+from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, FloatArray, Samples
+
+MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
+MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
+MAX_CLOCK_NS: Final = 2**62  # of times in outputs: beyond every sample, and sums of two fit in 64 bits
+MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
+
+Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
+TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]
+ClockNs = Annotated[int, Field(ge=-MAX_CLOCK_NS, le=MAX_CLOCK_NS)]
+Slot = Annotated[int, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Name = Annotated[str, Field(max_length=200)]
+Verdict = Literal["nominal", "anomalous", "inconclusive"]
+AlarmLevel = Literal["normal", "watch", "warning", "distress", "critical"]
+AlarmPhase = Literal["quiet", "active", "acknowledged", "returned"]
+
+
+class Message(BaseModel):
+    """Base of all messages."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
+
+    kind: ClassVar[str]  # last part of the key
+    omitted: ClassVar[tuple[str, ...]] = ()  # fields that are left out where they are None
+
+    @classmethod
+    def schema_name(cls) -> str:
+        """Return the name of the schema, such as rwa.Diagnosis."""
+        return f"rwa.{cls.__name__}"
+
+    @classmethod
+    def encoding(cls) -> str:
+        """Return the Zenoh encoding."""
+        return f"application/json;{cls.schema_name()}"
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """Return the JSON Schema (draft 2020-12) of the message."""
+        mode: Literal["validation", "serialization"] = "validation" if cls.kind == "samples" else "serialization"
+        schema = cls.model_json_schema(mode=mode)
+        schema["title"] = cls.schema_name()
+        return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+    @classmethod
+    def parse(cls, payload: bytes, source: str) -> Self:
+        """Read a message.
+
+        Raises
+        ------
+        InputError
+            If it is too large, is no JSON, or a field is missing or wrong; names the field.
+        """
+        if len(payload) > MAX_MESSAGE_BYTES:
+            raise InputError(source, f"has {len(payload)} bytes, more than {MAX_MESSAGE_BYTES}")
+        try:
+            return cls.model_validate_json(payload)
+        except ValidationError as error:
+            raise InputError.of_validation(source, error) from error
+
+    def to_json(self) -> bytes:
+        """Write the message; the same values always give the same bytes."""
+        content = self.model_dump(mode="python")
+        return dump_json(
+            {name: value for name, value in content.items() if value is not None or name not in self.omitted}
+        )
+
+
+def dump_json(content: Any) -> bytes:
+    """Write plain content as compact JSON, keys in their own order.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
+    return json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False).encode()
+
+
+KEY_PREFIX: Final = "rwa"
+# What a spacecraft or wheel may be called on the bus: no wildcards of key expressions, nothing that a path could use.
+_NAME: Final = re.compile(r"[A-Za-z0-9_@+~-][A-Za-z0-9_.@+~-]{0,99}")
+
+
+def key_of(message: type[Message], spacecraft: str, wheel: str) -> str:
+    """Return the key, and topic, of a message."""
+    return f"{KEY_PREFIX}/{spacecraft}/{wheel}/{message.kind}"
+
+
+def split_key(key: str) -> tuple[str, str, str]:
+    """Return spacecraft, wheel and kind of a key.
+
+    Raises
+    ------
+    InputError
+        If the key is not rwa/{spacecraft}/{wheel}/{kind}, or a name holds more than letters, digits and _.@+~-.
+    """
+    parts = key.split("/")
+    if len(parts) != 4 or parts[0] != KEY_PREFIX or not all(_NAME.fullmatch(part) for part in parts[1:]):
+        raise InputError(
+            key, "is no key of the form rwa/{spacecraft}/{wheel}/{kind}, names of letters, digits and _.@+~-"
+        )
+    return parts[1], parts[2], parts[3]
+
+
+# ---- samples in ------------------------------------------------------------------------------------------------------
+
+
+MAX_KEYS_TRIED: Final = 20  # of those that are not known, for what they may have meant
+
+# NaN and Infinity are no JSON, but some writers use them: they are read, and masked, like null.
+Readings = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
+
+
+class SamplesMessage(Message):
+    """Telemetry of a wheel: arrays of one length, null where a value was not measured.
+
+    `publisher` is a random name per start of a publisher and `batch` counts its messages, so that a gap shows; any
+    publisher that writes the arrays is served without them.
+    """
+
+    kind: ClassVar[str] = "samples"
+
+    publisher: Annotated[str, Field(max_length=64)] = ""
+    batch: Count | None = None
+    time_ns: Annotated[list[TimeNs], Field(min_length=1, max_length=MAX_SAMPLES)]
+    speed_rad_s: Readings
+    friction_torque_Nm: Readings | None = None
+    motor_current_A: Readings | None = None
+    motor_torque_Nm: Readings | None = None
+    motor_voltage_V: Readings | None = None
+    bearing_temperature_degC: Readings | None = None
+
+    @classmethod
+    def schema_name(cls) -> str:
+        return "rwa.Samples"
+
+    @model_validator(mode="after")
+    def _equal_lengths(self) -> Self:
+        for name in CHANNELS:
+            values = getattr(self, name)
+            if values is not None and len(values) != len(self.time_ns):
+                raise ValueError(f"{name} has {len(values)} values, time_ns has {len(self.time_ns)}")
+        return self
+
+    def samples(self) -> Samples:
+        """Return the samples as arrays, NaN where a value was not measured."""
+        channels = {
+            name: np.array(values, dtype=np.float64)  # None becomes NaN
+            for name in CHANNELS
+            if (values := getattr(self, name)) is not None
+        }
+        return Samples(time_ns=np.array(self.time_ns, dtype=np.int64), **channels)
+
+
+def is_json(payload: bytes) -> bool:
+    """Return whether a message is JSON of any kind; one that is not was cut off or damaged, or never was."""
+    try:
+        from_json(payload[:MAX_MESSAGE_BYTES])
+    except ValueError:
+        return False
+    return True
+
+
+def misspelt(payload: bytes) -> str:
+    """Return "friction_torque_nm: did you mean friction_torque_Nm?" of a message that cannot be used, or "".
+
+    Parameters
+    ----------
+    payload
+        As it came. A key that is not known is no fault by itself; where something is missing, it may be what was meant.
+    """
+    try:
+        content = from_json(payload[:MAX_MESSAGE_BYTES])
+    except ValueError:
+        return ""
+    if not isinstance(content, dict):
+        return ""
+    missing = [name for name in SamplesMessage.model_fields if name not in content]
+    for key in islice((key for key in content if key not in SamplesMessage.model_fields), MAX_KEYS_TRIED):
+        meant = closest(key, missing)
+        if meant is not None:
+            return f"{key}: did you mean {meant}?"
+    return ""
+
+
+def samples_json(samples: Samples, publisher: str, batch: int) -> bytes:
+    """Write samples as the JSON of a `SamplesMessage`, null where a value is not finite."""
+    content: dict[str, Any] = {"publisher": publisher, "batch": batch, "time_ns": samples.time_ns.tolist()}
+    for name in CHANNELS:
+        values: FloatArray | None = getattr(samples, name)
+        if values is not None:
+            finite = np.isfinite(values)
+            readings: list[float | None] = values.tolist()
+            if not finite.all():
+                for i in np.flatnonzero(~finite):
+                    readings[i] = None
+            content[name] = readings
+    return dump_json(content)
+
+
+# ---- diagnosis -------------------------------------------------------------------------------------------------------
+
+
+class Quantity(Message):
+    """A value with its standard deviation; null where the window does not show it."""
+
+    value: Number | None
+    std: Number | None
+    unit: str
+
+
+class Anomaly(Message):
+    """One possible anomaly; severity 0 at the nominal bound, 1 at the median of the learned anomaly."""
+
+    active: bool
+    probability: Annotated[float, Field(ge=0, le=1)]
+    severity: Number | None
+    severity_std: Number | None
+    estimate: Number | None
+    nominal_low: Number | None
+    nominal_high: Number | None
+    unit: str
+
+
+class Sojourns(Message):
+    """What one switching system did in the window: configuration, friction and first slot of each sojourn."""
+
+    configuration: list[Slot]
+    friction_Nm: list[Number]
+    start_index: list[Slot]
+
+
+class Friction(Message):
+    """Friction split into its parts."""
+
+    base_dry: Quantity
+    viscous: Quantity
+    fss: dict[str, Sojourns]
+
+
+class AttributedChangepoint(Message):
+    """A jump of friction: first slot of the new level, size, and the switching system that made it."""
+
+    index: Slot
+    time_ns: ClockNs
+    jump_Nm: Number
+    std_Nm: Number
+    fss: str
+    confidence: Annotated[float, Field(ge=0, le=1)]
+
+
+class Residuals(Message):
+    """How well the friction model fits the window; null where the samples are too few."""
+
+    rmse_Nm: Number | None
+    excess_rmse_Nm: Number | None
+    noise_std_Nm: Number | None
+
+
+class Provenance(Message):
+    """What the diagnosis was made with; `prior_sha256` is the hash of the state carried over from earlier windows."""
+
+    software: str
+    method: Method
+    model_sha256: str
+    wheel_sha256: str
+    prior_sha256: str
+
+
+class Diagnosis(Message):
+    """The diagnosis of one window, [window_start_ns, window_end_ns). Nothing in it depends on the wall clock.
+
+    `samples` is the window's length in slots, `coverage` the share of slots with a good sample.
+    """
+
+    kind: ClassVar[str] = "diagnosis"
+    omitted: ClassVar[tuple[str, ...]] = ("source",)
+
+    spacecraft: Name
+    wheel: Name
+    source: str | None = None
+    window_start_ns: ClockNs
+    window_end_ns: ClockNs
+    samples: Count
+    coverage: Annotated[float, Field(ge=0, le=1)]
+    partial: bool
+    verdict: Verdict
+    reason: str
+    anomalies: dict[str, Anomaly]
+    friction: Friction
+    changepoints: list[AttributedChangepoint]
+    fit: Residuals
+    model_adequate: bool
+    suspected_effect: str | None
+    explanation: str
+    provenance: Provenance
+
+
+# ---- changepoints, health and status ---------------------------------------------------------------------------------
+
+
+class ProvisionalJump(Message):
+    """A jump as soon as it is confirmed; `confidence` that noise alone has no such jump in a whole window."""
+
+    index: Slot
+    time_ns: ClockNs
+    jump_Nm: Number
+    std_Nm: Number
+    confidence: Annotated[float, Field(ge=0, le=1)]
+
+
+class Changepoints(Message):
+    """Jumps of the running window, provisional until its diagnosis."""
+
+    kind: ClassVar[str] = "changepoints"
+
+    spacecraft: Name
+    wheel: Name
+    window_start_ns: ClockNs
+    changepoints: list[ProvisionalJump]
+
+
+class HealthAlarm(Message):
+    """An open alarm: what several windows amount to, and whether it is acknowledged."""
+
+    level: AlarmLevel
+    phase: AlarmPhase
+    acknowledged_by: str | None
+
+
+class Health(Message):
+    """A wheel's health in brief: `severity` of its worst active anomaly, `alarms` the names of all of them.
+
+    `alarm_states` are the open alarms by name, where a dashboard keeps them; a monitor has none.
+    """
+
+    kind: ClassVar[str] = "health"
+    omitted: ClassVar[tuple[str, ...]] = ("alarm_states",)
+
+    spacecraft: Name
+    wheel: Name
+    verdict: Verdict
+    severity: Number
+    reason: str
+    window_end_ns: ClockNs
+    alarms: list[str]
+    alarm_states: dict[str, HealthAlarm] | None = None
+
+
+MODEL_LACKS: Final = (
+    "The friction model lacks something this wheel has. rwa-monitor discrepancy names it, but a drift can be the fault"
+    " itself: do not extend the wheel file while friction moves."
+)
+
+
+def health_message(diagnosis: Diagnosis) -> Health:
+    """Return the wheel's health by its latest diagnosis."""
+    active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
+    alarmed = diagnosis.verdict == "anomalous"
+    reason = diagnosis.reason if diagnosis.model_adequate else f"{diagnosis.reason} {MODEL_LACKS}"
+    return Health(
+        spacecraft=diagnosis.spacecraft,
+        wheel=diagnosis.wheel,
+        verdict=diagnosis.verdict,
+        severity=max((anomaly.severity or 0.0 for anomaly in active.values()), default=0.0) if alarmed else 0.0,
+        reason=reason,
+        window_end_ns=diagnosis.window_end_ns,
+        alarms=list(active) if alarmed else [],
+    )
+
+
+class Status(Message):
+    """How the monitor of a wheel is doing: received = used + masked + late + duplicate + rejected + queued samples.
+
+    `messages_rejected` and `messages_missed` count this wheel's messages, `messages_dropped` and `queue_depth` those of
+    the process. `window_fill` is the share of the running window that has passed, `recording` the file, null without
+    one. Times of the monitor's own clock end in `_wall_ns`, durations in `_s`.
+    """
+
+    kind: ClassVar[str] = "status"
+
+    spacecraft: Name
+    wheel: Name
+    samples_received: Count
+    samples_used: Count
+    samples_masked: Count
+    samples_late: Count
+    samples_duplicate: Count
+    samples_rejected: Count
+    samples_queued: Count
+    slots_missed: Count
+    messages_rejected: Count
+    messages_dropped: Count
+    messages_missed: Count
+    queue_depth: Count
+    window_fill: Annotated[float, Field(ge=0, le=1)]
+    last_error: str | None
+    recording: str | None
+    software: str
+    model_sha256: str
+    publisher: str
+    windows: Count
+    last_sample_ns: ClockNs | None
+    diagnosis_s: Number | None
+    now_wall_ns: TimeNs
+
+
+# ---- discrepancy -----------------------------------------------------------------------------------------------------
+
+
+class Uncertain(Message):
+    """A parameter of an effect; `note` is why it is not determined, where it is not (at its bound, …)."""
+
+    value: Number
+    std: Number | None
+    unit: str
+    note: str | None = None
+
+
+class FoundEffect(Message):
+    """An effect that the wheel's model lacks."""
+
+    name: str
+    family: Literal["mean", "noise", "switching"]
+    equivalent: list[str]
+    separate_by: str
+    parameters: dict[str, Uncertain]
+    p_value: Annotated[float, Field(ge=0, le=1)]
+    delta_deviance: Number
+    formula: str | None = None
+
+
+class Unexplained(Message):
+    """Something is left that no known effect explains."""
+
+    signature: str
+    size_Nm: Number
+
+
+class Untested(Message):
+    """An effect that this data cannot test, and the channel or manoeuvre it lacks."""
+
+    effect: str
+    missing: str
+
+
+class DiagnosisQuality(Message):
+    """Detection and false positive rates of the diagnosis, and false changepoints per window where counted."""
+
+    detection: Number
+    false_positive: Number
+    false_changepoints: Number | None = None
+
+
+class DiagnosisGain(Message):
+    """Quality of the diagnosis without and with the effects found."""
+
+    before: DiagnosisQuality
+    after: DiagnosisQuality
+
+
+class SimulatedGain(Message):
+    """RMSE of the wheel file simulated on the searched records without and with the effects; `note` if it is worse."""
+
+    rmse_base_Nm: Number
+    rmse_extended_Nm: Number
+    note: str = ""
+
+
+class SearchedAgain(Message):
+    """What a search of a part of the data finds, and gains on the rest (`held_out`), of which it saw nothing."""
+
+    effects: list[Name]
+    held_out: list[str]
+    rmse_base_Nm: Number
+    rmse_extended_Nm: Number
+    log_score_base: Number
+    log_score_extended: Number
+
+
+class Gain(Message):
+    """What the effects found are worth on held-out data: recordings named, or blocks of the searched ones."""
+
+    rmse_base_Nm: Number
+    rmse_extended_Nm: Number
+    log_score_base: Number
+    log_score_extended: Number
+    noise_std_Nm: Number
+    changepoints_base: Count
+    changepoints_extended: Count
+    diagnosis: DiagnosisGain | None
+    simulated: SimulatedGain | None = None
+    held_out: list[str] = Field(default=[])
+    searched_again: SearchedAgain | None = None
+
+
+class Discrepancy(Message):
+    """What the simulation of a wheel gets wrong, the strongest effect first; from the samples start_ns … end_ns."""
+
+    kind: ClassVar[str] = "discrepancy"
+
+    spacecraft: Name
+    wheel: Name
+    start_ns: ClockNs
+    end_ns: ClockNs
+    verdict: Literal["adequate", "inadequate", "untestable"]
+    effects: list[FoundEffect]
+    unexplained: Unexplained | None
+    untested: list[Untested]
+    gain: Gain | None
+
+
+# ---- schemas ---------------------------------------------------------------------------------------------------------
+
 
 MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoints, Diagnosis, Discrepancy, Health)
 

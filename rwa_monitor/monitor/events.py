@@ -6,25 +6,20 @@ Live monitor and replay share both.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Final
 
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
-from rwa_monitor.messages import (
-    Changepoints,
-    Diagnosis,
-    Message,
-    ProvisionalJump,
-    diagnosis_message,
-    dump_json,
-    health_message,
-    key_of,
-)
+from rwa_monitor.messages import Changepoints, Diagnosis, Message, ProvisionalJump, Sojourns, health_message, key_of
 from rwa_monitor.monitor.ingest.sequencer import MessagesMissed, PublisherChanged, PublisherConflict
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.words import counted, is_or_are, time_text
+
+# Fields of a `WindowDiagnosis` that the message, and its provenance, have as they are.
+UNCHANGED: Final = ("coverage", "verdict", "reason", "fit", "model_adequate", "suspected_effect", "explanation")
+MADE_WITH: Final = ("method", "model_sha256", "wheel_sha256", "prior_sha256")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,26 +40,10 @@ class EpochStarted:
 
 @dataclass(frozen=True, slots=True)
 class ProvisionalChangepoint:
-    """A jump of friction, as soon as it is confirmed; the window's diagnosis has the last word on it.
-
-    Attributes
-    ----------
-    window_start_ns
-        Of the window it lies in.
-    index, time_ns
-        First slot of the new level, within the window, and its time.
-    jump_Nm, std_Nm
-        Size, positive up, and its standard deviation.
-    confidence
-        Probability that noise alone has no such jump in a whole window.
-    """
+    """A jump of friction, as soon as it is confirmed, and the window it lies in, whose diagnosis has the last word."""
 
     window_start_ns: int
-    index: int
-    time_ns: int
-    jump_Nm: float
-    std_Nm: float
-    confidence: float
+    jump: ProvisionalJump
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +68,33 @@ class WindowDiagnosed:
     partial: bool
     diagnosis: WindowDiagnosis
     carried: CarriedState
+
+    def message(self, spacecraft: str, wheel: str, source: str | None = None) -> Diagnosis:
+        """Return the diagnosis as a message; of a table `spacecraft` is "" and `source` its file."""
+        found = self.diagnosis
+        content = {name: getattr(found, name) for name in UNCHANGED} | {
+            "spacecraft": spacecraft,
+            "wheel": wheel,
+            "source": source,
+            "window_start_ns": self.start_ns,
+            "window_end_ns": self.end_ns,
+            "samples": found.slots,
+            "partial": self.partial,
+            "anomalies": {anomaly.name: anomaly for anomaly in found.anomalies},
+            "friction": {
+                "base_dry": found.base_dry,
+                "viscous": found.viscous,
+                "fss": {
+                    system.name: {name: [*getattr(system, name)] for name in Sojourns.model_fields}
+                    for system in found.fss
+                },
+            },
+            "changepoints": [
+                {**asdict(one), "time_ns": self.start_ns + one.index * self.period_ns} for one in found.changepoints
+            ],
+            "provenance": {"software": SOFTWARE, **{name: getattr(found, name) for name in MADE_WITH}},
+        }
+        return Diagnosis.model_validate(content, from_attributes=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,8 +185,14 @@ Event = (
 # ---- the messages made of them ---------------------------------------------------------------------------------------
 
 
-CARRIED_KIND: Final = "carried"
-CARRIED_SCHEMA: Final = "rwa.Carried"
+class Carried(Message):
+    """The state that a window hands to the next one, and its hash; recorded beside the diagnosis, not published."""
+
+    kind: ClassVar[str] = "carried"
+
+    window_end_ns: int
+    sha256: str
+    state: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,20 +204,32 @@ class Output:
     key
         Bus key and topic.
     message
-        Its class; None for what is recorded only.
-    schema
-        Name of the schema.
+        Its class.
     payload
         JSON.
     time_ns
-        On the wheel's clock.
+        On the wheel's clock; None where it has no time on it.
     """
 
     key: str
-    message: type[Message] | None
-    schema: str
+    message: type[Message]
     payload: bytes
-    time_ns: int
+    time_ns: int | None
+
+    @property
+    def schema(self) -> str:
+        """Name of the schema."""
+        return self.message.schema_name()
+
+    @property
+    def published(self) -> bool:
+        """Whether it goes to the bus, and not into the recording alone."""
+        return self.message is not Carried
+
+
+def output_of(message: Message, time_ns: int | None, spacecraft: str, wheel: str) -> Output:
+    """Return a message of a wheel as an output."""
+    return Output(key_of(type(message), spacecraft, wheel), type(message), message.to_json(), time_ns)
 
 
 def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[Output]:
@@ -213,60 +237,22 @@ def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[Out
     outputs: list[Output] = []
     for event in events:
         if isinstance(event, ProvisionalChangepoint):
-            outputs.append(_changepoints(event, spacecraft, wheel))
+            found = Changepoints(
+                spacecraft=spacecraft, wheel=wheel, window_start_ns=event.window_start_ns, changepoints=[event.jump]
+            )
+            outputs.append(output_of(found, event.jump.time_ns, spacecraft, wheel))
         elif isinstance(event, WindowDiagnosed):
-            outputs += _diagnosis(event, spacecraft, wheel)
+            diagnosis, end_ns = event.message(spacecraft, wheel), event.end_ns
+            state = event.carried.model_dump(mode="json")
+            carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
+            outputs += [output_of(each, end_ns, spacecraft, wheel) for each in (diagnosis, carried)]
+            outputs.append(health_output(diagnosis))
     return outputs
-
-
-def _output(message: Message, time_ns: int, spacecraft: str, wheel: str) -> Output:
-    kind = type(message)
-    return Output(key_of(kind, spacecraft, wheel), kind, kind.schema_name(), message.to_json(), time_ns)
-
-
-def _changepoints(event: ProvisionalChangepoint, spacecraft: str, wheel: str) -> Output:
-    jump = ProvisionalJump(
-        index=event.index,
-        time_ns=event.time_ns,
-        jump_Nm=event.jump_Nm,
-        std_Nm=event.std_Nm,
-        confidence=event.confidence,
-    )
-    message = Changepoints(
-        spacecraft=spacecraft, wheel=wheel, window_start_ns=event.window_start_ns, changepoints=[jump]
-    )
-    return _output(message, event.time_ns, spacecraft, wheel)
-
-
-def _diagnosis(event: WindowDiagnosed, spacecraft: str, wheel: str) -> list[Output]:
-    diagnosis = diagnosis_message(
-        event.diagnosis,
-        spacecraft=spacecraft,
-        wheel=wheel,
-        window_start_ns=event.start_ns,
-        window_end_ns=event.end_ns,
-        period_ns=event.period_ns,
-        partial=event.partial,
-        software=SOFTWARE,
-    )
-    carried = dump_json(
-        {
-            "window_end_ns": event.end_ns,
-            "sha256": event.carried.sha256(),
-            "state": event.carried.model_dump(mode="json"),
-        }
-    )
-    key = key_of(Diagnosis, spacecraft, wheel).removesuffix(Diagnosis.kind) + CARRIED_KIND
-    return [
-        _output(diagnosis, event.end_ns, spacecraft, wheel),
-        Output(key, None, CARRIED_SCHEMA, carried, event.end_ns),
-        health_output(diagnosis),
-    ]
 
 
 def health_output(diagnosis: Diagnosis) -> Output:
     """Return the health message that goes with a diagnosis."""
-    return _output(health_message(diagnosis), diagnosis.window_end_ns, diagnosis.spacecraft, diagnosis.wheel)
+    return output_of(health_message(diagnosis), diagnosis.window_end_ns, diagnosis.spacecraft, diagnosis.wheel)
 
 
 def trouble_in(event: Event) -> str | None:

@@ -18,8 +18,17 @@ import zenoh
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
-from rwa_monitor.messages.samples import is_json, misspelt
+from rwa_monitor.messages import (
+    Diagnosis,
+    Health,
+    Message,
+    SamplesMessage,
+    Status,
+    is_json,
+    key_of,
+    misspelt,
+    split_key,
+)
 from rwa_monitor.monitor.bus import BusOptions
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import (
@@ -28,6 +37,7 @@ from rwa_monitor.monitor.events import (
     SensorFault,
     WindowDiagnosed,
     health_output,
+    output_of,
     outputs_of,
     trouble_in,
 )
@@ -295,8 +305,7 @@ class Monitor:
         if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
             self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
-        if self.recorder is not None:
-            self.recorder.write(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
+        self._record(Output(key, SamplesMessage, payload, message.time_ns[-1]))
         served.publisher = message.publisher
         self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
@@ -322,11 +331,10 @@ class Monitor:
             self.log(f"{spacecraft}/{wheel}: {trouble}")
         outputs = outputs_of(events, spacecraft, wheel)
         closed = any(isinstance(event, WindowDiagnosed) for event in events)
-        if self.recorder is not None:
-            for output in outputs:
-                self.recorder.write(output.key, output.schema, output.payload, output.time_ns)
-            if closed:
-                self.recorder.sync(self.clock.monotonic_s())
+        for output in outputs:
+            self._record(output)
+        if closed and self.recorder is not None:
+            self.recorder.sync(self.clock.monotonic_s())
         for output in outputs:
             self._publish(output)
         if closed:
@@ -381,8 +389,12 @@ class Monitor:
 
     # ---- out -----------------------------------------------------------------------------------------------------
 
+    def _record(self, output: Output) -> None:
+        if self.recorder is not None:
+            self.recorder.write(output.key, output.schema, output.payload, output.time_ns)
+
     def _publish(self, output: Output) -> None:
-        if output.message is None:
+        if not output.published:
             return
         spacecraft, wheel, _ = split_key(output.key)
         served = self._served.get((spacecraft, wheel))
@@ -400,8 +412,7 @@ class Monitor:
             self.recorder.tend(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
             self._log_recorder()
         for found in self.searches.poll():
-            if self.recorder is not None:
-                self.recorder.write(found.key, found.schema, found.payload, found.time_ns)
+            self._record(found)
             self._publish(found)
         self.bus.answer(Health.encoding(), self._latest_health)
         for key, served in self._served.items():
@@ -453,11 +464,10 @@ class Monitor:
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
         )
-        topic = key_of(Status, spacecraft, wheel)
-        payload = status.to_json()
-        if record and self.recorder is not None:
-            self.recorder.write(topic, Status.schema_name(), payload, None)
-        self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
+        published = output_of(status, None, spacecraft, wheel)
+        if record:
+            self._record(published)
+        self._publish(published)
 
     def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Checkpoints:
         """Return what makes the checkpoint of each wheel, as it then stands."""

@@ -14,7 +14,7 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.messages import SamplesMessage, samples_json
-from rwa_monitor.monitor.recording.chain import recorded_inputs
+from rwa_monitor.monitor.recording.reader import recorded_inputs
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept

@@ -16,13 +16,15 @@ from typing import Any, Final
 
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
 from rwa_monitor.monitor import state_recovery
-from rwa_monitor.monitor.recording.chain import file_sha256, recorded_inputs, recordings_of
 from rwa_monitor.monitor.recording.reader import (
     SOME_CHECKPOINTS,
     Attached,
     PassingRecording,
     RecordedMessage,
     Recording,
+    file_sha256,
+    recorded_inputs,
+    recordings_of,
 )
 from rwa_monitor.monitor.searches import jobs_of, search_message
 from rwa_monitor.monitor.state_recovery import Comparable
@@ -290,7 +292,7 @@ class _Chain:
         self.messages += [
             (output.key, output.payload)
             for output in run.outputs
-            if output.message is not None and (self.from_ns is None or output.time_ns >= self.from_ns)
+            if output.published and (self.from_ns is None or (output.time_ns or 0) >= self.from_ns)
         ]
 
         inherited, own = state_recovery.split_outputs(recording)

@@ -248,7 +248,7 @@ class Searches:
         if self.folder is not None:
             self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, answer.report)
         key = key_of(Discrepancy, job.spacecraft, job.wheel)
-        return [Output(key, Discrepancy, Discrepancy.schema_name(), answer.message, answer.end_ns)]
+        return [Output(key, Discrepancy, answer.message, answer.end_ns)]
 
     def _write_report(self, folder: Path, report: dict[str, str]) -> None:
         """Write the report's files; a disk that refuses costs the report, not the monitor."""

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import Final, get_args
@@ -19,10 +20,10 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, SamplesMessage, split_key
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import CARRIED_SCHEMA, Output, outputs_of
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX
+from rwa_monitor.monitor.events import Carried, Output, outputs_of
 from rwa_monitor.monitor.recording.reader import (
     CHECKPOINT_PREFIX,
+    RECORDING_SUFFIX,
     SOME_CHECKPOINTS,
     Attached,
     PassingRecording,
@@ -31,13 +32,12 @@ from rwa_monitor.monitor.recording.reader import (
     last_settings,
 )
 from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
-from rwa_monitor.monitor.wheel_set import WheelSet, key_of_name
+from rwa_monitor.monitor.wheel_set import MODEL, WheelSet, key_of_name
 from rwa_monitor.words import counted, first_few
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
-COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
+COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
-MODEL: Final = "model.json"
 Comparable = tuple[str, str, bytes]  # topic, schema, JSON
 MAX_KEPT_BYTES: Final = 2**30  # of messages of these, of a recording
 
@@ -58,8 +58,8 @@ class Setup:
         method: Method | None = settings.get("method")
         if method is None or method not in get_args(Method):
             raise InputError(source, f"{method!r} is none of {', '.join(get_args(Method))}", "settings.json: method")
-        wheels = WheelSet.of_attachments(recording.attachments, source)
-        model_text = _text(recording, MODEL)
+        wheels = WheelSet.of_recording(recording)
+        model_text = recording.text(MODEL)
         model = Model.from_json(model_text, f"{source}: {MODEL}") if model_text else None
         return cls(wheels, model, method)
 
@@ -74,15 +74,6 @@ class Setup:
     def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str, Method]:
         """Return what the diagnoses of a wheel depend on: the hashes of its constants and the model, and the method."""
         return self.wheels.of(spacecraft, wheel).sha256(), self.model.sha256() if self.model else "", self.method
-
-
-def _text(recording: Recording, name: str) -> str:
-    if name not in recording.attachments:
-        raise InputError(str(recording.path), "is missing: this is no recording of rwa-monitor run", name)
-    try:
-        return recording.attachments[name].decode()
-    except UnicodeDecodeError as error:
-        raise InputError(str(recording.path), "is no UTF-8 text", name) from error
 
 
 @dataclass(slots=True)
@@ -105,15 +96,6 @@ class RecordingRun:
     outputs: list[Output] = field(default_factory=list)
     inputs: int = 0
     spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
-
-
-def _resume(path: Path, name: str, data: bytes, setup: Setup, run: RecordingRun) -> None:
-    """Bring a core to where its checkpoint stands."""
-    spacecraft, wheel = key_of_name(name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
-    checkpoint = Checkpoint.from_json(data, f"{path}: {name}")
-    run.cores[spacecraft, wheel] = WheelCore.resume(
-        checkpoint, setup.wheels.of(spacecraft, wheel), setup.model, method=setup.method
-    )
 
 
 def run_recording(
@@ -153,7 +135,9 @@ def run_recording(
         # The recorder writes what a recording was made with before all else.
         setup = setup or Setup.of(recording)
         if isinstance(part, Attached):
-            _resume(recording.path, part.name, part.data, setup, run)
+            key = key_of_name(part.name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
+            checkpoint = Checkpoint.from_json(part.data, f"{recording.path}: {part.name}")
+            run.cores[key] = WheelCore.resume(checkpoint, setup.wheels.of(*key), setup.model, method=setup.method)
         else:
             _run_input(recording.path, part, setup, run)
             if part.schema in KEPT_SCHEMAS:
@@ -257,7 +241,8 @@ def recover_state(
         try:
             files = _that_hold_all(paths[place:], log)
             if recovered.predecessor is None:
-                recovered.predecessor = _predecessor(files)
+                rest = predecessor_of(files[0]) if len(files) > 1 else None
+                recovered.predecessor = predecessor_of(files[-1], rest)
             ran = _run(files, stop, log, on_progress)
             setup_then = Setup.of(ran[-1][0])
         except InputError as error:
@@ -266,7 +251,9 @@ def recover_state(
             log(f"{error}; going back to the recording before it")
             continue
         cores, inputs = ran[-1][1].cores, sum(run.inputs for _, run in ran)
-        recovered.cores = _same(cores, setup_then, setup)
+        recovered.cores = {
+            key: core for key, core in cores.items() if setup_then.identity_of(*key) == setup.identity_of(*key)
+        }
         if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
             wheels = first_few(anew, MAX_LISTED)
             log(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
@@ -275,7 +262,7 @@ def recover_state(
             for problem in recording.problems:
                 log(f"{recording.path}: {problem}")
             recovered.unrecorded += _unrecorded(recording, run.outputs)
-            recovered.diagnoses += _diagnoses(recording)
+            recovered.diagnoses += _diagnoses(recording.path, recording.messages)
         log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
         return recovered
     return recovered
@@ -297,43 +284,24 @@ def _that_hold_all(paths: Sequence[Path], log: Callable[[str], None]) -> list[Pa
     return [last]
 
 
-def _predecessor(files: Sequence[Path]) -> Predecessor:
-    rest = predecessor_of(files[0]) if len(files) > 1 else None
-    return predecessor_of(files[-1], rest)
-
-
 def _run(
     files: Sequence[Path], stop: Event, log: Callable[[str], None], on_progress: Callable[[], None]
 ) -> list[tuple[Recording, RecordingRun]]:
-    """Run recordings, each on the cores of the one before it."""
+    """Run recordings, each on the cores of the one before it, and log the progress of a long run."""
+    due_s = time.monotonic() + PROGRESS_S
+
+    def look(passing: PassingRecording, _part: object) -> None:
+        nonlocal due_s
+        on_progress()
+        if time.monotonic() >= due_s:
+            due_s = time.monotonic() + PROGRESS_S
+            log(f"recovering the state from {passing.recording.path}: {passing.share:.0%} of it done")
+
     ran: list[tuple[Recording, RecordingRun]] = []
-    for path in files:
-        passing = PassingRecording(path)
-        look = _Progress(passing, log, on_progress).look
-        ran.append((passing.recording, run_recording(passing, stop, look, ran[-1][1] if ran else None)))
+    for passing in map(PassingRecording, files):
+        run = run_recording(passing, stop, partial(look, passing), ran[-1][1] if ran else None)
+        ran.append((passing.recording, run))
     return ran
-
-
-class _Progress:
-    """Logs the progress of a long recovery."""
-
-    def __init__(self, passing: PassingRecording, log: Callable[[str], None], on_progress: Callable[[], None]) -> None:
-        self._passing = passing
-        self._log = log
-        self._on_progress = on_progress
-        self._due_s = time.monotonic() + PROGRESS_S
-
-    def look(self, _part: object) -> None:
-        """Log it where it is due."""
-        self._on_progress()
-        if time.monotonic() >= self._due_s:
-            self._due_s = time.monotonic() + PROGRESS_S
-            self._log(f"recovering the state from {self._passing.recording.path}: {self._passing.share:.0%} of it done")
-
-
-def _same(cores: dict[tuple[str, str], WheelCore], before: Setup, now: Setup) -> dict[tuple[str, str], WheelCore]:
-    """Return the cores whose diagnoses depend on nothing that has changed."""
-    return {key: core for key, core in cores.items() if before.identity_of(*key) == now.identity_of(*key)}
 
 
 def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
@@ -363,31 +331,21 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[Output]:
             size += path.stat().st_size
             if size > REPEATED_BYTES:
                 break
-            found = [*_diagnoses_in(path), *found]
+            found = [*_diagnoses(path, PassingRecording(path).parts()), *found]
         except (OSError, InputError):  # a replay reports a damaged file; here it only repeats less
             break
     return found
 
 
-def _diagnoses_in(path: Path) -> list[Output]:
-    """Return the diagnoses of a recording of which nothing else is kept."""
-    passing = PassingRecording(path)
-    for part in passing.parts():
-        if isinstance(part, RecordedMessage) and part.schema == Diagnosis.schema_name():
-            passing.recording.messages.append(part)
-    return _diagnoses(passing.recording)
-
-
-def _diagnoses(recording: Recording) -> list[Output]:
-    """Return the diagnoses of a recording, in order."""
+def _diagnoses(path: Path, parts: Iterable[Attached | RecordedMessage]) -> list[Output]:
+    """Return the diagnoses in a recording, in order."""
     return [
         Output(
-            message.topic,
+            part.topic,
             Diagnosis,
-            message.schema,
-            message.data,
-            Diagnosis.parse(message.data, f"{recording.path}: {message.topic}").window_end_ns,
+            part.data,
+            Diagnosis.parse(part.data, f"{path}: {part.topic}").window_end_ns,
         )
-        for message in recording.messages
-        if message.schema == Diagnosis.schema_name()
+        for part in parts
+        if isinstance(part, RecordedMessage) and part.schema == Diagnosis.schema_name()
     ]

@@ -10,7 +10,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, split_key
 from rwa_monitor.monitor.recording.reader import Recording, read_recording
-from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
+from rwa_monitor.monitor.wheel_set import COMMON, MODEL, WheelSet
 from rwa_monitor.telemetry.ccsds_packets import read_packets
 from rwa_monitor.telemetry.columns import unknown_columns
 from rwa_monitor.telemetry.files import display_name
@@ -64,12 +64,12 @@ def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
     del decoding
     source = display_name(path)
     recording = read_recording(path)
-    model = recording.attachments.get("model.json")
-    wheels = WheelSet.of_attachments(recording.attachments, source) if COMMON in recording.attachments else None
+    model = recording.attachments.get(MODEL)
+    wheels = WheelSet.of_recording(recording) if COMMON in recording.attachments else None
     telemetry, notes = _recorded(recording, source, wheels)
     return TelemetryFile(
         telemetry,
-        Model.from_json(model, f"{source}: model.json") if model else None,
+        Model.from_json(model, f"{source}: {MODEL}") if model else None,
         [f"{source}: {problem}" for problem in recording.problems],
         notes,
     )

@@ -10,12 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
-from rwa_monitor.errors import InputError
 from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
+from rwa_monitor.monitor.recording.reader import Recording
 from rwa_monitor.wheel.wheel import Wheel
 
 WheelKey = tuple[str, str]  # spacecraft and wheel
 COMMON: Final = "wheel.toml"
+MODEL: Final = "model.json"
 OWN_PREFIX: Final = "wheels/"
 SUFFIX: Final = ".toml"
 
@@ -47,33 +48,17 @@ class WheelSet:
         }
 
     @classmethod
-    def of_attachments(cls, attachments: Mapping[str, bytes], source: str) -> WheelSet:
-        """Read a set from the attachments of a recording.
+    def of_recording(cls, recording: Recording) -> WheelSet:
+        """Read a set from the attachments of a recording; raises InputError if one is missing or cannot be used."""
 
-        Raises
-        ------
-        InputError
-            If it has no `wheel.toml`, or one of them cannot be used; `source` names the recording.
-        """
-        if COMMON not in attachments:
-            raise InputError(source, "is missing: this is no recording of rwa-monitor run", COMMON)
-        wheels = {
-            name: Wheel.from_toml(_text(data, name, source), f"{source}: {name}")
-            for name, data in attachments.items()
-            if name == COMMON or name.startswith(OWN_PREFIX)
-        }
-        common = wheels.pop(COMMON)
-        return cls(common, {key_of_name(name.removeprefix(OWN_PREFIX)): wheel for name, wheel in wheels.items()})
+        def read(name: str) -> Wheel:
+            return Wheel.from_toml(recording.text(name), f"{recording.path}: {name}")
+
+        own = [name for name in recording.attachments if name.startswith(OWN_PREFIX)]
+        return cls(read(COMMON), {key_of_name(name.removeprefix(OWN_PREFIX)): read(name) for name in own})
 
 
 def key_of_name(name: str) -> WheelKey:
     """Return the wheel that a file `{spacecraft}/{wheel}.toml` is of; raises InputError where it names none."""
     spacecraft, wheel, _ = split_key(f"{KEY_PREFIX}/{name.removesuffix(SUFFIX)}/{SamplesMessage.kind}")
     return spacecraft, wheel
-
-
-def _text(data: bytes, name: str, source: str) -> str:
-    try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        raise InputError(source, "is no UTF-8 text", name) from error

@@ -18,6 +18,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.verdict import MIN_COVERAGE
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
+from rwa_monitor.messages import ProvisionalJump
 from rwa_monitor.monitor.checkpoint import (
     ChannelState,
     EffectsState,
@@ -214,14 +215,14 @@ class Windows:
     # ---- windows into diagnoses -------------------------------------------------------------------------------------
 
     def _provisional(self, window_start: int, candidate: ConfirmedCandidate) -> ProvisionalChangepoint:
-        return ProvisionalChangepoint(
-            window_start_ns=self.grid.time_of(window_start),
+        jump = ProvisionalJump(
             index=candidate.index,
             time_ns=self.grid.time_of(window_start + candidate.index),
             jump_Nm=candidate.jump * self.wheel.torque_unit_Nm,
             std_Nm=candidate.std * self.wheel.torque_unit_Nm,
             confidence=candidate.confidence,
         )
+        return ProvisionalChangepoint(self.grid.time_of(window_start), jump)
 
     def _close(self, window: _OpenWindow) -> WindowDiagnosed:
         """Diagnose a window, full or not."""

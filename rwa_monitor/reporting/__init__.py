@@ -1,4 +1,4 @@
-"""What people and their tools read: the report of a search, diagnoses as text and rows, messages as Foxglove shows them.
+"""What people and their tools read: the report of a search, diagnoses as text and rows, and Foxglove.
 
 In: a finished search; messages of the bus. Out: an HTML page with figures; text and rows; the entries and layout of
 Foxglove. Each file stands for itself, beside the number formats.

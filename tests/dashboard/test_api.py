@@ -12,8 +12,8 @@ from jsonschema import Draft202012Validator
 from websockets.sync.client import connect
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
-from rwa_monitor.dashboard.trends import trends
 from rwa_monitor.history.alarms import Policy
+from rwa_monitor.history.records import trends
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Changepoints, ProvisionalJump, samples_json
 from tests.dashboard.support import RIGHT, ask, reporting, send_windows

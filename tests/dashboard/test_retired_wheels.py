@@ -45,8 +45,8 @@ def events(running: Running, wheel: str) -> list[str]:
 def serve_history(record: Path, session: zenoh.Session) -> Any:
     """Serve a fleet of which only the history is there: a wheel that is well and one with an alarm."""
     with History(record / "history.sqlite3") as history:
-        history.add_all([diagnosis(n, wheel="wheel_1") for n in range(2)])
-        history.add_all([diagnosis(n, severity=1.0, wheel="wheel_2") for n in range(2)])
+        history.add(*[diagnosis(n, wheel="wheel_1") for n in range(2)])
+        history.add(*[diagnosis(n, severity=1.0, wheel="wheel_2") for n in range(2)])
     return serve(DashboardOptions(0, record, token="right"), session)
 
 

@@ -14,7 +14,7 @@ from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import SimulatedGain
-from rwa_monitor.messages.discrepancy import SearchedAgain as SearchedAgainMessage
+from rwa_monitor.messages import SearchedAgain as SearchedAgainMessage
 from rwa_monitor.reporting.discrepancy_report import html, sentence
 from rwa_monitor.samples import Samples
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing

@@ -17,8 +17,7 @@ import numpy as np
 from rwa_monitor.messages import SamplesMessage, dump_json
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import RecordedMessage, read_recording
+from rwa_monitor.monitor.recording.reader import RecordedMessage, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples

@@ -14,7 +14,7 @@ from tests.history.support import diagnosis
 def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) -> None:
     clock = iter(range(1_000))
     with History(place, wall_ns=lambda: next(clock)) as history:
-        history.add_all([diagnosis(0), diagnosis(1)])
+        history.add(*[diagnosis(0), diagnosis(1)])
         line = history.retired.retire("sat", "wheel_1", " Ann ", "retired")
         assert (line.retired, line.person, line.time_ns) == (True, "Ann", diagnosis(1).window_end_ns)
         assert history.retired.latest() == [line]
@@ -36,7 +36,7 @@ def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) 
 
 def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(place: Path | str) -> None:
     with History(place) as history:
-        history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
+        history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
         with pytest.raises(InputError, match="alarms to acknowledge first: viscous"):
             history.retired.retire("sat", "wheel_1", "Ann")
         history.acknowledge(1, "Ann")

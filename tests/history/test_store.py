@@ -13,17 +13,16 @@ from hypothesis import strategies as st
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import MODEL_ALARM, Level, advice
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.retention import DAY_NS, Retention
-from rwa_monitor.history.store import History
+from rwa_monitor.history.store import DAY_NS, History, Retention
 from tests.history.support import WINDOW_NS, diagnosis, discrepancy
 
 
 def test_a_window_taken_in_again_makes_no_double_and_no_alarm(place: Path | str) -> None:
     windows = [diagnosis(0), diagnosis(1, severity=1.0), diagnosis(2, severity=1.0)]
     with History(place) as history:
-        assert history.add_all(windows) == 3
+        assert history.add(*windows) == 3
         before = history.alarms()
-        assert history.add_all(windows) == 0
+        assert history.add(*windows) == 0
         assert history.windows("sat", "wheel_1") == windows
         assert history.alarms() == before
         assert [line.event for line in before[0].trail] == ["raised"]
@@ -32,7 +31,7 @@ def test_a_window_taken_in_again_makes_no_double_and_no_alarm(place: Path | str)
 
 def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str) -> None:
     with History(place) as history:
-        history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
+        history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
         history.acknowledge(1, "Ann", "lubricant ordered")
         with pytest.raises(InputError, match="acknowledged already"):
             history.acknowledge(1, "Ben")
@@ -43,7 +42,7 @@ def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str)
             "Ann",
             "lubricant ordered",
         )
-        history.add_all([diagnosis(n) for n in range(2, 5)])
+        history.add(*[diagnosis(n) for n in range(2, 5)])
         (alarm,) = history.alarms()
         assert alarm.closed_ns is not None
         assert [line.event for line in alarm.trail] == ["raised", "acknowledged", "eased", "returned", "cleared"]
@@ -99,7 +98,7 @@ def test_retention_keeps_estimates_longer_than_diagnoses_and_old_ones_coarsely(p
         assert [one.severity for one in kept].count(4.0) == 1  # the worst of its day stays, that of window 5 is too old
         assert history.prune() == 0
         # An old recording that is imported again does not bring back what the policy has let go.
-        assert history.add_all(windows) == 0
+        assert history.add(*windows) == 0
         assert history.estimates("sat", "wheel_1") == kept
 
 
@@ -123,7 +122,7 @@ def test_a_database_that_is_removed_is_put_back_with_all_that_was_acknowledged(t
     folder = tmp_path / "record"
     path = folder / "h.sqlite3"
     with History(path) as history:
-        history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
+        history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
         history.acknowledge(1, "Ann", "seen")
         if what == "folder":
             shutil.rmtree(folder)
@@ -138,7 +137,7 @@ def test_a_database_that_is_removed_is_put_back_with_all_that_was_acknowledged(t
 def test_a_database_that_cannot_be_put_back_is_reported_and_comes_when_it_can(tmp_path: Path) -> None:
     folder = tmp_path / "record"
     with History(folder / "h.sqlite3") as history:
-        history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
+        history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
         history.acknowledge(1, "Ann")
         shutil.rmtree(folder)
         folder.write_text("in the way")
@@ -183,14 +182,14 @@ def test_the_latest_discrepancy_report_of_a_wheel_is_kept(place: Path | str) -> 
 
 def test_an_alarm_is_shelved_for_a_while_and_comes_back_when_it_gets_worse(place: Path | str) -> None:
     with History(place, wall_ns=lambda: 1_000) as history:
-        history.add_all([diagnosis(n, severity=0.6) for n in range(2)])
+        history.add(*[diagnosis(n, severity=0.6) for n in range(2)])
         alarm = history.shelve(1, "Ann", 2.0, "known")
         assert alarm.shelved_until_wall_ns == 1_000 + 2_000_000_000
         history.add(diagnosis(2, severity=0.6))
         assert history.alarms()[0].shelved_until_wall_ns is not None
         assert history.shelve(1, "Ann", 0.0).shelved_until_wall_ns is None
         history.shelve(1, "Ben", 2.0)
-        history.add_all([diagnosis(n, severity=4.0) for n in range(3, 5)])
+        history.add(*[diagnosis(n, severity=4.0) for n in range(3, 5)])
         (alarm,) = history.alarms()
         assert (alarm.level, alarm.shelved_until_wall_ns) == ("critical", None)
         events = [(line.event, line.person) for line in alarm.trail]

@@ -21,11 +21,11 @@ from rwa_monitor.messages import (
     SamplesMessage,
     dump_json,
     health_message,
+    misspelt,
     samples_json,
     schema_files,
     split_key,
 )
-from rwa_monitor.messages.samples import misspelt
 from rwa_monitor.samples import MAX_TIME_NS, Samples
 from tests.monitor.support import batch_diagnoses, messages_of, run_core, telemetry, wheel
 

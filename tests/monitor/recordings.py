@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import Writer
 
-from rwa_monitor.monitor.recording.chain import file_sha256
-from rwa_monitor.monitor.recording.reader import RecordedMessage, read_recording
+from rwa_monitor.monitor.recording.reader import RecordedMessage, file_sha256, read_recording
 from rwa_monitor.monitor.recording.writer import RecordingWriter
 
 TOPICS = ("rwa/sat/a/samples", "rwa/sat/b/samples")

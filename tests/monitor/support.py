@@ -19,7 +19,7 @@ from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, outputs_of
 from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.recording.chain import read_chain
+from rwa_monitor.monitor.recording.reader import read_chain
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

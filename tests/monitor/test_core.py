@@ -215,7 +215,7 @@ def test_a_clock_step_closes_the_open_window_as_it_is() -> None:
     core = WheelCore(wheel(), model())
     core.feed(samples)
     events = core.feed(later[:5])
-    assert [type(event) for event in events if not hasattr(event, "jump_Nm")] == [WindowDiagnosed, EpochStarted]
+    assert [type(event) for event in events if not hasattr(event, "jump")] == [WindowDiagnosed, EpochStarted]
     (window,) = closed(events)
     assert (window.partial, window.diagnosis.slots) == (True, 600)
 

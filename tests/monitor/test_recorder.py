@@ -15,10 +15,9 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.chain import file_sha256, recordings_of
-from rwa_monitor.monitor.recording.reader import last_settings, read_recording
+from rwa_monitor.monitor.recording.copies import recover
+from rwa_monitor.monitor.recording.reader import file_sha256, last_settings, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, FolderLock, Recorder
-from rwa_monitor.monitor.recording.recover import recover
 from rwa_monitor.monitor.recording.writer import RecordingWriter
 from tests.monitor.recordings import TOPICS
 

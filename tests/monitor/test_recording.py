@@ -10,8 +10,13 @@ from mcap.reader import make_reader
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.recording import reader as recording_module
-from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import PassingRecording, RecordedMessage, Recording, read_recording
+from rwa_monitor.monitor.recording.reader import (
+    PassingRecording,
+    RecordedMessage,
+    Recording,
+    read_recording,
+    recordings_of,
+)
 from rwa_monitor.monitor.recording.writer import RecordingWriter
 from tests.monitor.recordings import TOPICS
 

@@ -11,8 +11,8 @@ import pytest
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.recording import reader as recording_module
+from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.monitor.recording.recover import recover
 from rwa_monitor.monitor.recording.writer import RecordingWriter
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import IntArray, Samples

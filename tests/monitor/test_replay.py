@@ -12,9 +12,8 @@ from mcap.writer import Writer
 from benchmarks import references
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import RecordedMessage
-from rwa_monitor.monitor.recording.recover import recover
+from rwa_monitor.monitor.recording.copies import recover
+from rwa_monitor.monitor.recording.reader import RecordedMessage, recordings_of
 from rwa_monitor.monitor.replay import Report, replay
 from tests.monitor.recordings import rewrite
 from tests.monitor.support import adds_up, recorded

@@ -23,8 +23,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.chain import file_sha256, read_chain, recordings_of
-from rwa_monitor.monitor.recording.reader import last_settings
+from rwa_monitor.monitor.recording.reader import file_sha256, last_settings, read_chain, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.state_recovery import recover_state

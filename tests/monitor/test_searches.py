@@ -21,8 +21,7 @@ from rwa_monitor.messages import Discrepancy, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import publish
-from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import HAND_OVER, Searches, SearchJob, search_message
 from rwa_monitor.monitor.service import run

@@ -27,7 +27,7 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.ingest.backfill import Arrival, arrival_of
 from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher, publish, replay_to_bus
-from rwa_monitor.monitor.recording.chain import read_chain
+from rwa_monitor.monitor.recording.reader import read_chain
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples

@@ -15,7 +15,7 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import Recording, recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import jobs_of
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
@@ -108,7 +108,7 @@ def test_a_set_is_what_its_attachments_hold() -> None:
     known = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
     attachments = known.attachments()
     assert sorted(attachments) == ["wheel.toml", "wheels/sat/wheel_2.toml"]
-    read = WheelSet.of_attachments(attachments | {"settings.json": b"{}"}, "here")
+    read = WheelSet.of_recording(Recording(Path("here"), attachments=attachments | {"settings.json": b"{}"}))
     assert (read.of(*OWN), read.of(*OTHER)) == (wheel(WINDOW // 2), wheel())
 
 
@@ -116,7 +116,7 @@ def test_a_set_is_what_its_attachments_hold() -> None:
 def test_an_attachment_that_is_of_no_wheel_is_refused(name: str) -> None:
     text = wheel().to_toml().encode()
     with pytest.raises(InputError):
-        WheelSet.of_attachments({COMMON: text, name: text}, "here")
+        WheelSet.of_recording(Recording(Path("here"), attachments={COMMON: text, name: text}))
 
 
 def test_a_search_is_repeated_with_the_wheels_own_constants() -> None:

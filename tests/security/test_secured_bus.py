@@ -26,8 +26,7 @@ from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher
-from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from tests.monitor.processes import wait_for
 from tests.monitor.support import WINDOW, batch_diagnoses, telemetry, wheel
 from tests.program import command

@@ -15,25 +15,26 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from errno import EIO
+from hashlib import sha256
 from io import SEEK_END, BytesIO, FileIO
-from operator import index
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple, Protocol, SupportsIndex, overload
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Schema
-from mcap.records import Message as McapMessage
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, read_bytes, unreadable
-from rwa_monitor.words import counted
+from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
+from rwa_monitor.words import counted, time_text
 
+RECORDING_SUFFIX: Final = ".mcap"
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
 MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what they begin with
@@ -54,7 +55,6 @@ _CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, beh
 _ATTACHMENT_NAME: Final = 8 + 8  # where the name of an attachment begins, with its length, after two times
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
-_MESSAGE_BYTES: Final = _MESSAGE_HEAD.size
 _MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
 CHANNELS_ATTACHMENT: Final = "channels.json"
@@ -109,50 +109,27 @@ class Recording:
     attachments: dict[str, bytes] = field(default_factory=dict)
     messages: list[RecordedMessage] = field(default_factory=list)
 
+    def text(self, name: str) -> str:
+        """Return an attached text; raises InputError where it is missing or no UTF-8."""
+        if name not in self.attachments:
+            raise InputError(str(self.path), "is missing: this is no recording of rwa-monitor run", name)
+        try:
+            return self.attachments[name].decode()
+        except UnicodeDecodeError as error:
+            raise InputError(str(self.path), "is no UTF-8 text", name) from error
+
     def settings(self) -> dict[str, Any]:
         """Return the settings attached by the recorder; raises InputError where there are none."""
-        return self.json_attachment(SETTINGS_ATTACHMENT)
-
-    def json_attachment(self, name: str) -> dict[str, Any]:
-        """Return a JSON attachment; raises InputError where it is missing or no JSON object."""
-        if name not in self.attachments:
-            raise InputError(
-                str(self.path), "is missing: this is no recording of rwa-monitor run", f"attachment {name}"
-            )
-        if len(self.attachments[name]) > MAX_JSON_BYTES:
-            raise InputError(str(self.path), f"is larger than {MAX_JSON_BYTES} bytes", f"attachment {name}")
+        text = self.text(SETTINGS_ATTACHMENT)
         try:
-            content = json.loads(self.attachments[name])
+            if len(text) > MAX_JSON_BYTES:
+                raise ValueError(f"larger than {MAX_JSON_BYTES} bytes")
+            content = json.loads(text)
+            if not isinstance(content, dict):
+                raise ValueError("no object")
         except (ValueError, RecursionError) as error:
-            raise InputError(str(self.path), f"is no JSON: {error}", f"attachment {name}") from error
-        if not isinstance(content, dict):
-            raise InputError(str(self.path), "is no JSON object", f"attachment {name}")
+            raise InputError(str(self.path), f"is no JSON that can be used: {error}", SETTINGS_ATTACHMENT) from error
         return content
-
-
-def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
-    """Read a recording, as much of it as is whole.
-
-    Parameters
-    ----------
-    path
-        The file.
-    limit
-        Size from which it is refused [bytes].
-
-    Raises
-    ------
-    InputError
-        If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
-    """
-    data = read_bytes(path, limit)
-    recording = Recording(path)
-    for part in _Walk(recording, data, MAX_WORK_SHARE).parts():
-        if isinstance(part, RecordedMessage):
-            recording.messages.append(part)
-        else:
-            recording.attachments[part.name] = part.data
-    return recording
 
 
 class PassingRecording:
@@ -162,6 +139,10 @@ class PassingRecording:
     ----------
     path
         The file.
+    limit
+        Size from which it is refused [bytes].
+    work_share
+        Bytes that may be copied and unpacked for each byte of the file.
 
     Attributes
     ----------
@@ -171,216 +152,135 @@ class PassingRecording:
         Of the file that has been gone through, 0 … 1.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, limit: int = MAX_FLEET_FILE_BYTES, work_share: int = MAX_PASSING_WORK_SHARE) -> None:
         self.recording = Recording(path)
         self.share = 0.0
+        self._limit = limit
+        self._work_share = work_share
+        self._found: list[Attached | RecordedMessage] = []  # in the record at hand
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, tuple[str, str]] = {}  # topic and schema
+        self._lost_messages = 0
+        self._work_bytes = 0
+        self._records = 0
 
     def parts(self) -> Iterator[Attached | RecordedMessage]:
-        """Pass on attachments and messages in the order of the file.
+        """Pass on attachments and messages in the order of the file, once, to its end or to what cannot be passed.
 
         Raises
         ------
         InputError
-            As `read_recording`; the limit is `MAX_FLEET_FILE_BYTES`.
+            If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
         """
         path = self.recording.path
         try:
             with path.open("rb", buffering=0) as file:
-                size = os.fstat(file.fileno()).st_size
-                if size > MAX_FLEET_FILE_BYTES:
-                    reason = f"is larger than the limit of {MAX_FLEET_FILE_BYTES:,} bytes"
-                    raise InputError(display_name(path), reason)
-                walk = _Walk(self.recording, FileBytes(file, size), MAX_PASSING_WORK_SHARE)
-                for part in walk.parts():
-                    self.share = walk.position / size
-                    yield part
+                self._file = _Pieces(file)
+                if self._file.size > self._limit:
+                    raise InputError(display_name(path), f"is larger than the limit of {self._limit:,} bytes")
+                if self._file.read(0, len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                    raise InputError(str(path), "is no MCAP file")
+                self._most_work_bytes = max(MAX_WORK_BYTES, self._work_share * self._file.size)
+                yield from self._parts(self._file.size)
         except OSError as error:
             raise unreadable(path, error) from error
 
-
-class Content(Protocol):
-    """What a reader needs of a file's content; `bytes` and `FileBytes` are such."""
-
-    def __len__(self) -> int: ...
-
-    @overload
-    def __getitem__(self, key: SupportsIndex, /) -> int: ...
-
-    @overload
-    def __getitem__(self, key: slice, /) -> bytes: ...
-
-    def find(self, sub: bytes, start: int, /) -> int: ...
-
-
-class FileBytes:
-    """The content of a file as if it were in memory, of which only a piece is."""
-
-    def __init__(self, file: FileIO, size: int) -> None:
-        self._file = file
-        self._size = size
-        self._begin = 0
-        self._piece = b""
-
-    def __len__(self) -> int:
-        return self._size
-
-    @overload
-    def __getitem__(self, key: SupportsIndex, /) -> int: ...
-
-    @overload
-    def __getitem__(self, key: slice, /) -> bytes: ...
-
-    def __getitem__(self, key: SupportsIndex | slice, /) -> int | bytes:
-        if not isinstance(key, slice):
-            return self._between(index(key), index(key) + 1)[0]
-        start, stop, _ = key.indices(self._size)
-        return self._between(start, max(start, stop))
-
-    def find(self, sub: bytes, start: int, /) -> int:
-        """Return where some bytes are found first from `start` on, -1 where they are not."""
-        while start + len(sub) <= self._size:
-            stop = min(start + PIECE_BYTES, self._size)
-            if (found := self._between(start, stop).find(sub)) >= 0:
-                return start + found
-            start = stop - len(sub) + 1  # what is looked for may lie across the border
-        return -1
-
-    def _between(self, start: int, stop: int) -> bytes:
-        if not self._begin <= start <= stop <= self._begin + len(self._piece):
-            self._file.seek(start)
-            self._begin, self._piece = start, self._read(max(stop - start, min(PIECE_BYTES, self._size - start)))
-        return self._piece[start - self._begin : stop - self._begin]
-
-    def _read(self, count: int) -> bytes:
-        pieces = []
-        while count > 0:
-            piece = self._file.read(count)
-            if not piece:
-                raise OSError(EIO, "it became shorter while it was read")
-            pieces.append(piece)
-            count -= len(piece)
-        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
-
-
-class _Walk:
-    """Goes over the records of a file and passes on what is whole."""
-
-    def __init__(self, recording: Recording, data: Content, work_share: int) -> None:
-        if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
-            raise InputError(str(recording.path), "is no MCAP file")
-        self.recording = recording
-        self.data = data
-        self.position = len(MCAP0_MAGIC)
-        self.most_work_bytes = max(MAX_WORK_BYTES, work_share * len(data))
-        self.found: list[Attached | RecordedMessage] = []  # in the record at hand
-        self.schemas: dict[int, str] = {}
-        self.channels: dict[int, tuple[str, str]] = {}  # topic and schema
-        self.lost_messages = 0
-        self.work_bytes = 0
-        self.records = 0
-
-    def parts(self) -> Iterator[Attached | RecordedMessage]:
-        """Go from the beginning to the end, or to what cannot be passed."""
-        while self.position < len(self.data) and not self.recording.finished:
-            position, stop = self.position, self._record_end(self.position)
-            if stop is None or not self._record(position, stop):
+    def _parts(self, size: int) -> Iterator[Attached | RecordedMessage]:
+        position = len(MCAP0_MAGIC)
+        while position < size and not self.recording.finished:
+            stop = self._record_end(position)
+            if stop is None or not self._take_record(position, stop):
                 stop = self._next_chunk(position + 1)
-                self.recording.problems.append(f"bytes {position} to {stop} of {len(self.data)} cannot be read")
-            found, self.found = self.found, []
-            self.position = stop
+                self.recording.problems.append(f"bytes {position} to {stop} of {size} cannot be read")
+            found, self._found = self._found, []
+            position, self.share = stop, stop / size
             yield from found
-        if self.lost_messages:
-            self.recording.problems.append(
-                f"{counted(self.lost_messages, 'message')} of channels whose description cannot be read"
-            )
+        if self._lost_messages:
+            lost = counted(self._lost_messages, "message")
+            self.recording.problems.append(f"{lost} of channels whose description cannot be read")
 
     def _record_end(self, position: int) -> int | None:
         """Return where the record at `position` ends, None where no record can be."""
-        if position + _HEAD_BYTES > len(self.data):
+        if position + _HEAD_BYTES > self._file.size:
             return None
-        length = int.from_bytes(self.data[position + 1 : position + _HEAD_BYTES], "little")
+        length = int.from_bytes(self._file.read(position + 1, position + _HEAD_BYTES), "little")
         stop = position + _HEAD_BYTES + length
-        return stop if length <= MAX_RECORD_BYTES and stop <= len(self.data) else None
+        return stop if length <= MAX_RECORD_BYTES and stop <= self._file.size else None
 
-    def _record(self, position: int, stop: int) -> bool:
+    def _take_record(self, position: int, stop: int) -> bool:
         """Take in one record; False where it is damaged."""
-        opcode = self.data[position]
         self._begin_work(stop - position)
-        content = self.data[position + _HEAD_BYTES : stop]
+        record = self._file.read(position, stop)
+        opcode, content = record[0], record[_HEAD_BYTES:]
         if opcode == Opcode.CHUNK:
-            return self._chunk(content)
+            return self._take_chunk(content)
         if opcode == Opcode.ATTACHMENT:
-            return self._attachment(content)
+            return self._take_attachment(content)
         if opcode == Opcode.DATA_END:
             self.recording.finished = self._summary_is_whole(stop)
             return self.recording.finished
         return _is_ignored(opcode, content)
 
-    def _chunk(self, content: bytes) -> bool:
+    def _take_chunk(self, content: bytes) -> bool:
         try:
-            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-            records = self._unpack(chunk)
+            self._take_records(self._unpack(content))
         except InputError:
             raise
         # The parsers raise whatever a damaged byte leads them to.
         except Exception:  # noqa: BLE001
+            self._found.clear()
             return False
-        for record in records:
-            if isinstance(record, Schema):
-                self.schemas[record.id] = record.name
-            elif isinstance(record, Channel):
-                self.channels[record.id] = (record.topic, self.schemas.get(record.schema_id, ""))
-            else:
-                self._message(record)
         return True
 
-    def _unpack(self, chunk: Chunk) -> list[Schema | Channel | McapMessage]:
-        """Return the records of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
+    def _unpack(self, content: bytes) -> bytes:
+        """Return the data of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
+        chunk = Chunk.read(ReadDataStream(BytesIO(content)))
         if not _believable(chunk):
             raise ValueError("a size or checksum that is none")
         self._begin_work(chunk.uncompressed_size)
-        data = zstandard.decompress(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
+        data: bytes = zstandard.decompress(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
         if zlib.crc32(data) != chunk.uncompressed_crc:
             raise ValueError("another checksum")
-        records: list[Schema | Channel | McapMessage] = []
-        position, stop = 0, len(data)
-        while position < stop:
-            self.records += 1
-            if self.records > MAX_RECORDS:
+        return data
+
+    def _take_records(self, data: bytes) -> None:
+        """Take in the records of a chunk; raises as `_unpack`."""
+        position, end = 0, len(data)
+        while position < end:
+            self._records += 1
+            if self._records > MAX_RECORDS:
                 raise InputError(display_name(self.recording.path), f"has more than {MAX_RECORDS:,} records")
             opcode, length = _RECORD_HEAD.unpack_from(data, position)
             start, position = position + _HEAD_BYTES, position + _HEAD_BYTES + length
-            if position > stop:
+            if position > end:
                 raise ValueError("a record that reaches beyond its chunk")
             if opcode == _MESSAGE:
-                if length < _MESSAGE_BYTES:
-                    raise ValueError("a message without its head")
-                channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
-                payload = data[start + _MESSAGE_BYTES : position]
-                records.append(McapMessage(channel, log_time, payload, publish_time, sequence))
+                self._take_message(data, start, position)
             elif opcode == Opcode.SCHEMA:
-                records.append(Schema.read(ReadDataStream(BytesIO(data[start:position]))))
+                schema = Schema.read(ReadDataStream(BytesIO(data[start:position])))
+                self._schemas[schema.id] = schema.name
             elif opcode == Opcode.CHANNEL:
-                records.append(Channel.read(ReadDataStream(BytesIO(data[start:position]))))
-        return records
+                channel = Channel.read(ReadDataStream(BytesIO(data[start:position])))
+                self._channels[channel.id] = (channel.topic, self._schemas.get(channel.schema_id, ""))
+
+    def _take_message(self, data: bytes, start: int, stop: int) -> None:
+        if stop - start < _MESSAGE_HEAD.size:
+            raise ValueError("a message without its head")
+        channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+        if channel not in self._channels:
+            self._lost_messages += 1
+            return
+        content = data[start + _MESSAGE_HEAD.size : stop]
+        self._found.append(RecordedMessage(*self._channels[channel], log_time, publish_time, content, sequence))
 
     def _begin_work(self, size: int) -> None:
         """Add to the work done on the file; raises InputError where it is too much."""
-        self.work_bytes += size
-        if self.work_bytes > self.most_work_bytes:
-            reason = f"asks for more than {self.most_work_bytes:,} bytes to be copied and unpacked"
+        self._work_bytes += size
+        if self._work_bytes > self._most_work_bytes:
+            reason = f"asks for more than {self._most_work_bytes:,} bytes to be copied and unpacked"
             raise InputError(display_name(self.recording.path), reason)
 
-    def _message(self, record: McapMessage) -> None:
-        if record.channel_id not in self.channels:
-            self.lost_messages += 1
-            return
-        topic, schema = self.channels[record.channel_id]
-        self.found.append(
-            RecordedMessage(topic, schema, record.log_time, record.publish_time, record.data, record.sequence)
-        )
-
-    def _attachment(self, content: bytes) -> bool:
+    def _take_attachment(self, content: bytes) -> bool:
         attachment = _believed_attachment(content)
         if attachment is None:
             return False
@@ -389,44 +289,84 @@ class _Walk:
                 if len(attachment.data) > MAX_JSON_BYTES:
                     return False
                 for key, (topic, schema) in json.loads(attachment.data).items():
-                    self.channels.setdefault(int(key), (str(topic), str(schema)))
+                    self._channels.setdefault(int(key), (str(topic), str(schema)))
         except Exception:  # noqa: BLE001 - as above
             return False
-        self.found.append(Attached(attachment.name, attachment.data))
+        self._found.append(Attached(attachment.name, attachment.data))
         return True
 
     def _summary_is_whole(self, start: int) -> bool:
         """Check what follows the data: it only repeats it, but a damaged one may not be the end at all."""
-        end = len(self.data) - len(MCAP0_MAGIC)
+        end = self._file.size - len(MCAP0_MAGIC)
         footer = end - _FOOTER_BYTES
-        if footer < start or self.data[footer] != Opcode.FOOTER or self.data[end:] != MCAP0_MAGIC:
+        if footer < start:
             return False
-        return zlib.crc32(self.data[start : end - 4]) == int.from_bytes(self.data[end - 4 : end], "little")
+        summary, magic = self._file.read(start, end), self._file.read(end, self._file.size)
+        if summary[footer - start] != Opcode.FOOTER or magic != MCAP0_MAGIC:
+            return False
+        return zlib.crc32(summary[:-4]) == int.from_bytes(summary[-4:], "little")
 
     def _next_chunk(self, position: int) -> int:
         """Return where the next whole chunk begins, the file's end where there is none."""
-        while (found := self.data.find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
+        while (found := self._file.find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
             start = found - _COMPRESSION_OFFSET
             stop = self._record_end(start)
             if stop is not None and self._is_chunk(start, stop):
                 return start
             position = start + 1
-        return len(self.data)
+        return self._file.size
 
     def _is_chunk(self, start: int, stop: int) -> bool:
         """Return whether a whole chunk lies between two positions; looks at its head before it copies anything."""
-        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self.data[start : start + _CHUNK_HEAD.size])
+        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self._file.read(start, start + _CHUNK_HEAD.size))
         data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
-        length = int.from_bytes(self.data[data - 8 : data], "little")
+        length = int.from_bytes(self._file.read(data - 8, data), "little")
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
             return False
         self._begin_work(stop - start)
         try:
-            return bool(self._unpack(Chunk.read(ReadDataStream(BytesIO(self.data[start + _HEAD_BYTES : stop])))))
+            return bool(self._unpack(self._file.read(start + _HEAD_BYTES, stop)))
         except InputError:
             raise
         except Exception:  # noqa: BLE001 - as above
             return False
+
+
+class _Pieces:
+    """The content of a file, of which only a piece is in memory."""
+
+    def __init__(self, file: FileIO) -> None:
+        self.size = os.fstat(file.fileno()).st_size
+        self._file = file
+        self._begin = 0
+        self._piece = b""
+
+    def read(self, start: int, stop: int) -> bytes:
+        """Return the bytes between two positions; fewer where the file ends before."""
+        stop = min(stop, self.size)
+        if not self._begin <= start <= stop <= self._begin + len(self._piece):
+            self._file.seek(start)
+            self._begin, self._piece = start, self._load(max(stop - start, min(PIECE_BYTES, self.size - start)))
+        return self._piece[start - self._begin : stop - self._begin]
+
+    def find(self, wanted: bytes, start: int) -> int:
+        """Return where some bytes are found first from `start` on, -1 where they are not."""
+        while start + len(wanted) <= self.size:
+            stop = min(start + PIECE_BYTES, self.size)
+            if (found := self.read(start, stop).find(wanted)) >= 0:
+                return start + found
+            start = stop - len(wanted) + 1  # what is looked for may lie across the border
+        return -1
+
+    def _load(self, count: int) -> bytes:
+        pieces = []
+        while count > 0:
+            piece = self._file.read(count)
+            if not piece:
+                raise OSError(EIO, "it became shorter while it was read")
+            pieces.append(piece)
+            count -= len(piece)
+        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
 
 def _is_ignored(opcode: int, content: bytes) -> bool:
@@ -461,6 +401,101 @@ def _believable(chunk: Chunk) -> bool:
     if chunk.compression == "zstd":
         return bool(zstandard.get_frame_parameters(chunk.data).content_size == chunk.uncompressed_size)
     return chunk.compression == ""
+
+
+# ---- files and folders of recordings ---------------------------------------------------------------------------------
+
+
+def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
+    """Read a recording, as much of it as is whole.
+
+    Parameters
+    ----------
+    path
+        The file.
+    limit
+        Size from which it is refused [bytes].
+
+    Raises
+    ------
+    InputError
+        As `PassingRecording.parts`.
+    """
+    passing = PassingRecording(path, limit, MAX_WORK_SHARE)
+    for part in passing.parts():
+        if isinstance(part, RecordedMessage):
+            passing.recording.messages.append(part)
+        else:
+            passing.recording.attachments[part.name] = part.data
+    return passing.recording
+
+
+def recordings_of(paths: Path | Sequence[Path]) -> list[Path]:
+    """Return the recordings that a file, several files or a folder stand for, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a path does not exist, or a folder holds no recording.
+    """
+    found: list[Path] = []
+    for path in [paths] if isinstance(paths, Path) else paths:
+        if path.is_dir():
+            inside = sorted(entry for entry in path.iterdir() if entry.suffix == RECORDING_SUFFIX and entry.is_file())
+            if not inside:
+                raise InputError(str(path), f"holds no recording (*{RECORDING_SUFFIX})")
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            raise InputError(str(path), "does not exist")
+    return found
+
+
+def read_chain(paths: Path | Sequence[Path]) -> Iterator[Recording]:
+    """Read the recordings that a file, several files or a folder stand for, each after its predecessor.
+
+    Raises
+    ------
+    InputError
+        As `recordings_of` and `read_recording`.
+    """
+    # The names count up, so that the order of names is the order of the chain; replay checks the links.
+    for path in recordings_of(paths):
+        yield read_recording(path)
+
+
+def recorded_inputs(recordings: Path | Sequence[Path], from_ns: int | None) -> Iterator[tuple[int, str, bytes]]:
+    """Yield time [ns], topic and payload of the samples in recordings, from a time on.
+
+    Raises
+    ------
+    InputError
+        As `recordings_of` and `PassingRecording.parts`; or if nothing is of `from_ns` or later.
+    """
+    last_ns: int | None = None
+    found = False
+    for path in recordings_of(recordings):
+        for part in PassingRecording(path).parts():
+            if isinstance(part, RecordedMessage) and part.schema == SamplesMessage.schema_name():
+                last_ns = part.log_time if last_ns is None else max(last_ns, part.log_time)
+                if from_ns is None or part.log_time >= from_ns:
+                    found = True
+                    yield part.log_time, part.topic, part.data
+    if from_ns is not None and last_ns is not None and not found:
+        raise InputError(time_text(from_ns), f"the recordings hold nothing so late: they end at {time_text(last_ns)}")
+
+
+def file_sha256(path: Path) -> str:
+    """Return the hash of a file's content."""
+    digest = sha256()
+    with path.open("rb") as file:
+        while block := file.read(2**20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+# ---- what is read from the heads of the records alone ----------------------------------------------------------------
 
 
 def _heads(path: Path) -> Iterator[tuple[int, int, BinaryIO]]:

@@ -32,12 +32,13 @@ from typing import Any, Final, Self
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, dump_json
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, file_sha256
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHECKPOINT_PREFIX,
+    RECORDING_SUFFIX,
     SETTINGS_ATTACHMENT,
     SOME_CHECKPOINTS,
+    file_sha256,
 )
 from rwa_monitor.monitor.recording.writer import PART_SUFFIX, RecordedOutput, RecordingWriter, Sink
 from rwa_monitor.telemetry.files import make_folder

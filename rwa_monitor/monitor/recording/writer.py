@@ -107,6 +107,10 @@ class TopicWriter:
         self._sequences[channel] = (sequence + 1) % 2**32
         self.mcap.add_message(channel, log_time, data, publish_time, sequence)
 
+    def attach(self, name: str, data: bytes, time_ns: int = 0, media_type: str = "application/octet-stream") -> None:
+        """Add an attachment."""
+        self.mcap.add_attachment(0, time_ns, name, media_type, data)
+
     def finish(self) -> None:
         """Write the end of the file."""
         self.mcap.finish()  # type: ignore[no-untyped-call]
@@ -209,7 +213,7 @@ class RecordingWriter:
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment; of several with one name the last one counts."""
         media_type = "application/toml" if name.endswith(".toml") else "application/json"
-        self._writer.mcap.add_attachment(0, self._log_time, name, media_type, data)
+        self._writer.attach(name, data, self._log_time, media_type)
 
     def sync(self) -> None:
         """Bring everything to the disk."""
