@@ -245,12 +245,13 @@ def assign(
     index = segments.refine(evidence.sums, candidates.index, reach, level.slope, inputs.variance)
     level = _measure(inputs, index, everyone)
     signs = _signs(candidates, level, everyone)
-    states = 0
-    for rounds_left in reversed(range(MAX_ROUNDS)):
+    states = rounds = 0
+    while True:
+        rounds += 1
         scores = _scores(inputs, level, signs)
         result = search(scores, paths=KEPT_PATHS, margin=MARGIN, budget=limit)
         states += result.states
-        if not rounds_left:
+        if rounds == MAX_ROUNDS:
             break
         accepted = np.flatnonzero(result.paths[0].actions != REJECT)
         again = _measure(inputs, _refine_accepted(inputs, level, accepted), accepted)
