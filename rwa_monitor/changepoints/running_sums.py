@@ -21,47 +21,24 @@ from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 MOMENTS: Final = 6  # n, x, z, xx, xz, zz
 
 
-@dataclass(frozen=True, slots=True)
-class SufficientStatistics:
-    """Sums over the used samples of ranges of slots.
+class SufficientStatistics(NamedTuple):
+    """Sums over the used samples of ranges of slots, float64 of the shape of the ranges.
 
     Attributes
     ----------
+    n, x, z, xx, xz, zz
+        Count, Σx, Σz, Σx², Σxz, Σz² of each range.
     table
-        float64 (6, …): count, Σx, Σz, Σx², Σxz, Σz² of each range; the properties name its rows.
+        float64 (6, …), all of these.
     """
 
+    n: FloatArray
+    x: FloatArray
+    z: FloatArray
+    xx: FloatArray
+    xz: FloatArray
+    zz: FloatArray
     table: FloatArray
-
-    @property
-    def n(self) -> FloatArray:
-        """Count, as all of these an array of the shape of the ranges."""
-        return np.asarray(self.table[0])
-
-    @property
-    def x(self) -> FloatArray:
-        """Σx."""
-        return np.asarray(self.table[1])
-
-    @property
-    def z(self) -> FloatArray:
-        """Σz."""
-        return np.asarray(self.table[2])
-
-    @property
-    def xx(self) -> FloatArray:
-        """Σx²."""
-        return np.asarray(self.table[3])
-
-    @property
-    def xz(self) -> FloatArray:
-        """Σxz."""
-        return np.asarray(self.table[4])
-
-    @property
-    def zz(self) -> FloatArray:
-        """Σz²."""
-        return np.asarray(self.table[5])
 
 
 class SumArrays(NamedTuple):
@@ -156,7 +133,9 @@ class RunningSums:
         if read < 0:
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
         self.samples_read += read
-        return SufficientStatistics(out.reshape(MOMENTS, *starts.shape))
+        table = out.reshape(MOMENTS, *starts.shape)
+        n, x, z, xx, xz, zz = table
+        return SufficientStatistics(n, x, z, xx, xz, zz, table)
 
 
 # ---- structure -------------------------------------------------------------------------------------------------------

@@ -249,28 +249,6 @@ class Assignment:
 
 
 @dataclass(frozen=True, slots=True)
-class ConditionalEstimate:
-    """The estimate of friction given one path, friction laws left aside; normalised.
-
-    Attributes
-    ----------
-    path
-        Who jumped when.
-    log_weight
-        Log-probability of path and samples, base and friction of the sojourns integrated out over flat priors.
-    base_dry, base_dry_std, fss_friction, fss_friction_std
-        As in `Components`. Where a system never rests, one split of many between it and the base.
-    """
-
-    path: SwitchingPath
-    log_weight: float
-    base_dry: float
-    base_dry_std: float
-    fss_friction: tuple[FloatArray, ...]
-    fss_friction_std: tuple[FloatArray, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class Components:
     """Friction split into its parts, normalised.
 
@@ -293,3 +271,23 @@ class Components:
     fss_friction: tuple[FloatArray, ...]
     fss_friction_std: tuple[FloatArray, ...]
     by_path: tuple[ConditionalEstimate, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionalEstimate:
+    """The estimate of friction given one path.
+
+    Attributes
+    ----------
+    path
+        Who jumped when.
+    log_weight
+        Log-probability of path and samples, base and friction of the sojourns integrated out; in `by_path` over flat
+        priors, friction laws left aside.
+    components
+        The parts. Where a system never rests, one split of many between it and the base.
+    """
+
+    path: SwitchingPath
+    log_weight: float
+    components: Components

@@ -20,7 +20,6 @@ from typing import Final, TypeGuard
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.base_system_ambiguity import BaseSystemAmbiguity, integrate_ambiguity
 from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
 from rwa_monitor.diagnosis.history import INFORMATIVE_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.model import AnomalyModel, Model, stray_probabilities, system_evidence
@@ -30,7 +29,9 @@ from rwa_monitor.switching.carried_state import CarriedState, Tracked, probabili
 
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
 LEAST_PRIOR: Final = 1e-9
+OFFSET_STEPS: Final = 1024  # grid over which an unknown offset is integrated, from no offset to all of the dry friction
 PRIOR_ROUNDS: Final = 8  # each brings the probabilities nearer to what is wanted by an order of magnitude or so
+_History = tuple[Coefficient | None, Coefficient | None]  # dry and viscous before the window; None: nothing learned
 UNLIKE_SHARE: Final = 0.9  # from this probability that a value is a stray, it is called unlike anything learned
 
 
@@ -135,7 +136,8 @@ def classify(
     viscous_unit
         See `features.normalised_nominal_viscous`.
     """
-    history = _History(coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, viscous_unit))
+    history = (coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, viscous_unit))
+    dry, viscous = history
     combinations = _all_combinations(len(names))
     conditional = features.by_path or (FeaturesOfPath(0.0, features, same_jumps=True),)
     weighed = [_log_likelihood(one.features, models, combinations, history) for one in conditional]
@@ -147,23 +149,18 @@ def classify(
     likeliest = max(
         (s for s, one in enumerate(conditional) if one.same_jumps), key=lambda s: float(by_path[s].sum()), default=None
     )
-    configurations = (
-        assigned_configurations(features)
-        if likeliest is None
-        else assigned_configurations(conditional[likeliest].features)
-    )
+    configurations = assigned_configurations(features if likeliest is None else conditional[likeliest].features)
     ambiguity = None
     if not features.base_known:
         # Without paths beside it the window's own features are all that was weighed.
         ambiguity = (_log_likelihood(features, models, combinations, history) if features.by_path else weighed[0])[1]
-    base = None if history.dry is None else history.dry.before
     if ambiguity is None:
-        base = history.dry.after(features.base_dry, features.base_dry_std) if history.dry else base
+        base = dry.after(features.base_dry, features.base_dry_std) if dry else None
     else:
         number = ambiguity.number(combinations)
         features = _widened(ambiguity.apply(features, posterior, number), conditional, by_path.sum(axis=1))
         # The window showed only its sum with the friction of a system: no value to take the old one's place.
-        base = base and base.believed(ambiguity.held_after(posterior, number))
+        base = dry.before.believed(ambiguity.held_after(posterior, number)) if dry and dry.before else None
 
     judged, to_carry = [], {}
     shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)
@@ -174,7 +171,7 @@ def classify(
         # Shares that add up to one do so to the last digit only: 1 + 2e-16 would be refused as a probability.
         probability = min(1.0, share)
         informative, unlike = _quality(features, learned, a)
-        leans = a == 1 and history.viscous is not None and history.viscous.leans(features.viscous_std)
+        leans = a == 1 and viscous is not None and viscous.leans(features.viscous_std)
         judged.append(
             Judged(
                 name,
@@ -191,8 +188,8 @@ def classify(
         log_odds = _logit(before)
         gained = 0.0 if repeated else new_share * (_logit(probability) - log_odds)
         to_carry[name] = float(special.expit(log_odds + gained))
-    viscous = history.viscous.after(features.viscous, features.viscous_std) if history.viscous else None
-    return Judgement(tuple(judged), features, to_carry, configurations, (base, viscous))
+    tracked = (base, viscous.after(features.viscous, features.viscous_std) if viscous else None)
+    return Judgement(tuple(judged), features, to_carry, configurations, tracked)
 
 
 @functools.lru_cache(maxsize=16)
@@ -236,14 +233,6 @@ def _widened(features: Features, conditional: Sequence[FeaturesOfPath], weights:
     return replace(features, base_dry_std=math.hypot(features.base_dry_std, spread))
 
 
-@dataclass(frozen=True, slots=True)
-class _History:
-    """The two coefficients before the window; None for one about which nothing was learned."""
-
-    dry: Coefficient | None
-    viscous: Coefficient | None
-
-
 def _log_likelihood(
     features: Features, models: Sequence[AnomalyModel | None], combinations: BoolArray, history: _History
 ) -> tuple[FloatArray, BaseSystemAmbiguity | None]:
@@ -255,27 +244,19 @@ def _log_likelihood(
         if not system.rests and _is_known(learned)
     ]
     log_likelihood = np.zeros(len(combinations))
-    for a, rows in enumerate(_evidence_alone(features, models, history, dry_too=not unrested)):
-        log_likelihood += np.where(combinations[:, a], rows[1], rows[0])
+    no_offset, alone = np.zeros(1), [np.zeros(2)] * combinations.shape[1]
+    if not unrested:
+        alone[0] = _value_evidence(history[0], features.base_dry, features.base_dry_std)
+    alone[1] = _value_evidence(history[1], features.viscous, features.viscous_std)
+    for a, (model, system) in enumerate(zip(models[2:], features.systems, strict=True), start=2):
+        if system.rests:
+            alone[a] = system_evidence(model, system, no_offset)[:, 0]
+    for there, rows in zip(combinations.T, alone, strict=True):
+        log_likelihood += np.where(there, rows[1], rows[0])
     if not unrested:
         return log_likelihood, None
-    ambiguity = integrate_ambiguity(features, history.dry, unrested)
+    ambiguity = integrate_ambiguity(features, history[0], unrested)
     return log_likelihood + ambiguity.log_likelihood[ambiguity.number(combinations)], ambiguity
-
-
-def _evidence_alone(
-    features: Features, models: Sequence[AnomalyModel | None], history: _History, *, dry_too: bool
-) -> list[FloatArray]:
-    """Return the log likelihoods (2,) of each anomaly on its own; equal for those that are judged together."""
-    no_offset = np.zeros(1)
-    return [
-        _value_evidence(history.dry, features.base_dry, features.base_dry_std) if dry_too else np.zeros(2),
-        _value_evidence(history.viscous, features.viscous, features.viscous_std),
-        *(
-            system_evidence(model, system, no_offset)[:, 0] if system.rests else np.zeros(2)
-            for model, system in zip(models[2:], features.systems, strict=True)
-        ),
-    ]
 
 
 def _value_evidence(before: Coefficient | None, value: float, std: float) -> FloatArray:
@@ -341,7 +322,7 @@ def _shown_before(
     """
     shown: dict[int, float] = {}
     for a, (name, rate) in enumerate(zip(names, rates, strict=True)):
-        value = (history.dry, history.viscous)[a] if a < 2 else None
+        value = history[a] if a < 2 else None
         if value is not None and value.before is not None:
             shown[a] = value.prior
         elif name in carried.probability:
@@ -371,3 +352,130 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
 
 def _logit(probability: float) -> float:
     return float(special.logit(min(max(probability, 1e-9), 1.0 - 1e-9)))
+
+
+# ---- the offset that a system which never rests shares with the base (errata 10) -------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class BaseSystemAmbiguity:
+    """The unknown offset, integrated out, for each combination of dry and the k systems that never rest.
+
+    Attributes
+    ----------
+    log_likelihood
+        float64 (2^(k+1),), numbered by `number`.
+    base, base_variance
+        float64 (2^(k+1),), mean and variance of the base dry friction under each combination.
+    held
+        float64 (2^(k+1),), probability that the base is still the one of earlier windows.
+    systems
+        Indices of the systems.
+    """
+
+    log_likelihood: FloatArray
+    base: FloatArray
+    base_variance: FloatArray
+    held: FloatArray
+    systems: tuple[int, ...]
+
+    def number(self, combinations: BoolArray) -> IntArray:
+        """Number combinations of all anomalies (n, anomalies) by dry (the highest bit) and these systems; (n,)."""
+        columns = combinations[:, [0, *(2 + s for s in self.systems)]]
+        return np.asarray(columns @ (2 ** np.arange(columns.shape[1])[::-1]), dtype=np.int64)
+
+    def apply(self, features: Features, posterior: FloatArray, number: IntArray) -> Features:
+        """Return the features at the expected base; what the base loses, the system that never rests gains.
+
+        With several such systems the data do not show how they share it, and stage 3's split of them stays.
+        """
+        weights = self._weights(posterior, number)
+        mean = sum_up(weights * self.base)
+        std = math.sqrt(max(sum_up(weights * (self.base_variance + (self.base - mean) ** 2)), 0.0))
+        if len(self.systems) != 1:
+            return replace(features, base_dry_std=max(std, features.base_dry_std))
+        systems = list(features.systems)
+        system = systems[self.systems[0]]
+        systems[self.systems[0]] = replace(
+            system,
+            friction=system.friction + (features.base_dry - mean),
+            friction_std=np.hypot(system.friction_std, std),
+        )
+        return replace(features, base_dry=mean, base_dry_std=std, systems=tuple(systems))
+
+    def held_after(self, posterior: FloatArray, number: IntArray) -> float:
+        """Return the probability after the window that the base is still the one of earlier windows."""
+        return sum_up(self._weights(posterior, number) * self.held)
+
+    def _weights(self, posterior: FloatArray, number: IntArray) -> FloatArray:
+        return np.bincount(number, weights=posterior, minlength=self.base.size).astype(np.float64)
+
+
+def integrate_ambiguity(
+    features: Features,
+    dry: Coefficient | None,
+    unrested: Sequence[tuple[int, AnomalyModel]],
+) -> BaseSystemAmbiguity:
+    """Integrate the offset of each system that never rests, for all combinations of dry and these systems.
+
+    With T the level at which every such system is in its first sojourn, base = T - Σ o_s, and the friction of sojourn i
+    of system s is o_s + (f_i - f_0): the likelihood is the convolution of the systems' likelihoods with the density of
+    the base.
+
+    Parameters
+    ----------
+    features
+        Of the window.
+    dry
+        What was learned of dry friction, and what earlier windows showed of it; None where nothing was.
+    unrested
+        Index and model of each system that never rests.
+    """
+    systems = [features.systems[s] for s, _ in unrested]
+    first = [float(system.friction[0]) for system in systems]
+    total = features.base_dry + sum(first)
+    step = max(total, 1e-3) / (OFFSET_STEPS - 1)
+    grid = step * np.arange(OFFSET_STEPS, dtype=np.float64)
+    tables = [
+        _scaled(system_evidence(model, system, grid - start))
+        for (_, model), system, start in zip(unrested, systems, first, strict=True)
+    ]
+    base = total - grid  # at each sum of offsets
+    of_base, held_of_base = np.ones((2, OFFSET_STEPS)), np.zeros((2, OFFSET_STEPS))
+    if dry is not None:
+        steps = np.full(OFFSET_STEPS, step)
+        of_base = np.exp(dry.log_evidence(base, steps))
+        if dry.before is not None:
+            log_held, log_changed = dry.log_parts(base, steps)
+            held_of_base = np.exp(log_held - np.logaddexp(log_held, log_changed))
+
+    count = 2 ** (len(unrested) + 1)
+    log_likelihood, mean, variance = np.full(count, -np.inf), np.full(count, features.base_dry), np.zeros(count)
+    held = np.zeros(count)
+    for number, bits in enumerate(itertools.product((0, 1), repeat=len(unrested) + 1)):
+        together, log_scale = _convolve(
+            [(table[bit], top[bit]) for (table, top), bit in zip(tables, bits[1:], strict=True)]
+        )
+        weight = together * of_base[bits[0]]
+        mass = float(weight.sum())
+        if mass > 0:
+            log_likelihood[number] = math.log(mass) + len(unrested) * math.log(step) + log_scale
+            mean[number] = sum_up(weight * base) / mass
+            variance[number] = sum_up(weight * (base - mean[number]) ** 2) / mass
+            held[number] = sum_up(weight * held_of_base[bits[0]]) / mass
+    return BaseSystemAmbiguity(log_likelihood, mean, variance, held, tuple(s for s, _ in unrested))
+
+
+def _convolve(tables: Sequence[tuple[FloatArray, float]]) -> tuple[FloatArray, float]:
+    """Convolve likelihoods over the grid of offsets; the log of what they were divided by adds up."""
+    together, log_scale = tables[0]
+    for table, scale in tables[1:]:
+        together = np.convolve(together, table)[: together.size]
+        log_scale += scale
+    return together, float(log_scale)
+
+
+def _scaled(log_values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return exp(row - its maximum) and the maxima: likelihoods of many sojourns would underflow."""
+    top = log_values.max(axis=1)
+    return np.exp(log_values - top[:, None]), top

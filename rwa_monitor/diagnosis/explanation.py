@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from rwa_monitor.diagnosis.adequacy import Adequacy
-from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, Verdict
+from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, Findings, Verdict
 from rwa_monitor.words import counted
 
 # What to look at, by anomaly. Dry friction is contact, viscous friction the lubricant (paper, section III-A).
@@ -26,7 +25,6 @@ _ACTION_MODEL_TOO = (
     " wheel file by it before that is ruled out."
 )
 CHECK_TELEMETRY: Final = "Check the telemetry link and the sensors before the wheel."
-BELOW_NOMINAL: Final = ": below nominal, so check units, sign or the wheel file"
 ANOTHER_WHEEL: Final = "it is so from the first window on, so is this wheel file of this wheel?"
 _ANOTHER_WHEEL_ACTION = (
     "Before acting, see that the wheel file is this wheel's own, learned from it by rwa-monitor identify (run"
@@ -71,68 +69,6 @@ def title(name: str) -> str:
     return {"dry": "base dry friction", "viscous": "viscous friction"}.get(name, f"friction of switching system {name}")
 
 
-def reason_anomalous(active: Sequence[AnomalyDiagnosis], shown_before: Sequence[str] = ()) -> str:
-    """Return the reason of an anomalous verdict: every anomaly with its numbers, the most severe first.
-
-    `shown_before` names those that earlier windows show and this one alone does not.
-    """
-    parts = [
-        f"{title(anomaly.name)} is {quantity(anomaly.estimate, anomaly.unit)}"
-        f" (nominal {span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}, probability of an anomaly"
-        f" {percent(anomaly.probability)})"
-        for anomaly in sorted(active, key=lambda anomaly: -(anomaly.severity or 0.0))
-    ]
-    return _sentence("; ".join(parts) + _leaning(shown_before))
-
-
-def reason_nominal(anomalies: Sequence[AnomalyDiagnosis], shown_before: Sequence[str] = (), lacking: str = "") -> str:
-    """Return the reason of a nominal verdict; `shown_before` as for `reason_anomalous`, `lacking` what does not fit."""
-    worst = max(anomalies, key=lambda anomaly: anomaly.probability)
-    what = f"friction is nominal{lacking}" if lacking else "all friction is nominal"
-    return _sentence(
-        f"{what}; the most suspect, {title(worst.name)}, is {quantity(worst.estimate, worst.unit)}"
-        f" (nominal {span(worst.nominal_low, worst.nominal_high, worst.unit)}, probability of an anomaly"
-        f" {percent(worst.probability)}){_leaning(shown_before)}"
-    )
-
-
-def reason_outside(anomaly: AnomalyDiagnosis, lacking: str, *, below: bool) -> str:
-    """Return the reason of a verdict kept open by an estimate that may not lie in its range; `lacking` as above."""
-    where = "may lie outside its nominal range" if lacking else "lies outside its nominal range"
-    return _sentence(
-        f"{title(anomaly.name)}, {quantity(anomaly.estimate, anomaly.unit)}, {where}"
-        f" ({span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}){lacking}, although it does not look like a"
-        f" learned anomaly (probability {percent(anomaly.probability)}){BELOW_NOMINAL if below else ''}"
-    )
-
-
-def reason_exchanged(dry: AnomalyDiagnosis, viscous: AnomalyDiagnosis) -> str:
-    """Return the reason of a verdict kept open because base dry and viscous friction stand in for each other."""
-    parts = " and ".join(
-        f"{title(one.name)} ({quantity(one.estimate, one.unit)}, nominal"
-        f" {span(one.nominal_low, one.nominal_high, one.unit)})"
-        for one in (dry, viscous)
-    )
-    return _sentence(f"{parts} cannot be told apart at these speeds: together they are nominal")
-
-
-def reason_silent(silent: Sequence[str], anomalies: int, lacking: str) -> str:
-    """Return the reason of a verdict kept open by what the window does not show, of so many anomalies in all."""
-    if len(silent) == anomalies:
-        return f"The window shows none of the wheel's coefficients well enough to judge them{lacking}."
-    return f"Nothing else is anomalous, but the window does not show {listed(silent)}{lacking}."
-
-
-def reason_unknown(unknown: Sequence[str], lacking: str) -> str:
-    """Return the reason of a verdict kept open by parts whose healthy friction is not given."""
-    return f"Nothing else is anomalous, but nothing says how large healthy {listed(unknown)} is{lacking}."
-
-
-def _leaning(names: Sequence[str]) -> str:
-    """Return the end of a reason, on what earlier windows show and this one does not; "" for nothing."""
-    return f"; this window alone does not show {listed(names)}, earlier windows do" if names else ""
-
-
 def listed(names: Sequence[str]) -> str:
     """Return what the anomalies' friction is called, as a list in a sentence."""
     titles = [title(name) for name in names]
@@ -140,13 +76,11 @@ def listed(names: Sequence[str]) -> str:
 
 
 def explain(
+    findings: Findings,
     verdict: Verdict,
     reason: str,
-    anomalies: Sequence[AnomalyDiagnosis],
     *,
-    base_known: bool,
     windows_before: int,
-    adequacy: Adequacy,
     remedy: str = "",
     another_wheel: bool = False,
 ) -> str:
@@ -154,49 +88,45 @@ def explain(
 
     Parameters
     ----------
-    verdict, reason, anomalies
+    findings, verdict, reason
         Of the diagnosis.
-    base_known
-        Whether the window itself distinguishes base dry friction from the switching systems'.
     windows_before
         Earlier windows that were used.
-    adequacy
-        Whether the friction model fits.
     remedy
         What helps an inconclusive verdict where waiting does not; "" where it does.
     another_wheel
         Whether the wheel file may be another wheel's.
     """
-    worst = max((a for a in anomalies if a.active), key=lambda anomaly: anomaly.severity or 0.0, default=None)
+    worst = max((one for one in findings.anomalies if one.active), key=lambda one: one.severity or 0.0, default=None)
+    qualification = ""
     if verdict == "anomalous" and worst is not None:
-        qualification = _alternatives(anomalies, base_known=base_known) or (
-            _severity(worst) if base_known else _NEVER_RESTED
-        )
+        qualification = _alternatives(findings) or (_severity(worst) if findings.base_known else _NEVER_RESTED)
         action = _ACTION.get(worst.name, _ACTION_SYSTEM)
     elif verdict == "nominal":
-        qualification = "" if base_known else _NEVER_RESTED
-        action = f"No action is needed{_earlier(windows_before)}."
+        qualification = "" if findings.base_known else _NEVER_RESTED
+        earlier = "there is no earlier window to compare with"
+        if windows_before:
+            earlier = f"{counted(windows_before, 'earlier window')} of this wheel went into this"
+        action = f"No action is needed; {earlier}."
     else:
-        qualification = ""
         action = remedy or "Wait for the next window, or give this one more samples, before acting."
-    if not adequacy.adequate and not remedy:
-        suspect = f", {adequacy.suspected_effect} is suspected" if adequacy.suspected_effect else ""
-        qualification = f"The friction model lacks something this wheel has: {adequacy.finding}{suspect}."
+    fits = findings.fits
+    if not fits.adequate and not remedy:
+        suspect = f", {fits.suspected_effect} is suspected" if fits.suspected_effect else ""
+        qualification = f"The friction model lacks something this wheel has: {fits.finding}{suspect}."
         action = f"{action} {_ACTION_MODEL_TOO}" if verdict == "anomalous" else _ACTION_MODEL
     if another_wheel:
         action = f"{_ANOTHER_WHEEL_ACTION} {action}" if verdict == "anomalous" else _ANOTHER_WHEEL_ACTION
     return " ".join(sentence for sentence in (reason, qualification, action) if sentence)
 
 
-def _alternatives(anomalies: Sequence[AnomalyDiagnosis], *, base_known: bool) -> str:
+def _alternatives(findings: Findings) -> str:
     """Return a sentence that names what it could be instead, "" where nothing else is likely."""
-    alternatives = [anomaly for anomaly in anomalies if not anomaly.active and anomaly.probability > WORTH_NAMING]
+    alternatives = [one for one in findings.anomalies if not one.active and one.probability > WORTH_NAMING]
     if not alternatives:
         return ""
-    names = " or ".join(
-        f"{title(alternative.name)} ({percent(alternative.probability)})" for alternative in alternatives
-    )
-    why = "" if base_known else ", since a switching system never rested in it"
+    names = " or ".join(f"{title(one.name)} ({percent(one.probability)})" for one in alternatives)
+    why = "" if findings.base_known else ", since a switching system never rested in it"
     return f"It may be {names} instead: this window alone cannot fully tell them apart{why}."
 
 
@@ -207,13 +137,3 @@ def _severity(anomaly: AnomalyDiagnosis) -> str:
         f"The severity of {anomaly.name} is {anomaly.severity:.2g} ± {anomaly.severity_std:.1g}"
         " (0 at the nominal bound, 1 at the typical learned anomaly)."
     )
-
-
-def _earlier(windows: int) -> str:
-    if windows == 0:
-        return "; there is no earlier window to compare with"
-    return f"; {counted(windows, 'earlier window')} of this wheel went into this"
-
-
-def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}."

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.changepoints.estimation import SlopePrior
-from rwa_monitor.changepoints.stage_results import Assignment, Components, ConditionalEstimate
+from rwa_monitor.changepoints.stage_results import Assignment, Components
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
@@ -123,19 +123,16 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
         return features
     by_path = tuple(
         FeaturesOfPath(
-            estimate.log_weight,
+            one.log_weight,
             replace(
                 features,
-                base_dry=estimate.base_dry,
-                base_dry_std=estimate.base_dry_std,
-                systems=_systems(estimate, estimate.path.configurations, assignment, wheel),
+                base_dry=one.components.base_dry,
+                base_dry_std=one.components.base_dry_std,
+                systems=_systems(one.components, one.path.configurations, assignment, wheel),
             ),
-            same_jumps=all(
-                np.array_equal(mine, others)
-                for mine, others in zip(estimate.path.starts, assignment.starts, strict=True)
-            ),
+            same_jumps=all(map(np.array_equal, one.path.starts, assignment.starts)),
         )
-        for estimate in components.by_path
+        for one in components.by_path
     )
     return replace(features, by_path=by_path)
 
@@ -184,7 +181,7 @@ def _jump_std(assignment: Assignment, s: int) -> float:
 
 
 def _systems(
-    parts: Components | ConditionalEstimate, configurations: tuple[IntArray, ...], assignment: Assignment, wheel: Wheel
+    parts: Components, configurations: tuple[IntArray, ...], assignment: Assignment, wheel: Wheel
 ) -> tuple[SystemFeatures, ...]:
     found = []
     for s, (system, configuration) in enumerate(zip(wheel.fss, configurations, strict=True)):

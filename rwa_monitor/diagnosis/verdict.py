@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
-from rwa_monitor.diagnosis import explanation
-from rwa_monitor.diagnosis.adequacy import Adequacy
-from rwa_monitor.diagnosis.classification import Judged
-from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, DiagnosisInput, Verdict
+import numpy as np
+
+from rwa_monitor.diagnosis.explanation import CHECK_TELEMETRY, listed, percent, quantity, span, title
+from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, DiagnosisInput, Findings, Verdict
 
 MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window shows little of what it missed
 FIRST_WINDOWS: Final = 2  # an alarm begins in the second one at the earliest
@@ -19,133 +18,104 @@ FAR: Final = 3.0  # times the upper nominal bound, or a third of the lower one
 MANY_PARTS: Final = 3
 CLEAR_STDS: Final = 5.0  # beyond the nominal range, of the estimate itself
 MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is called nominal by no rule
+BELOW_NOMINAL: Final = ": below nominal, so check units, sign or the wheel file"
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
-    """What a verdict asks beside the judgement.
-
-    Attributes
-    ----------
-    unmoved
-        For each anomaly whether it is that of a system without a jump in the window.
-    deviations
-        The standard deviation of each anomaly's estimate, in its unit.
-    unnamed_jumps
-        Whether friction jumps and the wheel file names no switching system.
-    mean_speed_rad_s
-        Mean |ω| of the used samples [rad/s].
-    before
-        Base dry and viscous friction as earlier windows show them, in their units; NaN where none does.
-    """
-
-    unmoved: tuple[bool, ...]
-    deviations: tuple[float, ...]
-    unnamed_jumps: bool
-    mean_speed_rad_s: float
-    before: tuple[float, float]
-
-
-def verdict_of(
-    inputs: DiagnosisInput,
-    judged: Sequence[Judged],
-    anomalies: Sequence[AnomalyDiagnosis],
-    fits: Adequacy,
-    shown: Shown,
-) -> tuple[Verdict, str]:
+def verdict_of(findings: Findings) -> tuple[Verdict, str]:
     """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
+    inputs, adequate, lacking = findings.inputs, findings.fits.adequate, findings.lacking
     nothing = nothing_to_judge(inputs)
     if nothing or inputs.model is None:
         return "inconclusive", nothing
     low, high = inputs.model.undecided
-    leaning = [entry.name for entry in judged if entry.leans]
     # Where the friction model lacks something, only what the window shows for sure counts as found: what is missing
     # leaves base dry friction uncertain by its own size, and half of that lies above any nominal range.
     # And a system that made no jump is not distinguished from the base, or shows nothing at all.
-    unsure = [
-        not (entry.informative or fits.adequate) or jumpless
-        for entry, jumpless in zip(judged, shown.unmoved, strict=True)
-    ]
+    unsure = [one.unmoved or not (one.informative or adequate) for one in findings.anomalies]
     certain = [
-        anomaly
-        for anomaly, entry, uncertain in zip(anomalies, judged, unsure, strict=True)
-        if entry.active and entry.probability >= high and not uncertain
+        one
+        for one, uncertain in zip(findings.anomalies, unsure, strict=True)
+        if one.active and one.probability >= high and not uncertain
     ]
-    if certain == [_exchanged(anomalies[0], anomalies[1], shown.mean_speed_rad_s)]:
-        return "inconclusive", explanation.reason_exchanged(anomalies[0], anomalies[1])
+    if certain == [_exchanged(findings)]:
+        parts = " and ".join(f"{title(one.name)} ({_estimate(one)}, {_nominal(one)})" for one in findings.anomalies[:2])
+        return "inconclusive", _sentence(f"{parts} cannot be told apart at these speeds: together they are nominal")
     if certain:
-        shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
-        return "anomalous", explanation.reason_anomalous(certain, shown_before)
-    lacking = lacking_of(fits, shown)
-    for anomaly, entry, uncertain in zip(anomalies, judged, unsure, strict=True):
-        what = explanation.title(entry.name)
-        if _rested(anomaly) or not entry.known:
+        return "anomalous", reason_anomalous(certain)
+    for one, uncertain in zip(findings.anomalies, unsure, strict=True):
+        if _rested(one) or not one.known:
             continue
-        if low < entry.probability and (entry.probability < high or uncertain):
+        if low < one.probability and (one.probability < high or uncertain):
             return "inconclusive", (
-                f"Whether {what} is anomalous cannot be decided{lacking}: it is"
-                f" {explanation.quantity(anomaly.estimate, anomaly.unit)}"
-                f" (nominal {explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}),"
-                f" probability of an anomaly {explanation.percent(entry.probability)}."
+                f"Whether {title(one.name)} is anomalous cannot be decided{lacking}: it is {_estimate(one)}"
+                f" ({_nominal(one)}), probability of an anomaly {percent(one.probability)}."
             )
-        if entry.unlike:
+        if one.unlike:
             return "inconclusive", (
-                f"The {what}, {explanation.quantity(anomaly.estimate, anomaly.unit)}, is unlike anything learned,"
-                f" nominal ({explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}) or anomalous"
-                f"{explanation.BELOW_NOMINAL if _below(anomaly) else ''}."
+                f"The {title(one.name)}, {_estimate(one)}, is unlike anything learned, nominal"
+                f" ({_range(one)}) or anomalous{BELOW_NOMINAL if _below(one) else ''}."
             )
-    for anomaly, std in zip(anomalies, shown.deviations, strict=True):
-        if _outside(anomaly, std, adequate=fits.adequate):
-            return "inconclusive", explanation.reason_outside(anomaly, lacking, below=_below(anomaly))
-    return without_anomaly(inputs, judged, anomalies, lacking)
+    for one in findings.anomalies:
+        if _outside(one, one.std, adequate=adequate):
+            where = "may lie" if lacking else "lies"
+            return "inconclusive", _sentence(
+                f"{title(one.name)}, {_estimate(one)}, {where} outside its nominal range ({_range(one)}){lacking},"
+                f" although it does not look like a learned anomaly (probability {percent(one.probability)})"
+                f"{BELOW_NOMINAL if _below(one) else ''}"
+            )
+    return without_anomaly(findings)
 
 
-def lacking_of(fits: Adequacy, shown: Shown) -> str:
-    """Return the part of a reason on what the friction model or the wheel file lacks; "" where nothing."""
-    if not fits.adequate:
-        return f" while the friction model lacks something ({fits.finding})"
-    return " while friction jumps and the wheel file names no switching system ([[fss]])" if shown.unnamed_jumps else ""
+def reason_anomalous(active: Sequence[AnomalyDiagnosis]) -> str:
+    """Return the reason of an anomalous verdict: every anomaly with its numbers, the most severe first."""
+    ordered = sorted(active, key=lambda one: -(one.severity or 0.0))
+    parts = "; ".join(f"{title(one.name)} is {_assessed(one)}" for one in ordered)
+    return _sentence(parts + _leaning(active))
 
 
-def without_anomaly(
-    inputs: DiagnosisInput, judged: Sequence[Judged], anomalies: Sequence[AnomalyDiagnosis], lacking: str
-) -> tuple[Verdict, str]:
+def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
     """Return verdict and reason of a window in which no anomaly is found: nominal, where it shows enough for that."""
-    leaning = [entry.name for entry in judged if entry.leans]
-    silent = [entry.name for entry in judged if entry.known and not entry.informative]
+    anomalies, lacking = findings.anomalies, findings.lacking
+    silent = [one.name for one in anomalies if one.known and not one.informative]
+    if len(silent) == len(anomalies):
+        return "inconclusive", f"The window shows none of the wheel's coefficients well enough to judge them{lacking}."
     if silent:
-        return "inconclusive", explanation.reason_silent(silent, len(judged), lacking)
-    unknown = [entry.name for entry in judged if not entry.known]
+        return "inconclusive", f"Nothing else is anomalous, but the window does not show {listed(silent)}{lacking}."
+    unknown = [one.name for one in anomalies if not one.known]
     if unknown:
-        return "inconclusive", explanation.reason_unknown(unknown, lacking)
-    whole = inputs.wheel.window.samples
-    if inputs.evidence.used < MIN_SHARE * whole:
         return "inconclusive", (
-            f"Nothing is anomalous in these {inputs.evidence.used} samples, but a whole window has {whole}: they are"
-            " too few to call the wheel nominal."
+            f"Nothing else is anomalous, but nothing says how large healthy {listed(unknown)} is{lacking}."
         )
-    return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
+    used, whole = findings.inputs.evidence.used, findings.inputs.wheel.window.samples
+    if used < MIN_SHARE * whole:
+        return "inconclusive", (
+            f"Nothing is anomalous in these {used} samples, but a whole window has {whole}: they are too few to call"
+            " the wheel nominal."
+        )
+    worst = max(anomalies, key=lambda one: one.probability)
+    what = f"friction is nominal{lacking}" if lacking else "all friction is nominal"
+    return "nominal", _sentence(
+        f"{what}; the most suspect, {title(worst.name)}, is {_assessed(worst)}{_leaning(anomalies)}"
+    )
 
 
-def from_another_wheel(
-    inputs: DiagnosisInput, verdict: Verdict, anomalies: Sequence[AnomalyDiagnosis], shown: Shown
-) -> bool:
+def from_another_wheel(findings: Findings, verdict: Verdict) -> bool:
     """Return whether friction is so far from the wheel file, from the first window on, that the file may be another's.
 
     It changes no judgement: a wheel that was monitored too late looks like this, too.
     """
-    dry, viscous = anomalies[:2]
+    anomalies, inputs = findings.anomalies, findings.inputs
     if verdict == "nominal" or inputs.carried.windows >= FIRST_WINDOWS or nothing_to_judge(inputs):
         return False
-    if _exchanged(dry, viscous, shown.mean_speed_rad_s) or any(map(_within, anomalies, shown.before)):
+    if _exchanged(findings) or any(map(_was_within, anomalies[:2])):
         return False  # what was nominal in the window before has come since then: the file fitted once
     clear = [
-        one
-        for one, std in zip(anomalies, shown.deviations, strict=True)
-        if (one.active or _below(one)) and not _rested(one) and _outside(one, CLEAR_STDS * std, adequate=True)
+        one.name
+        for one in anomalies
+        if (one.active or _below(one)) and not _rested(one) and _outside(one, CLEAR_STDS * one.std, adequate=True)
     ]
-    both = dry in clear and viscous in clear
-    return both or len(clear) >= MANY_PARTS or any(_far(one) for one in clear if one in {dry, viscous})
+    coefficients = [one for one in anomalies[:2] if one.name in clear]
+    return len(coefficients) == 2 or len(clear) >= MANY_PARTS or any(map(_far, coefficients))
 
 
 def covered(inputs: DiagnosisInput) -> bool:
@@ -167,35 +137,72 @@ def nothing_to_judge(inputs: DiagnosisInput) -> str:
     return ""
 
 
-def remedy_of(inputs: DiagnosisInput, anomalies: Sequence[AnomalyDiagnosis], shown: Shown, *, adequate: bool) -> str:
+def remedy_of(findings: Findings) -> str:
     """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
+    inputs, anomalies = findings.inputs, findings.anomalies
     if inputs.wheel.nominal is None:
         return (
             "Friction, jumps and how well the model fits are measured; no part of it is judged. Learn the wheel file"
             " from healthy recordings with rwa-monitor identify, or add [nominal] to it."
         )
     if not covered(inputs):
-        return explanation.CHECK_TELEMETRY
-    if shown.unnamed_jumps:
+        return CHECK_TELEMETRY
+    if findings.unnamed_jumps:
         return "Learn its switching systems from longer recordings with rwa-monitor identify: waiting does not help."
-    if adequate and any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
+    if findings.fits.adequate and any(_below(one) and not one.active for one in anomalies[:2]):
         return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
-    if inputs.model is not None and any(anomaly.nominal_low is None for anomaly in anomalies):
+    if inputs.model is not None and any(one.nominal_low is None for one in anomalies):
         return "State it in the wheel file, or learn it with rwa-monitor identify: waiting does not help."
     return ""
 
 
-def _rested(anomaly: AnomalyDiagnosis) -> bool:
+# ---- parts of a reason -----------------------------------------------------------------------------------------------
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _estimate(one: AnomalyDiagnosis) -> str:
+    return quantity(one.estimate, one.unit)
+
+
+def _range(one: AnomalyDiagnosis) -> str:
+    return span(one.nominal_low, one.nominal_high, one.unit)
+
+
+def _nominal(one: AnomalyDiagnosis) -> str:
+    return f"nominal {_range(one)}"
+
+
+def _assessed(one: AnomalyDiagnosis) -> str:
+    return f"{_estimate(one)} ({_nominal(one)}, probability of an anomaly {percent(one.probability)})"
+
+
+def _leaning(anomalies: Sequence[AnomalyDiagnosis]) -> str:
+    """Return the end of a reason, on what earlier windows show and this one does not; "" for nothing."""
+    names = [one.name for one in anomalies if one.leans]
+    return f"; this window alone does not show {listed(names)}, earlier windows do" if names else ""
+
+
+# ---- where an estimate lies ------------------------------------------------------------------------------------------
+
+
+def _rested(one: AnomalyDiagnosis) -> bool:
     """Return whether it is that of a system that rested throughout: no friction, healthy or not."""
-    return anomaly.nominal_low == anomaly.nominal_high == 0.0
+    return one.nominal_low == one.nominal_high == 0.0
 
 
-def _exchanged(dry: AnomalyDiagnosis, viscous: AnomalyDiagnosis, speed_rad_s: float) -> AnomalyDiagnosis | None:
-    """Return that of the two whose excess the other lacks, so that the sum at the window's speed is nominal, or None.
+def _exchanged(findings: Findings) -> AnomalyDiagnosis | None:
+    """Return that of base dry and viscous friction whose excess the other lacks, or None.
 
-    No healthy or failing wheel has much less than nominal friction. Where the speed hardly moves, noise of its
-    measurement flattens the slope (errors in variables: Fuller 1987, section 1.1), and the base takes up the rest.
+    The sum at the window's mean speed is then nominal. No healthy or failing wheel has much less than nominal friction.
+    Where the speed hardly moves, noise of its measurement flattens the slope (errors in variables: Fuller 1987,
+    section 1.1), and the base takes up the rest.
     """
+    evidence, (dry, viscous) = findings.inputs.evidence, findings.anomalies[:2]
+    whole = evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([evidence.slots]))
+    speed_rad_s = float(whole.x[0] / whole.n[0]) * findings.inputs.wheel.speed_unit_rad_s
     found = None
     for high, lacking, lever in ((dry, viscous, speed_rad_s), (viscous, dry, 1.0 / max(speed_rad_s, 1e-9))):
         bounds = (high.nominal_high, lacking.nominal_low, lacking.nominal_high)
@@ -209,29 +216,29 @@ def _exchanged(dry: AnomalyDiagnosis, viscous: AnomalyDiagnosis, speed_rad_s: fl
     return found
 
 
-def _below(anomaly: AnomalyDiagnosis) -> bool:
-    return anomaly.estimate is not None and anomaly.nominal_low is not None and anomaly.estimate < anomaly.nominal_low
+def _below(one: AnomalyDiagnosis) -> bool:
+    return one.estimate is not None and one.nominal_low is not None and one.estimate < one.nominal_low
 
 
-def _within(anomaly: AnomalyDiagnosis, value: float) -> bool:
-    """Return whether a value, NaN for none, lies in an anomaly's nominal range while its estimate does not."""
-    if anomaly.nominal_low is None or anomaly.nominal_high is None:
+def _was_within(one: AnomalyDiagnosis) -> bool:
+    """Return whether an estimate lies outside its nominal range, and in earlier windows lay within."""
+    if one.nominal_low is None or one.nominal_high is None:
         return False
-    return _outside(anomaly, 0.0, adequate=True) and anomaly.nominal_low <= value <= anomaly.nominal_high
+    return _outside(one, 0.0, adequate=True) and one.nominal_low <= one.before <= one.nominal_high
 
 
-def _far(anomaly: AnomalyDiagnosis) -> bool:
-    estimate, low, high = anomaly.estimate or 0.0, anomaly.nominal_low or 0.0, anomaly.nominal_high or 0.0
+def _far(one: AnomalyDiagnosis) -> bool:
+    estimate, low, high = one.estimate or 0.0, one.nominal_low or 0.0, one.nominal_high or 0.0
     return estimate > FAR * high or estimate < low / FAR
 
 
-def _outside(anomaly: AnomalyDiagnosis, std: float, *, adequate: bool) -> bool:
+def _outside(one: AnomalyDiagnosis, std: float, *, adequate: bool) -> bool:
     """Return whether an estimate contradicts that its friction is nominal, `std` [the anomaly's unit] its deviation.
 
     It does outside the nominal range by more than that. Where the friction model does not fit, the deviation holds what
     is missing, and the range must hold all of it.
     """
-    if anomaly.estimate is None or anomaly.nominal_low is None or anomaly.nominal_high is None:
+    if one.estimate is None or one.nominal_low is None or one.nominal_high is None:
         return False
-    beyond = max(anomaly.estimate - anomaly.nominal_high, anomaly.nominal_low - anomaly.estimate)
+    beyond = max(one.estimate - one.nominal_high, one.nominal_low - one.estimate)
     return beyond > (std if adequate else -std)

@@ -9,19 +9,13 @@ model and the carried state, of nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.stage_results import (
-    REJECTED,
-    Assignment,
-    Components,
-    Estimate,
-    Evidence,
-)
+from rwa_monitor.changepoints.stage_results import REJECTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis import adequacy, explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
@@ -32,20 +26,19 @@ from rwa_monitor.diagnosis.features import (
     normalised_nominal_viscous,
     without_prior,
 )
-from rwa_monitor.diagnosis.model import AnomalyModel, Model, models_for
+from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.model_error_uncertainty import uncertainty_of
-from rwa_monitor.diagnosis.verdict import Shown, covered, from_another_wheel, remedy_of, verdict_of
+from rwa_monitor.diagnosis.verdict import covered, from_another_wheel, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
-    AnomalyDiagnosis,
     DiagnosisInput,
+    Findings,
     Fit,
     SystemFriction,
-    Value,
     Verdict,
     WindowDiagnosis,
-    anomaly_of,
+    anomalies_of,
     changepoints_of,
     scaled,
     value_of,
@@ -109,17 +102,16 @@ def diagnose_window(
         state as it was.
     """
     inputs = DiagnosisInput(evidence, wheel, model, carried, with_model_error)
-    models = models_for(wheel, model)
     if evidence.used < MIN_USED:
-        return too_few(inputs, models), carried
+        return too_few(inputs), carried
     stages = _run_stages(inputs)
-    judgement = _judge(inputs, models, stages)
+    judgement = _judge(inputs, stages)
     if _differ(judgement.configurations, stages.assignment.configurations):
         # What was learned makes another interpretation of the same jumps likelier than the wheel's broad laws do.
         relabelled = replace(stages.assignment, configurations=judgement.configurations)
         stages = _run_stages(inputs, (relabelled, stages.estimate))
-        judgement = _judge(inputs, models, stages)
-    diagnosis = _diagnosis(inputs, models, stages, judgement)
+        judgement = _judge(inputs, stages)
+    diagnosis = concluded(inputs, stages, judgement, verdict_of, another_wheel=from_another_wheel)
     state = next_state(
         carried,
         wheel,
@@ -158,7 +150,7 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
     return Stages(assignment, estimate, components, features, measured, fits)
 
 
-def _judge(inputs: DiagnosisInput, models: Sequence[AnomalyModel | None], stages: Stages) -> Judgement:
+def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
     names, features = inputs.wheel.anomalies, stages.features
     if inputs.model is None:
         return unjudged(features, names)
@@ -169,8 +161,8 @@ def _judge(inputs: DiagnosisInput, models: Sequence[AnomalyModel | None], stages
     new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:
         new_share = 0.0  # what is missing shows alike in every window: it must not add up to certainty
-    viscous_unit = normalised_nominal_viscous(inputs.wheel)
-    judgement = classify(stages.measured, models, names, inputs.model, inputs.carried, new_share, viscous_unit)
+    unit = normalised_nominal_viscous(inputs.wheel)
+    judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share, unit)
     seen = replace(judgement.features, viscous=features.viscous, viscous_std=features.viscous_std)
     return replace(judgement, features=seen)
 
@@ -195,88 +187,41 @@ def _tracked(inputs: DiagnosisInput, stages: Stages, judgement: Judgement) -> tu
     )
 
 
-def shown_of(inputs: DiagnosisInput, features: Features, assignment: Assignment) -> Shown:
-    """Return what a verdict asks beside the judgement."""
-    wheel = inputs.wheel
-    nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
-    deviations = (
-        features.base_dry_std * wheel.torque_unit_Nm,
-        features.viscous_std * (nominal if nominal > 0 else viscous_unit(wheel)),
-        *(system.highest()[2] * wheel.torque_unit_Nm for system in features.systems),
-    )
-    base, slope = inputs.carried.base_dry, inputs.carried.viscous
-    whole = inputs.evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([inputs.evidence.slots]))
-    return Shown(
-        unmoved=(False, False, *(system.configuration.size < 2 for system in features.systems)),
-        deviations=tuple(std if math.isfinite(std) else 0.0 for std in deviations),
-        unnamed_jumps=not wheel.fss and bool((assignment.system != REJECTED).any()),
-        mean_speed_rad_s=float(whole.x[0] / whole.n[0]) * wheel.speed_unit_rad_s,
-        before=(
-            base.mean * wheel.torque_unit_Nm if base else math.nan,
-            slope.mean * viscous_unit(wheel) if slope else math.nan,
-        ),
-    )
-
-
-def _diagnosis(
+def concluded(
     inputs: DiagnosisInput,
-    models: Sequence[AnomalyModel | None],
     stages: Stages,
     judgement: Judgement,
-) -> WindowDiagnosis:
-    anomalies = anomalies_of(inputs, models, judgement)
-    shown = shown_of(inputs, judgement.features, stages.assignment)
-    verdict, reason = verdict_of(inputs, judgement.anomalies, anomalies, stages.fits, shown)
-    another_wheel = from_another_wheel(inputs, verdict, anomalies, shown)
-    if another_wheel:
-        reason = f"{reason.removesuffix('.')}; {explanation.ANOTHER_WHEEL}"
-    text = explanation.explain(
-        verdict,
-        reason,
-        anomalies,
-        base_known=stages.features.base_known,
-        windows_before=inputs.carried.windows,
-        adequacy=stages.fits,
-        remedy=remedy_of(inputs, anomalies, shown, adequate=stages.fits.adequate) if verdict == "inconclusive" else "",
-        another_wheel=another_wheel,
-    )
-    return assembled(inputs, stages, judgement.features, anomalies, (verdict, reason, text))
-
-
-def anomalies_of(
-    inputs: DiagnosisInput, models: Sequence[AnomalyModel | None], judgement: Judgement
-) -> tuple[AnomalyDiagnosis, ...]:
-    """Return the entry of each anomaly in the diagnosis, from the judgement on it and what was learned of it."""
-    return tuple(
-        anomaly_of(inputs.wheel, judged, learned, judgement.features, a)
-        for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
-    )
-
-
-def assembled(
-    inputs: DiagnosisInput,
-    stages: Stages,
-    features: Features,
-    anomalies: tuple[AnomalyDiagnosis, ...],
-    verdict: tuple[Verdict, str, str],
+    rule: Callable[[Findings], tuple[Verdict, str]],
+    another_wheel: Callable[[Findings, Verdict], bool] | None = None,
 ) -> WindowDiagnosis:
     """Return the diagnosis of a window.
 
     Parameters
     ----------
-    inputs, stages
-        What it is a function of, and the results of its stages.
-    features
-        The features as judged.
-    anomalies, verdict
-        Its entries; the verdict with reason and explanation.
+    inputs, stages, judgement
+        What it is a function of, the results of its stages, and the judgement on its features.
+    rule
+        Gives the verdict and its reason.
+    another_wheel
+        Whether the wheel file may be another wheel's; None where earlier windows count for nothing.
     """
-    wheel, fits = inputs.wheel, stages.fits
+    wheel, fits, features = inputs.wheel, stages.fits, judgement.features
     torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
+    findings = Findings(
+        inputs,
+        anomalies_of(inputs, judgement),
+        stages.features.base_known,
+        fits,
+        unnamed_jumps=not wheel.fss and bool((stages.assignment.system != REJECTED).any()),
+    )
+    verdict, reason = rule(findings)
+    another = another_wheel is not None and another_wheel(findings, verdict)
+    if another:
+        reason = f"{reason.removesuffix('.')}; {explanation.ANOTHER_WHEEL}"
     return WindowDiagnosis(
-        verdict=verdict[0],
-        reason=verdict[1],
-        anomalies=anomalies,
+        verdict=verdict,
+        reason=reason,
+        anomalies=findings.anomalies,
         base_dry=value_of(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
         viscous=value_of(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
         fss=tuple(
@@ -296,37 +241,35 @@ def assembled(
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
-        explanation=verdict[2],
+        explanation=explanation.explain(
+            findings,
+            verdict,
+            reason,
+            windows_before=inputs.carried.windows if another_wheel else 0,
+            remedy=remedy_of(findings) if verdict == "inconclusive" else "",
+            another_wheel=another,
+        ),
         features=stages.features,
         **inputs.provenance(),
     )
 
 
-def too_few(inputs: DiagnosisInput, models: Sequence[AnomalyModel | None]) -> WindowDiagnosis:
+def too_few(inputs: DiagnosisInput) -> WindowDiagnosis:
     """Return the diagnosis of a window with less than `MIN_USED` samples: too few to estimate anything."""
-    systems = inputs.wheel.fss
+    systems, evidence = inputs.wheel.fss, inputs.evidence
     no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
-    judgement = unjudged(features, inputs.wheel.anomalies)
-    reason = f"Only {inputs.evidence.used} of the window's {inputs.evidence.slots} slots hold a usable sample."
+    reason = f"Only {evidence.used} of the window's {evidence.slots} slots hold a usable sample."
     advice = explanation.CHECK_TELEMETRY
-    if inputs.evidence.used == inputs.evidence.slots:
+    if evidence.used == evidence.slots:
         whole = inputs.wheel.window.samples
-        reason = (
-            f"The window holds {inputs.evidence.used} samples: too few to measure friction, a whole one has {whole}."
-        )
+        reason = f"The window holds {evidence.used} samples: too few to measure friction, a whole one has {whole}."
         advice = "Give it a longer recording."
     return WindowDiagnosis(
         verdict="inconclusive",
         reason=reason,
-        anomalies=anomalies_of(inputs, models, judgement),
-        base_dry=Value(None, None, DRY_UNIT),
-        viscous=Value(None, None, VISCOUS_UNIT),
+        anomalies=anomalies_of(inputs, unjudged(features, inputs.wheel.anomalies)),
         fss=tuple(SystemFriction(system.name, (), (), ()) for system in systems),
-        changepoints=(),
-        fit=Fit(None, None, None),
-        model_adequate=True,
-        suspected_effect=None,
         explanation=f"{reason} {advice}",
         features=features,
         **inputs.provenance(),

@@ -6,15 +6,17 @@ Slots and indices count within the window; nothing here depends on the time of d
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence, Method
-from rwa_monitor.diagnosis.classification import Judged
+from rwa_monitor.diagnosis.adequacy import FITS, Adequacy
+from rwa_monitor.diagnosis.classification import Judged, Judgement
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -32,18 +34,12 @@ class Value:
     unit: str
 
 
-@dataclass(frozen=True, slots=True)
-class AnomalyDiagnosis:
-    """One possible anomaly.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnomalyDiagnosis(Judged):
+    """One possible anomaly: the judgement on it, and what it was judged by; filled in whatever the verdict.
 
     Attributes
     ----------
-    name
-        dry, viscous, or the switching system's.
-    active
-        Whether it is diagnosed; filled in also when the verdict is inconclusive.
-    probability
-        That it is there, given this window and the carried state.
     severity, severity_std
         0 at the nominal bound (and below), 1 at the median of the learned anomaly; None without a nominal range.
     estimate
@@ -52,17 +48,23 @@ class AnomalyDiagnosis:
         Range of the estimate on a healthy wheel; None where no model holds it.
     unit
         Of estimate and range.
+    std
+        Standard deviation of the estimate, in its unit; 0 where it is not finite.
+    unmoved
+        Whether it is that of a system without a jump in the window.
+    before
+        The coefficient as earlier windows show it, in the estimate's unit; NaN where they do not.
     """
 
-    name: str
-    active: bool
-    probability: float
     severity: float | None
     severity_std: float | None
     estimate: float | None
     nominal_low: float | None
     nominal_high: float | None
     unit: str
+    std: float
+    unmoved: bool
+    before: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,19 +150,19 @@ class WindowDiagnosis:
     verdict: Verdict
     reason: str
     anomalies: tuple[AnomalyDiagnosis, ...]
-    base_dry: Value
-    viscous: Value
     fss: tuple[SystemFriction, ...]
-    changepoints: tuple[Changepoint, ...]
-    fit: Fit
-    model_adequate: bool
-    suspected_effect: str | None
     explanation: str
     method: Method
     model_sha256: str
     wheel_sha256: str
     prior_sha256: str
     features: Features
+    base_dry: Value = Value(None, None, DRY_UNIT)
+    viscous: Value = Value(None, None, VISCOUS_UNIT)
+    changepoints: tuple[Changepoint, ...] = ()
+    fit: Fit = Fit(None, None, None)
+    model_adequate: bool = True
+    suspected_effect: str | None = None
 
     def anomaly(self, name: str) -> AnomalyDiagnosis:
         """Return the entry of one anomaly; KeyError if the wheel has none of that name."""
@@ -173,7 +175,7 @@ class WindowDiagnosis:
 # ---- what it is a function of ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class DiagnosisInput:
     """What a diagnosis is a function of."""
 
@@ -182,6 +184,12 @@ class DiagnosisInput:
     model: Model | None
     carried: CarriedState
     with_model_error: bool = True
+    method: Method = "joint"
+
+    @cached_property
+    def models(self) -> list[AnomalyModel | None]:
+        """What is known about each anomaly of the wheel, in the wheel's order; None where nothing is."""
+        return models_for(self.wheel, self.model)
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields of the diagnosis on what it was made from."""
@@ -190,11 +198,45 @@ class DiagnosisInput:
             "good": self.evidence.good,
             "used": self.evidence.used,
             "coverage": self.evidence.good / self.evidence.slots if self.evidence.slots else 0.0,
-            "method": "joint",
+            "method": self.method,
             "model_sha256": self.model.sha256() if self.model else "",
             "wheel_sha256": self.wheel.sha256(),
             "prior_sha256": self.carried.sha256(),
         }
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What a verdict is drawn from, and explained by.
+
+    Attributes
+    ----------
+    inputs
+        What the diagnosis is a function of.
+    anomalies
+        One entry per possible anomaly, in the wheel's order.
+    base_known
+        Whether the window itself distinguishes base dry friction from the switching systems'.
+    fits
+        Whether the friction model fits.
+    unnamed_jumps
+        Whether friction jumps and the wheel file names no switching system.
+    """
+
+    inputs: DiagnosisInput
+    anomalies: tuple[AnomalyDiagnosis, ...]
+    base_known: bool
+    fits: Adequacy = FITS
+    unnamed_jumps: bool = False
+
+    @property
+    def lacking(self) -> str:
+        """The part of a reason on what the friction model or the wheel file lacks; "" where nothing."""
+        if not self.fits.adequate:
+            return f" while the friction model lacks something ({self.fits.finding})"
+        if self.unnamed_jumps:
+            return " while friction jumps and the wheel file names no switching system ([[fss]])"
+        return ""
 
 
 # ---- from normalised values to SI units ------------------------------------------------------------------------------
@@ -219,41 +261,53 @@ def value_of(value: float, std: float, unit: float, name: str) -> Value:
     return Value(scaled(value, unit), scaled(std, unit), name)
 
 
-def anomaly_of(
-    wheel: Wheel, judged: Judged, model: AnomalyModel | None, features: Features, a: int
+def anomalies_of(inputs: DiagnosisInput, judgement: Judgement) -> tuple[AnomalyDiagnosis, ...]:
+    """Return the entry of each anomaly: its judgement, and estimate, nominal range and severity in SI units."""
+    return tuple(
+        _anomaly_of(inputs, judged, learned, judgement.features, a)
+        for a, (judged, learned) in enumerate(zip(judgement.anomalies, inputs.models, strict=True))
+    )
+
+
+def _anomaly_of(
+    inputs: DiagnosisInput, judged: Judged, model: AnomalyModel | None, features: Features, a: int
 ) -> AnomalyDiagnosis:
-    """Return one entry of the diagnosis: estimate, nominal range and severity in SI units."""
-    levels: Levels | None
+    wheel = inputs.wheel
+    q, unit, name, before, unmoved = 0, wheel.torque_unit_Nm, DRY_UNIT, math.nan, False
     if a == 0:
-        value, std, unit, name = features.base_dry, features.base_dry_std, wheel.torque_unit_Nm, DRY_UNIT
-        levels = model.levels[0] if model else None
+        value, std = features.base_dry, features.base_dry_std
+        if inputs.carried.base_dry:
+            before = inputs.carried.base_dry.mean * unit
     elif a == 1:
         nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
         value, std, name = features.viscous, features.viscous_std, VISCOUS_UNIT
         unit = nominal if nominal > 0 else viscous_unit(wheel)
-        levels = model.levels[0] if model else None
+        if inputs.carried.viscous:
+            before = inputs.carried.viscous.mean * viscous_unit(wheel)
     else:
         q, value, std = features.systems[a - 2].highest()
-        unit, name = wheel.torque_unit_Nm, DRY_UNIT
-        if q == 0 and model is not None:
-            # At rest a system has no friction, healthy or not; its severity could be anything up to the learned one.
-            return AnomalyDiagnosis(judged.name, judged.active, judged.probability, 0.0, 1.0, 0.0, 0.0, 0.0, name)
-        levels = model.levels[q] if model else None
-    severity = severity_std = None
-    width = None if levels is None else levels.severity_unit
-    if levels is not None and width is not None:
-        severity = _finite(max(0.0, (value - levels.nominal_high) / width))
-        severity_std = _finite(std / width)
+        unmoved = features.systems[a - 2].configuration.size < 2
+    levels: Levels | None = model.levels[q] if model else None
+    severity, severity_std, low, high = None, None, None, None
+    if a > 1 and q == 0 and model is not None:
+        # At rest a system has no friction, healthy or not; its severity could be anything up to the learned one.
+        severity, severity_std, low, high = 0.0, 1.0, 0.0, 0.0
+    elif levels is not None:
+        low, high = levels.nominal_low * unit, levels.nominal_high * unit
+        if (width := levels.severity_unit) is not None:
+            severity = _finite(max(0.0, (value - levels.nominal_high) / width))
+            severity_std = _finite(std / width)
     return AnomalyDiagnosis(
-        name=judged.name,
-        active=judged.active,
-        probability=judged.probability,
+        **asdict(judged),
         severity=severity,
         severity_std=severity_std,
         estimate=scaled(value, unit),
-        nominal_low=levels.nominal_low * unit if levels else None,
-        nominal_high=levels.nominal_high * unit if levels else None,
+        nominal_low=low,
+        nominal_high=high,
         unit=name,
+        std=std * unit if math.isfinite(std * unit) else 0.0,
+        unmoved=unmoved,
+        before=before,
     )
 
 

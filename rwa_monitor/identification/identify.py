@@ -36,8 +36,7 @@ from rwa_monitor.identification.data_quality import (
 )
 from rwa_monitor.identification.duration_laws import LearnedLaw, Sojourns, learn_laws
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
-from rwa_monitor.switching.chain_decoding import Segments
-from rwa_monitor.switching.jump_attribution import Visit, attribute_jumps
+from rwa_monitor.switching.jump_attribution import Segments, Visit, attribute_jumps
 from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 
 MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show that there is one

@@ -1,4 +1,4 @@
-// Which candidates are jumps, and which switching system made each (see rwa_monitor/switching/assignment_search.py).
+// Which candidates are jumps, and which switching system made each (see rwa_monitor/switching/assignment.py).
 #pragma once
 
 #include "arrays.hpp"
@@ -13,7 +13,7 @@ constexpr std::int64_t REJECT = 0, NO_SYSTEM = 1;         // the first two rows 
 constexpr std::int64_t STEPS = 6;                         // that a system can take at a candidate, see `step_from`
 constexpr std::int64_t REJECTED = -1, UNATTRIBUTED = -2;  // in place of a system: no changepoint; one that none made
 
-// See assignment_search.Scores.
+// See assignment.Scores.
 struct Scores {
     Matrix<const double> fit;
     Array<const double, 4> jump;

@@ -1,8 +1,7 @@
 from typing import Final
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.assignment import Knowns
-from rwa_monitor.switching.assignment_search import Scores
+from rwa_monitor.switching.assignment import Knowns, Scores
 
 REJECT: Final[int]
 NO_SYSTEM: Final[int]
@@ -25,7 +24,7 @@ def find_paths(
     Parameters
     ----------
     scores, paths, margin, budget
-        As for `assignment_search.search`; the margin with what rounding may take from it.
+        As for `assignment.search`; the margin with what rounding may take from it.
     quick_budget, kept
         Width of the narrow beam, and entries kept per state by the other.
 

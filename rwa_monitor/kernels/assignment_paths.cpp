@@ -13,7 +13,7 @@ namespace {
 using Indices = Table<std::int64_t, 1>;
 using IndexTable = Table<std::int64_t, 2>;
 
-// See assignment_search.Knowns.
+// See assignment.Knowns.
 struct Knowns {
     std::int64_t slots;
     Array<const double, 3> table;

@@ -1,4 +1,4 @@
-// The likeliest paths of several semi-Markov chains at once (see rwa_monitor/switching/chain_decoding.py).
+// The likeliest paths of several semi-Markov chains at once (see rwa_monitor/switching/jump_attribution.py).
 #include "arrays.hpp"
 
 #include <algorithm>

@@ -6,16 +6,14 @@ explanations) is that of the default method. What earlier windows show is not us
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis import adequacy, explanation
+from rwa_monitor.diagnosis import adequacy
 from rwa_monitor.diagnosis.classification import unjudged
 from rwa_monitor.diagnosis.features import features_of
-from rwa_monitor.diagnosis.model import Model, models_for
-from rwa_monitor.diagnosis.verdict import covered, lacking_of, nothing_to_judge, remedy_of, without_anomaly
-from rwa_monitor.diagnosis.window import MIN_USED, Stages, anomalies_of, assembled, shown_of, too_few
-from rwa_monitor.diagnosis.window_diagnosis import DiagnosisInput, Verdict, WindowDiagnosis
+from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.diagnosis.verdict import covered, nothing_to_judge, reason_anomalous, without_anomaly
+from rwa_monitor.diagnosis.window import MIN_USED, Stages, concluded, too_few
+from rwa_monitor.diagnosis.window_diagnosis import DiagnosisInput, Findings, Verdict, WindowDiagnosis
 from rwa_monitor.paper.assignment import STATE_CAP, assign, split
 from rwa_monitor.paper.classification import classify
 from rwa_monitor.paper.detection import Signal, detect
@@ -57,35 +55,24 @@ def diagnose_window(
     tuple[WindowDiagnosis, CarriedState]
         The diagnosis, and the carried state as it was given.
     """
-    inputs = DiagnosisInput(evidence, wheel, model, carried)
-    models = models_for(wheel, model)
+    inputs = DiagnosisInput(evidence, wheel, model, carried, method="paper")
     if evidence.used < MIN_USED:
-        return replace(too_few(inputs, models), method="paper"), carried
+        return too_few(inputs), carried
     assignment, levels, components = split_friction(evidence, wheel)
     features = features_of(components, assignment, wheel)
     fits = adequacy.check(evidence, levels, assignment, wheel.fss)
     if model is not None and covered(inputs):
-        judgement = classify(features, models, wheel.anomalies)
+        judgement = classify(features, inputs.models, wheel.anomalies)
     else:
         judgement = unjudged(features, wheel.anomalies)
-    anomalies = anomalies_of(inputs, models, judgement)
-    shown = shown_of(inputs, features, assignment)
-    active = [anomaly for anomaly in anomalies if anomaly.active]
-    verdict: Verdict
-    if nothing := nothing_to_judge(inputs):
-        verdict, reason = "inconclusive", nothing
-    elif active:  # θ̂ ≠ 0
-        verdict, reason = "anomalous", explanation.reason_anomalous(active)
-    else:
-        verdict, reason = without_anomaly(inputs, judgement.anomalies, anomalies, lacking_of(fits, shown))
-    text = explanation.explain(
-        verdict,
-        reason,
-        anomalies,
-        base_known=features.base_known,
-        windows_before=0,
-        adequacy=fits,
-        remedy=remedy_of(inputs, anomalies, shown, adequate=fits.adequate) if verdict == "inconclusive" else "",
-    )
     stages = Stages(assignment, levels, components, features, features, fits)
-    return replace(assembled(inputs, stages, features, anomalies, (verdict, reason, text)), method="paper"), carried
+    return concluded(inputs, stages, judgement, verdict_of), carried
+
+
+def verdict_of(findings: Findings) -> tuple[Verdict, str]:
+    """Return the verdict and its reason: anomalous where θ̂ ≠ 0."""
+    nothing = nothing_to_judge(findings.inputs)
+    active = [one for one in findings.anomalies if one.active]
+    if nothing or not active:
+        return ("inconclusive", nothing) if nothing else without_anomaly(findings)
+    return "anomalous", reason_anomalous(active)

@@ -4,7 +4,6 @@ In: the evidence of a window, the wheel, and what earlier windows left (`carried
 jumps to systems and the `Components` of the friction.
 
 Read `duration_likelihoods.py` (sojourns), `segments.py` (levels), `friction_model.py` (the linear model and its
-priors), `assignment_search.py` and `assignment.py` (the decoder), `components.py` (the split).
-`chain_decoding.py` and `jump_attribution.py` do the same for whole recordings of a wheel whose systems are not known
-yet.
+priors), `assignment.py` (the decoder), `components.py` (the split). `jump_attribution.py` does the same for whole
+recordings of a wheel whose systems are not known yet.
 """

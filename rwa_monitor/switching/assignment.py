@@ -1,17 +1,36 @@
 """Stage 3: which hidden switching system made which jump, and which candidates are no jumps (method `joint`, errata 8).
 
 1. The slope that all levels share, positions of the candidates and signs of their jumps, from the range sums.
-2. The best assignments for these, by the exact search of `assignment_search`.
+2. The best assignments for these, by an exact search.
 3. Slope, positions and signs again, from the accepted changepoints; back to 2 until nothing changes.
 4. The best few are ranked by the full likelihood: slope and friction of all sojourns integrated out, closure at q = 0,
    friction laws (`friction_model`).
 5. The probability of each attribution is the weight of the assignments that share it.
+
+The search is a dynamic programme over the candidates. State: the last accepted changepoint, and for each system its
+configuration and the candidate that began its sojourn. Paths that agree on it have the same future, so only the best
+few of each state are kept. The score of a path is
+
+    Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of rare events
+    +  Σ jumps  log P(size | friction of the system before).
+
+For given fits, durations, signs and sizes a path is dropped only when an upper bound of all that can follow is more
+than `margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by
+that bound survive, and the result is marked as pruned.
+
+Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
+added before. A system's friction is a function of its state where it has two configurations, and the search is exact;
+with more it depends on the path too, and is nearly always right because the few best entries of each state are kept,
+each with its own friction (the tests count). The loops are in `kernels/assignment_search.cpp`, the bounds in
+`assignment_bounds.cpp` beside it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,11 +47,10 @@ from rwa_monitor.changepoints.stage_results import (
     FlatPath,
     SwitchingPath,
 )
-from rwa_monitor.kernels.assignment import add_agreement, weigh
+from rwa_monitor.kernels.assignment import REJECT, STEPS, add_agreement, find_paths, weigh
 from rwa_monitor.kernels.segments import fit_table
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching import segments
-from rwa_monitor.switching.assignment_search import REJECT, Path, Problem, Sizes, search
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations
 from rwa_monitor.switching.friction_model import (
@@ -47,11 +65,12 @@ from rwa_monitor.switching.friction_model import (
 from rwa_monitor.switching.segments import Level
 from rwa_monitor.wheel.wheel import Wheel
 
-LOG_REJECT: Final = 0.0  # candidates cost nothing to reject: that they exist is already in the data
 UNATTRIBUTED_PER_WINDOW: Final = 0.03  # jumps expected per window that no switching system makes
 UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
-LOG_SIMULTANEOUS: Final = 0.0  # two laws must both end at this very slot, which is rare enough
 KEPT_PATHS: Final = 16
+KEPT_PER_STATE: Final = 4
+QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
+ROUNDING: Final = 1e-6  # bounds and scores add up the same terms in different orders [log-likelihood]
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is of no interest (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
 MAX_ROUNDS: Final = 4
@@ -59,8 +78,96 @@ SETTLED: Final = 0.1  # log-likelihood that a change of the slope may still be w
 SAME_JUMP: Final = 5  # slots: attributions of positions closer than this are the same
 
 
+class Scores(NamedTuple):
+    """All that the score of a path depends on, as kernels take it.
+
+    Nodes: 0 the window's begin, 1 … m candidates, m + 1 its end. S systems, Q configurations.
+
+    Attributes
+    ----------
+    fit
+        float64 (m + 2, m + 2): log-likelihood of one level from node i to node j > i.
+    jump, stay, turn, missed
+        See `DurationLikelihoods`.
+    configurations
+        int64 (S,), number of configurations of each system.
+    signs
+        bool (m, 2): whether the level may fall, may rise at each candidate.
+    actions
+        See `action_table`.
+    priors
+        float64 (3,): log prior (≤ 0) of a candidate that is no jump, of a jump that no system made, of two systems
+        jumping at once beyond what their laws give.
+    sized
+        Whether the sizes of the jumps count; False leaves out what follows.
+    size, size_variance
+        float64 (m,), level after less level before each candidate, and the variance of this measurement; normalised.
+    law_mean, law_variance
+        float64 (S, Q), friction of a new sojourn; both 0 at rest.
+    log_range
+        Logarithm of the width of the flat prior that the fits assume for each level.
+    unattributed_variance
+        Of a jump that no system made.
+    """
+
+    fit: FloatArray
+    jump: FloatArray
+    stay: FloatArray
+    turn: FloatArray
+    missed: FloatArray
+    configurations: IntArray
+    signs: BoolArray
+    actions: IntArray
+    priors: FloatArray
+    sized: bool
+    size: FloatArray
+    size_variance: FloatArray
+    law_mean: FloatArray
+    law_variance: FloatArray
+    log_range: float
+    unattributed_variance: float
+
+
 @dataclass(frozen=True, slots=True)
-class _Case:
+class Path:
+    """One complete assignment.
+
+    Attributes
+    ----------
+    score
+        Its score.
+    start
+        Configuration of each system at the window's begin.
+    actions
+        int64 (m,), row of the action table at each candidate.
+    """
+
+    score: float
+    start: tuple[int, ...]
+    actions: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """The best paths, best first, and the work done.
+
+    Attributes
+    ----------
+    paths
+        At most as many as asked for, distinct, none further below the best than the margin.
+    states
+        Number of entries expanded.
+    pruned
+        Whether the budget cut off what may have held a better path.
+    """
+
+    paths: tuple[Path, ...]
+    states: int
+    pruned: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Inputs:
     """The window, its wheel, and what is known before it."""
 
     evidence: Evidence
@@ -124,7 +231,7 @@ def assign(
     tuple[Assignment, Estimate]
         All candidates, with rejected ones; and levels and slope between the accepted changepoints.
     """
-    case = _Case(
+    inputs = _Inputs(
         evidence,
         wheel,
         _priors(evidence, wheel, carried),
@@ -133,28 +240,29 @@ def assign(
     )
     candidates = evidence.candidates
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
-    level = _measure(case, candidates.index, everyone)
+    level = _measure(inputs, candidates.index, everyone)
     reach = segments.reach_of(candidates)
-    index = segments.refine(evidence.sums, candidates.index, reach, level.slope, case.variance)
-    level = _measure(case, index, everyone)
+    index = segments.refine(evidence.sums, candidates.index, reach, level.slope, inputs.variance)
+    level = _measure(inputs, index, everyone)
     signs = _signs(candidates, level, everyone)
-    problem = _problem(case, level, signs)
-    result = search(problem, paths=KEPT_PATHS, margin=MARGIN, budget=limit)
-    states = result.states
-    for _ in range(MAX_ROUNDS - 1):
+    states = rounds = 0
+    while True:
+        rounds += 1
+        scores = _scores(inputs, level, signs)
+        result = search(scores, paths=KEPT_PATHS, margin=MARGIN, budget=limit)
+        states += result.states
+        if rounds == MAX_ROUNDS:
+            break
         accepted = np.flatnonzero(result.paths[0].actions != REJECT)
-        again = _measure(case, _refine_accepted(case, level, accepted), accepted)
+        again = _measure(inputs, _refine_accepted(inputs, level, accepted), accepted)
         new_signs = signs.copy()
         new_signs[accepted] = _signs(candidates, again, accepted)[accepted]
         settled = 0.5 * again.information * (again.slope - level.slope) ** 2 < SETTLED
         if settled and np.array_equal(again.at, level.at) and np.array_equal(new_signs, signs):
             break
         level, signs = again, new_signs
-        problem = _problem(case, level, signs)
-        result = search(problem, paths=KEPT_PATHS, margin=MARGIN, budget=limit)
-        states += result.states
-    ranked = _rank(case, problem, result.paths, level)
-    return _result(case, level.at, ranked, states, result.pruned)
+    ranked = _rank(inputs, scores, result.paths, level)
+    return _result(inputs, level.at, ranked, states, result.pruned)
 
 
 def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> Priors:
@@ -164,41 +272,83 @@ def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> P
     return priors_of(wheel, carried, typical_level, segments.typical_jump(evidence.candidates.jump))
 
 
-def _measure(case: _Case, index: IntArray, accepted: IntArray) -> Level:
+def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
     """Measure slope and levels between the accepted candidates."""
-    evidence, prior = case.evidence, case.priors.slope
+    evidence, prior = inputs.evidence, inputs.priors.slope
     nodes = segments.nodes_of(accepted, index.size)
     return segments.measure_level(
-        index, nodes, evidence.sums.arrays, evidence.slots, case.variance, prior.mean, prior.std
+        index, nodes, evidence.sums.arrays, evidence.slots, inputs.variance, prior.mean, prior.std
     )
 
 
-def _problem(case: _Case, level: Level, signs: BoolArray) -> Problem:
+def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
     """Tabulate all scores at the present positions, slope and signs."""
-    systems, slots = case.wheel.fss, case.evidence.slots
-    return Problem(
-        fit=fit_table(level.pairs, level.slope, case.variance, level.spread),
-        durations=tabulated_durations(systems, level.at, slots, case.onsets),
+    systems, priors, slots = inputs.wheel.fss, inputs.priors, inputs.evidence.slots
+    durations = tabulated_durations(systems, level.at, slots, inputs.onsets)
+    law_mean, law_variance = law_moments(priors.laws, priors.anomaly)
+    # A candidate costs nothing to reject: that it exists is already in the data. Nor do two systems that jump at once:
+    # both laws must end at this very slot, which is rare enough.
+    expected = UNATTRIBUTED_PER_WINDOW if systems else UNATTRIBUTED_ALONE
+    log_priors = np.array([0.0, np.log(min(expected / slots, 1.0)), 0.0])
+    return Scores(
+        fit=fit_table(level.pairs, level.slope, inputs.variance, level.spread),
+        jump=durations.jump,
+        stay=durations.stay,
+        turn=durations.turn,
+        missed=durations.missed,
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
-        reject=LOG_REJECT,
-        unattributed=_log_unattributed(case.wheel, slots),
-        simultaneous=LOG_SIMULTANEOUS,
-        sizes=_sizes(case, level),
-    )
-
-
-def _sizes(case: _Case, level: Level) -> Sizes:
-    """Put sizes of jumps and friction laws side by side."""
-    mean, variance = law_moments(case.priors.laws, case.priors.anomaly)
-    return Sizes(
-        jump=level.jump,
-        variance=np.where(np.isfinite(level.jump_variance), level.jump_variance, level.spread**2),
-        law_mean=mean,
-        law_variance=variance,
+        actions=action_table(len(systems)),
+        priors=log_priors,
+        sized=True,
+        size=level.jump,
+        size_variance=np.where(np.isfinite(level.jump_variance), level.jump_variance, level.spread**2),
+        law_mean=law_mean,
+        law_variance=law_variance,
         log_range=float(np.log(level.spread)),
-        unattributed_variance=case.priors.unattributed_std**2,
+        unattributed_variance=priors.unattributed_std**2,
     )
+
+
+@lru_cache(maxsize=16)
+def action_table(systems: int) -> IntArray:
+    """Return what can happen at a candidate: rows (system, step, second system, step), -1 for none.
+
+    Step 2·m + d, from 0 to STEPS - 1, goes down (d = 0) or up (1), after no jump without a candidate (m = 0), or one
+    down (1) or up (2). The first two rows reject the candidate, and accept it as a jump that no system made. Where two
+    jump at once, no jump is missed before.
+    """
+    rows = [(-1, -1, -1, -1), (-1, -1, -1, -1)]
+    rows += [(s, step, -1, -1) for s in range(systems) for step in range(STEPS)]
+    pairs = combinations(range(systems), 2)
+    rows += [(s, step, t, other) for s, t in pairs for step in (0, 1) for other in (0, 1)]
+    table = np.array(rows, dtype=np.int64)
+    table.setflags(write=False)
+    return table
+
+
+def search(scores: Scores, *, paths: int, margin: float, budget: int) -> SearchResult:
+    """Find the best assignments.
+
+    Parameters
+    ----------
+    scores
+        All that they depend on.
+    paths
+        How many to return at most.
+    margin
+        Paths further below the best than this are of no interest [log-likelihood].
+    budget
+        Extensions kept per candidate at most.
+    """
+    kept = KEPT_PER_STATE if paths > 1 else 1
+    score, starts, taken, states, pruned = find_paths(scores, paths, margin + ROUNDING, budget, QUICK_BUDGET, kept)
+    found = tuple(
+        Path(value, tuple(start), actions)
+        for value, start, actions in zip(score.tolist(), starts.tolist(), taken, strict=True)
+    )
+    close = tuple(path for path in found if path.score >= found[0].score - margin)
+    return SearchResult(close, states, pruned)
 
 
 def _signs(candidates: Candidates, level: Level, accepted: IntArray) -> BoolArray:
@@ -207,45 +357,39 @@ def _signs(candidates: Candidates, level: Level, accepted: IntArray) -> BoolArra
     return segments.possible_signs(candidates, level.pairs, nodes, level.slope)
 
 
-def _refine_accepted(case: _Case, level: Level, accepted: IntArray) -> IntArray:
+def _refine_accepted(inputs: _Inputs, level: Level, accepted: IntArray) -> IntArray:
     """Refine the positions of the accepted candidates between accepted neighbours; keep the order of all."""
-    evidence = case.evidence
+    evidence = inputs.evidence
     reach = segments.reach_of(evidence.candidates)[accepted]
     moved = level.at.copy()
-    moved[accepted] = segments.refine(evidence.sums, level.at[accepted], reach, level.slope, case.variance)
+    moved[accepted] = segments.refine(evidence.sums, level.at[accepted], reach, level.slope, inputs.variance)
     return moved if (moved[1:] > moved[:-1]).all() else level.at
-
-
-def _log_unattributed(wheel: Wheel, slots: int) -> float:
-    """Return the log prior, per slot, of a jump that no switching system made."""
-    expected = UNATTRIBUTED_PER_WINDOW if wheel.fss else UNATTRIBUTED_ALONE
-    return float(np.log(min(expected / slots, 1.0)))
 
 
 # ---- ranking by the full likelihood ----------------------------------------------------------------------------------
 
 
-def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: Level) -> list[_Ranked]:
+def _rank(inputs: _Inputs, scores: Scores, paths: tuple[Path, ...], level: Level) -> list[_Ranked]:
     """Score the best paths by the full likelihood, best first."""
     knowns = Knowns(
-        case.evidence.slots, *prior_tables(case.priors), case.variance, segments.level_scatter(case.variance)
+        inputs.evidence.slots, *prior_tables(inputs.priors), inputs.variance, segments.level_scatter(inputs.variance)
     )
     ranked = []
     for path in paths:
         start = np.array(path.start, dtype=np.int64)
-        weighed = weigh(problem.scores, start, path.actions, level.at, level.pairs, knowns)
+        weighed = weigh(scores, start, path.actions, level.at, level.pairs, knowns)
         ranked.append(_Ranked(FlatPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 
 
 def _result(
-    case: _Case, index: IntArray, ranked: list[_Ranked], states: int, pruned: bool
+    inputs: _Inputs, index: IntArray, ranked: list[_Ranked], states: int, pruned: bool
 ) -> tuple[Assignment, Estimate]:
     """Bring the best path into the form that later stages read."""
     best = ranked[0]
-    evidence, candidates = case.evidence, case.evidence.candidates
+    evidence, candidates = inputs.evidence, inputs.evidence.candidates
     accepted = np.flatnonzero(best.system[:, 0] != REJECTED)
-    levels = estimate(evidence, index[accepted], prior=case.priors.slope)
+    levels = estimate(evidence, index[accepted], prior=inputs.priors.slope)
     jump, std = candidates.jump.copy(), _contrast_std(candidates)
     jump[accepted] = levels.level[1:] - levels.level[:-1]
     std[accepted] = jump_std(evidence, levels)
@@ -260,8 +404,8 @@ def _result(
     place = reported.ravel().nonzero()[0]
     size, size_std = jump[place // 2], std[place // 2]
     if place.size > double.size:
-        scatter = segments.level_scatter(case.variance)
-        posterior = solve(best.path, best.borders, best.moments, case.priors, case.variance, scatter)
+        scatter = segments.level_scatter(inputs.variance)
+        posterior = solve(best.path, best.borders, best.moments, inputs.priors, inputs.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
             who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
             size[entry], size_std[entry] = _own_jump(posterior, path, who, slot)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import islice, product
 from typing import Final
 
@@ -72,47 +72,27 @@ def split(
     priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
     variance = effective_variance(evidence.noise)
 
-    views: list[_View] = []
     paths = _shifts(path, wheel)
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
-    for shifted, durations in zip(paths, durations_of, strict=True):
-        posterior = solve(shifted.flat(), borders, segments.table, priors, variance, level_scatter(variance))
-        views.append(_view(shifted, posterior, borders, segments.n, durations))
-    best = views[0]
-    weights = np.exp(np.array([min(view.score - best.score, MOST_AGAINST) for view in views]))
+    scatter = level_scatter(variance)
+    estimates = [
+        _estimate(one, solve(one.flat(), borders, segments.table, priors, variance, scatter), borders, segments.n, log)
+        for one, log in zip(paths, durations_of, strict=True)
+    ]
+    scores = [one.log_weight for one in estimates]
+    weights = np.exp(np.array([min(score - scores[0], MOST_AGAINST) for score in scores]))
     weights /= weights.sum()
-    return Components(
-        base_dry=best.base,
-        base_dry_std=float(
-            np.hypot(
-                _spread(weights, [v.base for v in views], [v.base_std for v in views]),
-                best.base if jumps.size and not wheel.fss else 0.0,
-            )
-        ),
-        viscous=best.viscous,
-        viscous_std=best.viscous_std,
-        fss_friction=best.friction,
+    parts = [one.components for one in estimates]
+    base_std = _spread(weights, [one.base_dry for one in parts], [one.base_dry_std for one in parts])
+    return replace(
+        parts[0],
+        base_dry_std=float(np.hypot(base_std, parts[0].base_dry if jumps.size and not wheel.fss else 0.0)),
         fss_friction_std=tuple(
-            _spread(weights, [v.friction[s] for v in views], [v.friction_std[s] for v in views])
+            _spread(weights, [one.fss_friction[s] for one in parts], [one.fss_friction_std[s] for one in parts])
             for s in range(len(wheel.fss))
         ),
-        by_path=_conditional_estimates(
-            _alternatives(assignment, jumps, paths, [view.score for view in views], durations_of), evidence, priors
-        ),
+        by_path=_conditional_estimates(_alternatives(assignment, jumps, paths, scores, durations_of), evidence, priors),
     )
-
-
-@dataclass(frozen=True, slots=True)
-class _View:
-    """The estimate given one path: log-likelihood, and the parts of friction."""
-
-    score: float
-    base: float
-    base_std: float
-    viscous: float
-    viscous_std: float
-    friction: tuple[FloatArray, ...]
-    friction_std: tuple[FloatArray, ...]
 
 
 def _shifts(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
@@ -149,8 +129,10 @@ def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried:
     ]
 
 
-def _view(path: SwitchingPath, posterior: Posterior, borders: IntArray, samples: FloatArray, durations: float) -> _View:
-    """Read the parts of friction from a posterior."""
+def _estimate(
+    path: SwitchingPath, posterior: Posterior, borders: IntArray, samples: FloatArray, durations: float
+) -> ConditionalEstimate:
+    """Return the parts of friction given one path, from its posterior and the log-probability of its durations."""
     base, base_variance = float(posterior.mean[0]), float(posterior.covariance[0, 0])
     if path.unattributed.size:
         weights = np.zeros(posterior.mean.size)
@@ -160,16 +142,15 @@ def _view(path: SwitchingPath, posterior: Posterior, borders: IntArray, samples:
         for j, slot in enumerate(path.unattributed):
             weights[first_free + j] = float(samples[borders[:-1] >= slot].sum()) / total
         base, base_variance = float(weights @ posterior.mean), float(weights @ posterior.covariance @ weights)
-    sojourns = [_of_sojourns(at, posterior.mean, posterior.std) for at in posterior.column]
-    return _View(
-        score=durations + posterior.log_evidence,
-        base=base,
-        base_std=math.sqrt(max(base_variance, 0.0)),
+    components = Components(
+        base_dry=base,
+        base_dry_std=math.sqrt(max(base_variance, 0.0)),
         viscous=float(posterior.mean[-1]),
         viscous_std=float(posterior.std[-1]),
-        friction=tuple(friction for friction, _ in sojourns),
-        friction_std=tuple(std for _, std in sojourns),
+        fss_friction=tuple(np.where(at >= 0, posterior.mean[at], 0.0) for at in posterior.column),
+        fss_friction_std=tuple(np.where(at >= 0, posterior.std[at], 0.0) for at in posterior.column),
     )
+    return ConditionalEstimate(path, durations + posterior.log_evidence, components)
 
 
 def _alternatives(
@@ -214,28 +195,18 @@ def _conditional_estimates(
         return ()
     variance = effective_variance(evidence.noise)
     estimates = []
-    for alternative in alternatives:
-        borders = _borders(alternative.index, evidence.slots)
+    for one in alternatives:
+        borders = _borders(one.index, evidence.slots)
         segments = evidence.sums.between(borders[:-1], borders[1:])
-        posterior = measure(alternative.path.flat(), borders, segments.table, priors, variance, level_scatter(variance))
-        view = _view(alternative.path, posterior, borders, segments.n, alternative.log_durations)
-        estimates.append(
-            ConditionalEstimate(
-                alternative.path, view.score, view.base, view.base_std, view.friction, view.friction_std
-            )
-        )
+        posterior = measure(one.path.flat(), borders, segments.table, priors, variance, level_scatter(variance))
+        estimates.append(_estimate(one.path, posterior, borders, segments.n, one.log_durations))
     return tuple(estimates)
 
 
 def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number]) -> FloatArray:
-    """Return the root mean square distance from the first view's values to all that may be; one entry a view."""
+    """Return the root mean square distance from the first path's values to all that may be; one entry a path."""
     if weights.size == 1:
         return np.asarray(stds[0])
     squares = np.array(stds) ** 2 + (np.array(values) - values[0]) ** 2
     # Not weights @ squares: with BLAS the order of the sum, and whether it is fused, depends on the processor.
     return np.asarray(np.sqrt((squares.T * weights).sum(axis=-1)))
-
-
-def _of_sojourns(column: IntArray, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a system's friction in each sojourn and its standard deviation, see `Posterior`; 0 where it is by law."""
-    return np.where(column >= 0, mean[column], 0.0), np.where(column >= 0, std[column], 0.0)

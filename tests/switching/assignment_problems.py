@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from rwa_monitor.switching.assignment_search import REJECT, Path, Problem, Sizes
-from rwa_monitor.switching.duration_likelihoods import tabulated_durations
+from rwa_monitor.kernels.assignment import REJECT
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.switching.assignment import Path, Scores, action_table
+from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods, tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
@@ -13,6 +17,60 @@ SHORT = SwitchingSystem(name="short", durations=(Uniform(low=200, high=500), Uni
 LONG = SwitchingSystem(name="long", durations=(Uniform(low=300, high=900),) * 3, up=(1.0, 0.4, 0.0))
 FREE = SwitchingSystem(name="free", durations=(Geometric(mean=400), Lognormal(mu=5.0, sigma=0.5)))
 SLOTS = 3000
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Sizes of the jumps and what the friction laws expect, as in `Scores`."""
+
+    jump: FloatArray
+    variance: FloatArray
+    law_mean: FloatArray
+    law_variance: FloatArray
+    log_range: float
+    unattributed_variance: float
+
+
+@dataclass(frozen=True)
+class Problem:
+    """All that the score of a path depends on, by parts; without `sizes` these do not count."""
+
+    fit: FloatArray
+    durations: DurationLikelihoods
+    configurations: IntArray
+    signs: BoolArray
+    reject: float
+    unattributed: float
+    simultaneous: float
+    sizes: Sizes | None = None
+
+    @property
+    def actions(self) -> IntArray:
+        return action_table(self.configurations.size)
+
+    @property
+    def scores(self) -> Scores:
+        durations, sizes, count = self.durations, self.sizes, self.signs.shape[0]
+        none = np.zeros(durations.turn.shape[:2])
+        sizes = sizes or Sizes(np.zeros(count), np.ones(count), none, none, 0.0, 1.0)
+        return Scores(
+            fit=self.fit,
+            jump=durations.jump,
+            stay=durations.stay,
+            turn=durations.turn,
+            missed=durations.missed,
+            configurations=self.configurations,
+            signs=self.signs,
+            actions=self.actions,
+            priors=np.array([self.reject, self.unattributed, self.simultaneous]),
+            sized=self.sizes is not None,
+            size=sizes.jump,
+            size_variance=sizes.variance,
+            law_mean=sizes.law_mean,
+            law_variance=sizes.law_variance,
+            log_range=sizes.log_range,
+            unattributed_variance=sizes.unattributed_variance,
+        )
 
 
 def random_problem(

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from rwa_monitor.kernels.assignment import add_up_laws, expand, free_bounds, priced_bounds
-from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Problem, search
-from tests.switching.assignment_problems import FREE, LONG, SHORT, random_path, random_problem, step_of
+from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_up_laws, expand, free_bounds, priced_bounds
+from rwa_monitor.switching.assignment import search
+from tests.switching.assignment_problems import FREE, LONG, SHORT, Problem, random_path, random_problem, step_of
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def test_equals_exhaustive_search(systems, candidates, rare, trials, capsys):
     for _ in range(trials):
         problem = random_problem(rng, systems, candidates, rare=rare)
         best = sorted(all_scores(problem), key=lambda one: -one[0])[:3]
-        result = search(problem, paths=3, margin=1000.0, budget=100_000)
+        result = search(problem.scores, paths=3, margin=1000.0, budget=100_000)
         assert not result.pruned
         found = [(path.score, path.start, tuple(int(a) for a in path.actions)) for path in result.paths]
         # The three best, not only the best: they are distinct, and three are kept per state.
@@ -140,7 +140,7 @@ def test_with_sizes_equals_exhaustive_search(systems, candidates, exact, capsys)
             problem.durations.missed[:] = -np.inf
             problem = replace(problem, simultaneous=-np.inf)
         best = max(all_scores(problem))
-        found = search(problem, paths=16, margin=14.0, budget=100_000).paths[0]
+        found = search(problem.scores, paths=16, margin=14.0, budget=100_000).paths[0]
         assert found.score <= best[0] + 1e-9
         agree += abs(found.score - best[0]) < 1e-9
     with capsys.disabled():
@@ -153,7 +153,7 @@ def test_laws_of_a_path_are_its_score_without_fits_and_know_no_sizes():
     kinds = set()
     for _ in range(40):
         sized = random_problem(rng, (SHORT, LONG), 6, sized=True)
-        for path in search(replace(sized, sizes=None), paths=8, margin=8.0, budget=20_000).paths:
+        for path in search(replace(sized, sizes=None).scores, paths=8, margin=8.0, budget=20_000).paths:
             nodes = np.concatenate([[0], np.flatnonzero(path.actions != REJECT) + 1, [path.actions.size + 1]])
             fits = float(sized.fit[nodes[:-1], nodes[1:]].sum())
             assert add_up_laws(sized.scores, np.array(path.start), path.actions) == pytest.approx(
@@ -168,8 +168,8 @@ def test_narrow_margin_does_not_lose_the_best():
     rng = np.random.default_rng(11)
     for _ in range(30):
         problem = random_problem(rng, (SHORT, LONG), 10)
-        wide = search(problem, paths=1, margin=1000.0, budget=200_000)
-        narrow = search(problem, paths=1, margin=0.0, budget=200_000)
+        wide = search(problem.scores, paths=1, margin=1000.0, budget=200_000)
+        narrow = search(problem.scores, paths=1, margin=0.0, budget=200_000)
         assert not wide.pruned
         assert narrow.paths[0].score == wide.paths[0].score
         assert narrow.states < wide.states
@@ -181,7 +181,7 @@ def test_bounds_are_never_below_what_follows():
     slack = []
     for _ in range(30):
         problem = random_problem(rng, (SHORT, LONG), 8, sized=bool(rng.integers(2)))
-        paths = search(problem, paths=40, margin=50.0, budget=100_000).paths
+        paths = search(problem.scores, paths=40, margin=50.0, budget=100_000).paths
         best = paths[0].score
         (rest, *free), worth = free_bounds(problem.scores)
         others = [paths[0], paths[-1], replace(paths[0], actions=np.full(8, NO_SYSTEM)), random_path(rng, problem)]
@@ -203,7 +203,7 @@ def test_prices_change_the_work_and_not_the_paths():
     work = []
     for _ in range(20):
         problem = random_problem(rng, (SHORT, LONG), 12, sized=bool(rng.integers(2)))
-        found = search(problem, paths=16, margin=10.0, budget=100_000)
+        found = search(problem.scores, paths=16, margin=10.0, budget=100_000)
         free, worth = free_bounds(problem.scores)
         cutoff = found.paths[0].score - 10.0
         entries = []
@@ -222,7 +222,7 @@ def test_prices_change_the_work_and_not_the_paths():
 def test_pruning_is_said_and_still_gives_a_whole_path():
     rng = np.random.default_rng(5)
     problem = random_problem(rng, (SHORT, LONG, FREE), 40)
-    result = search(problem, paths=4, margin=30.0, budget=20)
+    result = search(problem.scores, paths=4, margin=30.0, budget=20)
     assert result.pruned
     assert result.paths[0].actions.size == 40
-    assert search(problem, paths=4, margin=30.0, budget=4000).paths[0].score >= result.paths[0].score
+    assert search(problem.scores, paths=4, margin=30.0, budget=4000).paths[0].score >= result.paths[0].score

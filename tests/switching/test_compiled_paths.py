@@ -7,13 +7,13 @@ import pytest
 
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatPath
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.kernels.assignment import add_agreement, tell
+from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_agreement, tell
 from rwa_monitor.kernels.friction import condition
 from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
 from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
-from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search
-from tests.switching.assignment_problems import LONG, SHORT, random_path, random_problem, step_of
+from rwa_monitor.switching.assignment import Path, search
+from tests.switching.assignment_problems import LONG, SHORT, Problem, random_path, random_problem, step_of
 from tests.switching.assignment_windows import sums_of
 
 
@@ -45,7 +45,7 @@ def test_a_path_of_the_search_becomes_a_switching_path():
     for _ in range(40):
         problem = random_problem(rng, (SHORT, LONG), 7)
         index = np.sort(rng.choice(np.arange(1, 3000), 7, replace=False))
-        paths = [*search(problem, paths=8, margin=12.0, budget=20_000).paths, random_path(rng, problem)]
+        paths = [*search(problem.scores, paths=8, margin=12.0, budget=20_000).paths, random_path(rng, problem)]
         for path in paths:
             kinds.update(path.actions.tolist())
             flat, nodes, system, direction = tell(problem.actions, index, np.array(path.start), path.actions)

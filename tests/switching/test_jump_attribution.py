@@ -10,8 +10,14 @@ import pytest
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.data_quality import check_distinguished
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.chain_decoding import Chains, Segments, decode
-from rwa_monitor.switching.jump_attribution import JumpAttribution, attribute_jumps, confused_share
+from rwa_monitor.switching.jump_attribution import (
+    Chains,
+    JumpAttribution,
+    Segments,
+    attribute_jumps,
+    confused_share,
+    decode,
+)
 
 BASE = 1.6e-3  # N m
 NOISE = 0.024  # of the base, of one sample
