@@ -19,11 +19,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.cage import largest_burst_gain
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-from rwa_monitor.discrepancy.noise_effects import largest_noise_gain
+from rwa_monitor.discrepancy.noise_effects import largest_burst_gain, largest_noise_gain
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.switching_effects import largest_switching_gain

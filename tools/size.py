@@ -15,7 +15,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS = 284, 33_702, 354_747
+MOST_FILES, MOST_LINES, MOST_TOKENS = 276, 33_652, 354_382
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from rwa_monitor.cli.recordings import WheelRecordings
     from rwa_monitor.discrepancy.finished_search import Search
     from rwa_monitor.discrepancy.mapper import Mapper
-    from rwa_monitor.discrepancy.next_flight import Plan
-    from rwa_monitor.discrepancy.plan import PlannedManoeuvre
+    from rwa_monitor.discrepancy.plan import Plan, PlannedManoeuvre
     from rwa_monitor.telemetry.reader import Decoding
     from rwa_monitor.wheel.wheel import Wheel
 
@@ -126,7 +125,7 @@ def command(
         return _each(files, wheel, as_json, decoding, fleet)
     if fleet.given:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
-    from rwa_monitor.discrepancy.next_flight import plan
+    from rwa_monitor.discrepancy.plan import plan
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.threads import cores, on_threads
     from rwa_monitor.wheel.wheel import built_in_wheel

@@ -14,12 +14,12 @@ import numpy as np
 
 from rwa_monitor.discrepancy.angle import AngleLine, angle_line, order_to_try, ripple_with, with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
-from rwa_monitor.discrepancy.cage import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
-from rwa_monitor.discrepancy.formulas import formulas
+from rwa_monitor.discrepancy.hypotheses import formulas, speed_curve
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, fit_noise
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.noise_effects import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.quantisation import drawn_again
 from rwa_monitor.discrepancy.record import Record
@@ -27,7 +27,6 @@ from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, with_slope_jumps
-from rwa_monitor.discrepancy.testable import speed_curve
 from rwa_monitor.discrepancy.unexplained import (
     does_nearly_all,
     judge_leftover,

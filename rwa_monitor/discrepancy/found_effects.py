@@ -9,7 +9,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
-from rwa_monitor.discrepancy.formulas import describe
+from rwa_monitor.discrepancy.hypotheses import describe
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.models import Found, Model, law_of
 from rwa_monitor.discrepancy.p_values import built_in_nulls

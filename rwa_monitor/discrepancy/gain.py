@@ -14,12 +14,11 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, levels, remove_levels, segment_starts, solve_bounded
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, levels, remove_levels, segment, segment_starts, solve_bounded
 from rwa_monitor.discrepancy.likelihood import Equations, Series
 from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import regressors
-from rwa_monitor.discrepancy.segmentation import segment
 from rwa_monitor.discrepancy.terms import depends_on_level, design_of, make_term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 

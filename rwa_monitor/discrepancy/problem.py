@@ -5,13 +5,12 @@ The sign is folded in: z = s·friction torque is a level and a slope in both dir
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from rwa_monitor.discrepancy.caches import ColumnCache, RecentCache
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise import Noise
 from rwa_monitor.discrepancy.record import Record
@@ -19,6 +18,54 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
 NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
+
+
+# ---- what a search has worked out before and meets again, as far as there is room: columns, levels -------------------
+
+
+CACHE_BYTES: Final = 400_000_000
+RECENT: Final = 4  # values that are kept: those of the models that are extended just now
+
+Value = TypeVar("Value")
+
+
+class ColumnCache:
+    """Columns already evaluated, by effect and shape: the search visits the same shapes many times."""
+
+    def __init__(self, room: int = CACHE_BYTES) -> None:
+        self._columns: dict[Hashable, FloatArray] = {}
+        self._room = room  # bytes
+
+    def get(self, key: Hashable) -> FloatArray | None:
+        """Return the columns, or None where they are not kept."""
+        return self._columns.get(key)
+
+    def put(self, key: Hashable, columns: FloatArray) -> None:
+        """Keep columns as long as there is room; what is kept stays."""
+        if columns.nbytes <= self._room:
+            self._columns[key] = columns
+            self._room -= columns.nbytes
+
+
+class RecentCache:
+    """The values asked for last, by all that decides them: many effects follow the same level."""
+
+    def __init__(self) -> None:
+        # Replaced as a whole: of two threads that add at once one may be forgotten, no more.
+        self._values: tuple[tuple[tuple[object, ...], Hashable, Any], ...] = ()
+
+    def get(self, objects: tuple[object, ...], key: Hashable, make: Callable[[], Value]) -> Value:
+        """Return what `make` returned for these very objects, which are held, and this key, or what it returns now."""
+        for known, of_known, kept in self._values:
+            if of_known == key and all(one is other for one, other in zip(known, objects, strict=True)):
+                same: Value = kept
+                return same
+        value = make()
+        self._values = (*self._values, (objects, key, value))[-RECENT:]
+        return value
+
+
+# ---- the data that a search works on ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)

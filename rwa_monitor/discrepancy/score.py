@@ -14,11 +14,17 @@ from typing import Final, Self
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Fit, distance_to_crossings, remove_levels, segment_starts
+from rwa_monitor.discrepancy.base_fit import (
+    JUMP_PENALTY,
+    Fit,
+    distance_to_crossings,
+    remove_levels,
+    segment_correlated,
+    segment_starts,
+)
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.segmentation import segment_correlated
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 

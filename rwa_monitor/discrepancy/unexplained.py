@@ -15,14 +15,13 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, strong_jumps, strong_level
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub
 from rwa_monitor.discrepancy.gain import trained
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import Term, make_term
-from rwa_monitor.discrepancy.unnamed import UNNAMED, UnnamedEffect
+from rwa_monitor.discrepancy.unnamed import CURVES, UNNAMED, Periodic, PeriodicDrag, PeriodicRub, UnnamedEffect
 from rwa_monitor.samples import FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept

@@ -11,14 +11,14 @@ from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.finished_search import Search, ladder
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.p_values import built_in_nulls
+from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.untested import Detectable, detectable_strengths, not_testable
-from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.reporting import number_formats
+from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.catalogue import effect_class
 

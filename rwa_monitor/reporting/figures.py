@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.finished_search import Search, ladder
-from rwa_monitor.discrepancy.views import View, base_residual
 from rwa_monitor.reporting.number_formats import scaled
+from rwa_monitor.reporting.residual_views import View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
 
 BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: apart for colour-blind eyes too

@@ -10,7 +10,7 @@ from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.next_flight import plan
+from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel

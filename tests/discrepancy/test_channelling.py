@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.next_flight import plan
+from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.unnamed import angle_since_reversal, angles_between_reversals
 from tests.discrepancy.simple import PERIOD_S, WHEEL, Array, record

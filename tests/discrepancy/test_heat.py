@@ -7,7 +7,7 @@ import pytest
 
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.next_flight import plan
+from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, Array

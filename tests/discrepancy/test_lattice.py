@@ -11,8 +11,7 @@ from scipy import stats
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.quantisation import without_steps
-from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.reversals import averages_over_reversals
+from rwa_monitor.discrepancy.record import averages_over_reversals, make_record
 from rwa_monitor.reporting.discrepancy_report import steps_in_words
 from rwa_monitor.samples import Samples
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing

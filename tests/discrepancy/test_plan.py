@@ -9,8 +9,7 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.next_flight import UNINFORMATIVE, plan
-from rwa_monitor.discrepancy.plan import DECIDES, MANOEUVRES
+from rwa_monitor.discrepancy.plan import DECIDES, MANOEUVRES, UNINFORMATIVE, plan
 from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, Array, record
 
 TOP_RAD_S, OFFSET_NM = 150.0, 1e-5  # a quarter of the noise

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.base_fit import make_problem, strong_level
-from rwa_monitor.discrepancy.caches import ColumnCache
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.problem import ColumnCache
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.samples import Samples

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from rwa_monitor.discrepancy.segmentation import segment, segment_correlated
+from rwa_monitor.discrepancy.base_fit import segment, segment_correlated
 from rwa_monitor.kernels.segmentation import decafs, fpop
 
 Array = np.ndarray[Any, np.dtype[np.float64]]

@@ -18,11 +18,10 @@ from hypothesis import strategies as st
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.hypotheses import candidates
+from rwa_monitor.discrepancy.hypotheses import FOLLOWS_THE_SPEED, candidates
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.terms import make_term
-from rwa_monitor.discrepancy.testable import FOLLOWS_THE_SPEED
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple

@@ -17,14 +17,13 @@ from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search, ladder
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.p_values import with_bootstrap
-from rwa_monitor.discrepancy.plan import rank_manoeuvres
+from rwa_monitor.discrepancy.plan import plan, rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import make_term
-from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.reporting import discrepancy_report as report
 from rwa_monitor.reporting import figures
+from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate

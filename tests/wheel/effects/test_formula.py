@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.base_fit import make_problem
-from rwa_monitor.discrepancy.formulas import describe, formulas
+from rwa_monitor.discrepancy.hypotheses import describe, formulas
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
