@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import re
 import sys
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Union, get_args, get_origin
 
@@ -31,9 +32,8 @@ from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel import durations, wheel
-from rwa_monitor.wheel.effects.base import Effect
+from rwa_monitor.wheel.effects.base import Effect, MeanEffect, Parameter
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block
-from rwa_monitor.wheel.effects.describe import describe, index
 from rwa_monitor.wheel.effects.formula import BLOCK, FORMULAS, Formula
 from rwa_monitor.wheel.wheel import built_in_wheel
 
@@ -469,6 +469,98 @@ def write(*, also_pictures: bool) -> None:
         file = DOCS / name
         file.parent.mkdir(parents=True, exist_ok=True)
         draw(file)
+
+
+# ---- an effect explained: its page is generated from the class itself ----------------------------------------------
+
+
+PARITY = {
+    "odd": "changes sign when the whole motion is mirrored (speed, acceleration and current)",
+    "even": "keeps its sign when the whole motion is mirrored (speed, acceleration and current)",
+    "none": "has no symmetry between a motion and its mirror image",
+}
+
+
+def describe(effect: type[Effect]) -> str:
+    """Return the page of an effect: formula, physics, parameters, signature, look-alikes, source.
+
+    Parameters
+    ----------
+    effect
+        A class of the catalogue.
+
+    Returns
+    -------
+    str
+        Markdown, ending with a line feed; the formula between double dollar signs.
+    """
+    lines = [
+        f"# {effect.title}",
+        "",
+        f"`{effect.name}` · {effect.family} effect",
+        "",
+        effect.description,
+        "",
+        f"$${effect.formula}$$",
+        "",
+    ]
+    if issubclass(effect, MeanEffect):
+        lines += [f"The torque {PARITY[effect.parity]}.", ""]
+    if effect.parameters:
+        lines += ["| parameter | unit | kind | range | typical |", "|---|---|---|---|---|"]
+        lines += [_row(parameter) for parameter in effect.parameters]
+        lines.append("")
+    lines += [f"**What shows it.** {effect.signature}", ""]
+    if effect.confused_with:
+        others = ", ".join(f"[`{name}`]({name}.md)" for name in effect.confused_with)
+        lines += [f"**Looks like** {others}.", ""]
+    lines += [f"**Separated by.** {effect.separate_by}", ""]
+    if effect.needs:
+        lines += [f"**Needs** {', '.join(f'`{channel}`' for channel in sorted(effect.needs))}.", ""]
+    lines += [f"**Source.** {effect.source}", ""]
+    return "\n".join(lines)
+
+
+def index(effects: Iterable[type[Effect]]) -> str:
+    """Return the page that lists effects by family, each with what shows it and a link to its page, as Markdown."""
+    lines = ["# Effects the base model leaves out", ""]
+    by_family: dict[str, list[type[Effect]]] = {"mean": [], "noise": [], "switching": []}
+    for effect in effects:
+        by_family[effect.family].append(effect)
+    for family, members in by_family.items():
+        lines += [f"## {family.capitalize()} effects", "", "| name | what | what shows it |", "|---|---|---|"]
+        lines += [
+            f"| [`{effect.name}`]({effect.name}.md) | {effect.title} | {effect.signature} |" for effect in members
+        ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _row(parameter: Parameter) -> str:
+    """Return one row of the table of parameters."""
+    kind = "strength" if parameter.linear else "shape"
+    typical = f"{parameter.typical:g}"
+    if parameter.default is not None:
+        typical += f" (default {parameter.default:g})"
+    return f"| `{parameter.name}` | {parameter.unit} | {kind} | {range_in_words(parameter)} | {typical} |"
+
+
+def range_in_words(parameter: Parameter) -> str:
+    """Return the range of a parameter in words."""
+    if parameter.choices:
+        if parameter.between:
+            return f"{parameter.low:g} … {parameter.high:g}"
+        if len(parameter.choices) > 4:
+            return f"{parameter.choices[0]:g}, {parameter.choices[1]:g} … {parameter.choices[-1]:g}"
+        return " or ".join(f"{choice:g}" for choice in parameter.choices)
+    bounded = math.isfinite(parameter.low), math.isfinite(parameter.high)
+    if bounded == (True, True):
+        return f"{parameter.low:g} … {parameter.high:g}"
+    if bounded == (True, False):
+        return f"≥ {parameter.low:g}"
+    if bounded == (False, True):
+        return f"≤ {parameter.high:g}"
+    return "any"
 
 
 if __name__ == "__main__":

@@ -12,11 +12,18 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import known_or_nan, stack
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    duration,
+    known_or_nan,
+    narrowed,
+    stack,
+)
 from rwa_monitor.wheel.effects.current_delay import CurrentDelay
 from rwa_monitor.wheel.effects.decaying_jump import DecayingJump
-from rwa_monitor.wheel.effects.resolution import duration, narrowed
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
 

@@ -11,9 +11,8 @@ from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.quantisation import without_steps
 from rwa_monitor.discrepancy.record import Record, make_record
 from rwa_monitor.samples import Samples
-from rwa_monitor.wheel.effects.catalogue import mean_effects
+from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.effects.current_delay import CurrentDelay
-from rwa_monitor.wheel.effects.removal import effect_torque
 from rwa_monitor.wheel.wheel import Wheel
 
 

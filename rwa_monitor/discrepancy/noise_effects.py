@@ -18,10 +18,9 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Effect
+from rwa_monitor.wheel.effects.base import Channels, Effect, LikelihoodFit, curvature_std
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, NOISE_EFFECTS
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit, curvature_std
 from rwa_monitor.wheel.effects.speed_dependent_noise import OF_BAND, SpeedDependentNoise, spread_factor
 
 OUTLIER_AT: Final = 7.0  # standard deviations

@@ -24,8 +24,8 @@ from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.wheel.durations import Geometric
+from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
 from rwa_monitor.wheel.effects.speed_triggered_jumps import SpeedTriggeredJumps
 from rwa_monitor.wheel.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
 from rwa_monitor.wheel.effects.wrong_duration_law import FEWEST_SOJOURNS, WrongDurationLaw, weibull_of_mean

@@ -24,8 +24,7 @@ from scipy.signal import lfilter
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.resolution import duration, narrowed, used_speed
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, duration, narrowed, used_speed
 from rwa_monitor.wheel.effects.torque_ripple import angle_range_turns, angle_turned
 from rwa_monitor.wheel.effects.viscosity_temperature import ViscosityTemperature
 

@@ -19,9 +19,8 @@ from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.simulation.sensors import bearing_temperature, measure
 from rwa_monitor.simulation.truth import VISIBLE_INFORMATION, Changepoints, Telemetry, Truth, cut, true_changepoints
 from rwa_monitor.wheel import torque_balance
-from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
+from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect
 from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import FrictionFactor, Realisation, simulate_system

@@ -17,8 +17,7 @@ from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.telemetry.ring_buffer import OPTIONAL, RingBuffer
 from rwa_monitor.telemetry.sensor_validation import Channel, Fault, friction_limit
 from rwa_monitor.wheel.effects.base import Channels, Memory
-from rwa_monitor.wheel.effects.catalogue import mean_effects
-from rwa_monitor.wheel.effects.removal import effect_torque
+from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.torque_balance import (
     differentiate_over_gaps,
     friction_torque,

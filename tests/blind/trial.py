@@ -22,9 +22,8 @@ from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.telemetry.configuration import read_wheel, write_wheel
 from rwa_monitor.telemetry.csv_table import write_csv
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.base import MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
 from tests.blind.equivalence import accepted
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal

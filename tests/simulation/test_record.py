@@ -15,8 +15,8 @@ from rwa_monitor.simulation.scenario import Anomaly, Base, Scenario
 from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
 from rwa_monitor.wheel import torque_balance as tb
 from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.effects.base import NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, to_block
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect
 from rwa_monitor.wheel.wheel import EffectBlock, Noise, Window, built_in_wheel
 
 WHEEL = built_in_wheel()

@@ -2,15 +2,16 @@
 
 The simulator, the estimator, the live monitor and the discrepancy search share these classes, so that a formula
 stands in one place. Three families: *mean* effects add a torque, *noise* effects change the noise, *switching*
-effects change the jumps. This file has what all share and the mean family; `catalogue.py` collects the classes.
+effects change the jumps. This file has what all share, the mean and the noise family; `switching_base.py` has the
+third, and `catalogue.py` collects the classes.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Final, Literal, Self
 
 import numpy as np
 
@@ -278,3 +279,166 @@ class MeanEffect(Effect, ABC):
         for j, strength in enumerate(strengths):
             torque += strength * columns[:, j]
         return torque, memory
+
+
+# ---- what effects share: columns side by side, what an unknown channel gives, what a record can show -----------------
+
+
+def stack(*columns: FloatArray) -> FloatArray:
+    """Return the columns side by side, float64 (n, number of columns)."""
+    return np.stack(columns, axis=1)
+
+
+def known_or_nan(channel: FloatArray | None, channels: Channels) -> FloatArray:
+    """Return an optional channel, or NaN in every slot where it was not measured at all."""
+    return np.full(len(channels), np.nan) if channel is None else channel
+
+
+NEAR_ZERO: Final = 0.05  # share of the largest speed that counts as near zero, where the speed step is measured
+
+
+def used_speed(channels: Channels) -> FloatArray:
+    """Return |ω| of the good slots [rad/s]; one zero where there are none."""
+    speed = np.abs(channels.speed_rad_s[channels.good & np.isfinite(channels.speed_rad_s)])
+    return speed if speed.size else np.zeros(1)
+
+
+def speed_step(channels: Channels) -> float:
+    """Return the usual change of speed from slot to slot near zero speed (else overall) [rad/s].
+
+    A feature narrower than a few of these falls between samples.
+    """
+    change = np.abs(np.diff(channels.speed_rad_s))
+    finite = np.isfinite(change)
+    near = finite & (np.abs(channels.speed_rad_s[1:]) < NEAR_ZERO * used_speed(channels).max())
+    moving = change[near & (change > 0)]
+    if not moving.size:
+        moving = change[finite & (change > 0)]
+    return float(np.median(moving)) if moving.size else 0.0
+
+
+def duration(channels: Channels) -> float:
+    """Return the length of the record [s]."""
+    return len(channels) * channels.sample_period_s
+
+
+def narrowed(physical: tuple[float, float], low: float, high: float) -> tuple[float, float]:
+    """Return [low, high] inside the physical bounds; a range that would be empty shrinks to its upper end."""
+    high = min(max(high, physical[0]), physical[1])
+    return min(max(low, physical[0]), high), high
+
+
+# ---- a fit by maximum likelihood: what noise and switching effects hand to the search --------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class LikelihoodFit:
+    """An effect fitted by maximum likelihood, compared with the record's law without it.
+
+    Attributes
+    ----------
+    values
+        The parameters, by name.
+    std
+        Their standard deviations; NaN where the likelihood has no curvature or none was derived.
+    log_likelihood_gain
+        log L with the effect less log L without it, each at its maximum; natural logarithm, ≥ 0.
+    parameters
+        Free parameters beyond those of the law without the effect.
+    samples
+        How many values entered: residuals, or jumps.
+    undetermined
+        Parameters that this fit does not estimate; their values are placeholders.
+    """
+
+    values: dict[str, float]
+    std: dict[str, float]
+    log_likelihood_gain: float
+    parameters: int
+    samples: int
+    undetermined: frozenset[str] = frozenset()
+
+    @property
+    def penalised_gain(self) -> float:
+        """2·gain less log n for each parameter (BIC); above zero where the effect is worth its parameters."""
+        return 2.0 * self.log_likelihood_gain - self.parameters * float(np.log(max(self.samples, 1)))
+
+
+def no_gain(effect: type[Effect], samples: int = 0) -> LikelihoodFit:
+    """Return the fit of a record that cannot show an effect: typical values, no gain."""
+    return LikelihoodFit(
+        values={parameter.name: parameter.typical for parameter in effect.parameters},
+        std={parameter.name: float("nan") for parameter in effect.parameters},
+        log_likelihood_gain=0.0,
+        parameters=len(effect.parameters),
+        samples=samples,
+    )
+
+
+def curvature_std(log_likelihood: Callable[[float], float], at: float, step: float) -> float:
+    """Return the standard deviation that the curvature of a log-likelihood gives a parameter; NaN where it has none."""
+    second = (log_likelihood(at + step) - 2.0 * log_likelihood(at) + log_likelihood(at - step)) / step**2
+    return float(1.0 / np.sqrt(-second)) if second < 0 else float("nan")
+
+
+# ---- noise effects: how they change simulated noise, and how they are recognised in a residual -----------------------
+# Noise effects add no regression column. Each has a likelihood of its own for the residual that is left after the base
+# law, its jumps and the mean effects are removed; it is compared with white Gaussian noise of the same residual.
+
+
+class NoiseEffect(Effect, ABC):
+    """An effect that changes the noise of the friction torque, or of the speed that it is derived from."""
+
+    family: ClassVar[Family] = "noise"
+
+    @abstractmethod
+    def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
+        """Return the noise of a simulated friction torque with this effect in it.
+
+        Parameters
+        ----------
+        noise_Nm
+            float64 (n,), the noise so far, white to begin with.
+        channels
+            The true motion.
+        rng
+            Source of all randomness.
+        """
+
+    def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
+        """Return what the tachometer reads of a true speed [rad/s]; unchanged by most effects.
+
+        A simulator that derives friction from the measured speed uses this *instead of* `apply` for an effect that
+        changes it.
+        """
+        return speed_rad_s
+
+    @classmethod
+    @abstractmethod
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+        """Fit the effect to a residual.
+
+        Parameters
+        ----------
+        residual_Nm
+            float64 (n,), what base law, jumps and mean effects leave, on consecutive slots.
+        channels
+            The measured motion.
+        good
+            bool (n,), slots whose residual counts.
+
+        Returns
+        -------
+        LikelihoodFit
+            At the maximum of the likelihood; a gain of zero where the record cannot show the effect.
+        """
+
+    @classmethod
+    def nothing_found(cls, samples: int = 0) -> LikelihoodFit:
+        """Return the fit of a record that cannot show the effect: typical values, no gain."""
+        return no_gain(cls, samples)
+
+
+def usable_residuals(residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> BoolArray:
+    """Return the slots whose residual and speed count, bool (n,)."""
+    return good & channels.good & np.isfinite(residual_Nm) & np.isfinite(channels.speed_rad_s)

@@ -6,9 +6,7 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import autoregress
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Parameter
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect, usable_residuals
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 
 
 class ColouredNoise(NoiseEffect):

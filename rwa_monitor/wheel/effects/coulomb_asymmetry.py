@@ -7,8 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
 
 
 class CoulombAsymmetry(MeanEffect):

@@ -9,8 +9,7 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import backward_difference
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
 
 
 class CurrentDelay(MeanEffect):

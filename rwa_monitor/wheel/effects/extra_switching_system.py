@@ -6,8 +6,7 @@ import numpy as np
 
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import Geometric
-from rwa_monitor.wheel.effects.base import Channels, Parameter
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter
 from rwa_monitor.wheel.effects.switching_base import SwitchingEffect, SwitchingEvidence
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem

@@ -17,9 +17,7 @@ import numpy as np
 
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import known_or_nan
-from rwa_monitor.wheel.effects.resolution import narrowed
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, narrowed
 from rwa_monitor.wheel.effects.torque_ripple import (
     LOWEST_ORDER,
     MANY_TURNS,

@@ -9,9 +9,7 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import stack
-from rwa_monitor.wheel.effects.resolution import duration, narrowed
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, duration, narrowed, stack
 
 MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
 FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the drive's

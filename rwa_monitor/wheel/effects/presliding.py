@@ -9,9 +9,17 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import dahl_bristle
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import stack
-from rwa_monitor.wheel.effects.resolution import duration, narrowed, speed_step, used_speed
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    duration,
+    narrowed,
+    speed_step,
+    stack,
+    used_speed,
+)
 from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 
 SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape

@@ -8,9 +8,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import stack
-from rwa_monitor.wheel.effects.resolution import duration, narrowed
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, duration, narrowed, stack
 
 HOUR_S: Final = 3600.0
 

@@ -8,9 +8,16 @@ from typing import ClassVar, Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import stack
-from rwa_monitor.wheel.effects.resolution import narrowed, speed_step, used_speed
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    narrowed,
+    speed_step,
+    stack,
+    used_speed,
+)
 
 SHARPEST: Final = 6.0  # of the bend: at ω_s the drag is 89 % of its end; sharper is a corner
 RARER: Final = 100.0  # odds of a power law, which bearings of machines are known to follow, against this one

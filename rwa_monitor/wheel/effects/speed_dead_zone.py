@@ -7,9 +7,16 @@ from collections.abc import Mapping
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import stack
-from rwa_monitor.wheel.effects.resolution import narrowed, speed_step, used_speed
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    narrowed,
+    speed_step,
+    stack,
+    used_speed,
+)
 
 
 class SpeedDeadZone(MeanEffect):

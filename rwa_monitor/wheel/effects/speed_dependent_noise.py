@@ -9,9 +9,14 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Parameter
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit, curvature_std
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect, usable_residuals
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    LikelihoodFit,
+    NoiseEffect,
+    Parameter,
+    curvature_std,
+    usable_residuals,
+)
 
 BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in each
 

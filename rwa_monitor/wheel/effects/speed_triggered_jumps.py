@@ -9,8 +9,7 @@ import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Parameter
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit, curvature_std
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter, curvature_std
 from rwa_monitor.wheel.effects.switching_base import JumpClock, SwitchingEffect, SwitchingEvidence
 
 FEWEST_JUMPS: Final = 5

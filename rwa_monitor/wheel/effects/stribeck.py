@@ -8,9 +8,16 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import stack
-from rwa_monitor.wheel.effects.resolution import narrowed, speed_step, used_speed
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    narrowed,
+    speed_step,
+    stack,
+    used_speed,
+)
 
 GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
 WIDEST_SHARE: Final = 0.5  # of the largest speed: e⁻² of a wide one (δ = 1) is left there, and the rest is seen

@@ -15,8 +15,7 @@ import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.durations import Geometric
-from rwa_monitor.wheel.effects.base import Channels, Effect, Family
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit, no_gain
+from rwa_monitor.wheel.effects.base import Channels, Effect, Family, LikelihoodFit, no_gain
 from rwa_monitor.wheel.switching_systems import Realisation
 from rwa_monitor.wheel.wheel import SwitchingSystem
 

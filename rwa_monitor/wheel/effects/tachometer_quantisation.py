@@ -8,9 +8,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Parameter
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect, usable_residuals
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 
 SMOOTHING_SLOTS: Final = 15  # of the parabola that stands for the true speed under the steps
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from typing import Final
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
 
 REFERENCE_DEGC: Final = 20.0  # [°C] where the torque constant is the assumed one
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import turned_angle
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, stack
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.columns import known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
 
 ZERO_CELSIUS_K: Final = 273.15  # [K]
 REFERENCE_K: Final = ZERO_CELSIUS_K + 20.0  # [K] where ν = ν₀: a convention, it shifts strength into the base slope

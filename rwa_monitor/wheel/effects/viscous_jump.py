@@ -8,9 +8,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Parameter
-from rwa_monitor.wheel.effects.columns import stack
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter, stack
 from rwa_monitor.wheel.effects.switching_base import BeyondBase, Jumps, SwitchingEffect, SwitchingEvidence
 
 FEWEST_SLOTS: Final = 10

@@ -9,8 +9,7 @@ from scipy import special
 
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import DurationLaw, Weibull
-from rwa_monitor.wheel.effects.base import Parameter
-from rwa_monitor.wheel.effects.likelihood import LikelihoodFit, curvature_std
+from rwa_monitor.wheel.effects.base import LikelihoodFit, Parameter, curvature_std
 from rwa_monitor.wheel.effects.switching_base import TINY, Sojourns, SwitchingEffect, SwitchingEvidence
 from rwa_monitor.wheel.wheel import SwitchingSystem
 

@@ -10,10 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.wheel.effects.base import Effect, MeanEffect, Parameter
+from rwa_monitor.wheel.effects.base import Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, build, mean_effects, register, to_block
-from rwa_monitor.wheel.effects.describe import describe, index, range_in_words
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect
 from rwa_monitor.wheel.effects.switching_base import SwitchingEffect
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
 from tests.wheel.effects.records import rich_motion
@@ -143,33 +141,6 @@ def test_it_survives_the_way_through_a_wheel_file(effect: type[Effect]) -> None:
     assert type(built) is effect
     assert built.values == effect.typical().values
     assert [type(e) for e in mean_effects(again)] == ([effect] if effect.family == "mean" else [])
-
-
-@every_effect
-def test_its_page_holds_all_it_says(effect: type[Effect]) -> None:
-    page = describe(effect)
-    assert page.startswith(f"# {effect.title}\n")
-    assert page.endswith("\n")
-    assert f"$${effect.formula}$$" in page
-    for text in (effect.description, effect.signature, effect.separate_by, effect.source):
-        assert text in page
-    for parameter in effect.parameters:
-        assert f"| `{parameter.name}` | {parameter.unit} |" in page
-    for name in effect.confused_with:
-        assert f"]({name}.md)" in page
-
-
-def test_the_index_lists_every_effect_once() -> None:
-    page = index(CATALOGUE.values())
-    assert [page.count(f"| [`{name}`]({name}.md) |") for name in CATALOGUE] == [1] * len(CATALOGUE)
-    assert page.index("## Mean") < page.index("[`stribeck`]") < page.index("## Noise") < page.index("## Switching")
-
-
-def test_the_page_words_every_kind_of_range() -> None:
-    assert range_in_words(Parameter("a", "-", -np.inf, np.inf, 0.0)) == "any"
-    assert range_in_words(Parameter("a", "-", 0.0, np.inf, 0.0)) == "≥ 0"
-    assert range_in_words(Parameter("a", "-", -np.inf, 2.0, 0.0)) == "≤ 2"
-    assert range_in_words(Parameter("a", "-", 0.5, 2.0, 1.0)) == "0.5 … 2"
 
 
 def test_an_unknown_effect_is_refused_with_the_names_there_are() -> None:

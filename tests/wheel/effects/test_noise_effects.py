@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.wheel.effects.base import Channels
+from rwa_monitor.wheel.effects.base import Channels, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS
-from rwa_monitor.wheel.effects.noise_base import NoiseEffect
 from rwa_monitor.wheel.effects.tachometer_quantisation import error_of_step, lattice_step
 from tests.wheel.effects.records import rich_motion
 

@@ -11,8 +11,8 @@ from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.effects.base import Channels
+from rwa_monitor.wheel.effects.catalogue import effect_torque
 from rwa_monitor.wheel.effects.coulomb_asymmetry import CoulombAsymmetry
-from rwa_monitor.wheel.effects.removal import effect_torque
 from rwa_monitor.wheel.effects.torque_bias import TorqueBias
 from rwa_monitor.wheel.wheel import EffectBlock, built_in_wheel
 
