@@ -161,9 +161,9 @@ def ur10e(mirrors: Path, out: Path) -> None:
 
 
 def kinova(mirrors: Path, out: Path) -> None:
-    """From HBRS-SDP/joint-friction-model (MIT in its sources): the last joint of a Kinova Gen3 at ten constant speeds, one way, 1 kHz.
+    """From HBRS-SDP/joint-friction-model (MIT in its sources): the last joint of a Kinova Gen3 at ten constant speeds.
 
-    Measured current times 7.6 N m/A (configs/constants.yml), speed from the angle, half a second after the start on,
+    One way, 1 kHz. Measured current times 7.6 N m/A (configs/constants.yml), speed from the angle, half a second after the start on,
     means of 250 rows; the speeds in growing order, 5 s between them.
     """
     parts, clock = [], 0.0
