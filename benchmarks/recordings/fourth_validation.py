@@ -163,8 +163,8 @@ def ur10e(mirrors: Path, out: Path) -> None:
 def kinova(mirrors: Path, out: Path) -> None:
     """From HBRS-SDP/joint-friction-model (MIT in its sources): the last joint of a Kinova Gen3 at ten constant speeds.
 
-    One way, 1 kHz. Measured current times 7.6 N m/A (configs/constants.yml), speed from the angle, half a second after the start on,
-    means of 250 rows; the speeds in growing order, 5 s between them.
+    One way, 1 kHz. Measured current times 7.6 N m/A (configs/constants.yml), speed from the angle, half a second after
+    the start on, means of 250 rows; the speeds in growing order, 5 s between them.
     """
     parts, clock = [], 0.0
     for speed in ("0.03", "0.05", "0.09", "0.10", "0.30", "0.50", "0.70", "0.90", "1.30", "1.50"):
