@@ -1,10 +1,10 @@
 """Searches the validation recordings and holds the answers against what was written down before any search was run.
 
 `python -m benchmarks.recordings.judge FOLDER` prints a Markdown table; FOLDER holds what `validation` converted, with
-`FOLDER second` what `second_validation` did and with `FOLDER third` what `third_validation` did. An answer is right
-where it names, in a set of look-alikes or alone, one effect of each group that is required (or nothing, where that is
-acceptable), and nothing but what is tolerable beside. Effects of the noise count for nothing; a formula counts as a law
-of the speed.
+`FOLDER second` what `second_validation` did, with `FOLDER third` what `third_validation` did and with `FOLDER fourth`
+what `fourth_validation` did. An answer is right where it names, in a set of look-alikes or alone, one effect of each
+group that is required (or nothing, where that is acceptable), and nothing but what is tolerable beside. Effects of the
+noise count for nothing; a formula counts as a law of the speed.
 """
 
 from __future__ import annotations
@@ -215,6 +215,46 @@ THIRD: dict[str, Expected] = {
 }
 
 
+# ---- the fourth set --------------------------------------------------------------------------------------------------
+
+FAN = Expected(("quadratic_drag",), f"formula stribeck inertia_error {CONCAVE}")  # between two pulls
+PROP_IN_WIND = Expected(("quadratic_drag",), f"torque_bias formula stribeck {CONCAVE}")  # the wind turns it, too
+COGGING = Expected(("torque_ripple",), SLEW)  # 72 to a turn
+TRIANGLES = Expected((OFFSET, SLEW), f"viscous_asymmetry stribeck {CONCAVE} {SLEW} {OFFSET}")
+SINE = Expected((), SLEW, nothing=True)  # dry and viscous; what is left is where it turns round
+
+FOURTH: dict[str, Expected] = {
+    # fans of rowing machines running down, and between two pulls
+    **dict.fromkeys(
+        ("erg_model_c", "erg_kayak", "erg_oartec", "erg_schwinn", "erg_schwinn_pause", "erg_merach"), WINDAGE
+    ),
+    **dict.fromkeys(("erg_rowerg_strokes", "erg_merach_strokes", "erg_rx800_strokes"), FAN),
+    # small motors running down
+    "small_motor": Expected((), "torque_ripple", nothing=True),
+    "dc_motor_slow": Expected((), f"quadratic_drag formula stribeck {CONCAVE}", nothing=True),
+    "dc_motor_fast": WINDAGE,
+    # bare servo motor under triangles of torque, bare motor with cogging
+    **dict.fromkeys(("servo_triangles_1", "servo_triangles_5", "servo_triangles_9"), TRIANGLES),
+    **dict.fromkeys(("cogging_slow", "cogging_slow_after", "cogging_again", "cogging_again_after"), COGGING),
+    "cogging_sine": Expected((), f"stribeck torque_ripple formula {CONCAVE} {SLEW}", nothing=True),
+    # robot joints
+    "ur10e_joint1": Expected((), f"stribeck formula {CONCAVE} {SLEW}", nothing=True),
+    **dict.fromkeys(("ur10e_joint3", "ur10e_joint4", "ur10e_joint5", "ur10e_joint6"), SINE),
+    "kinova_joint7": Expected(
+        (f"stribeck {CONCAVE}",), f"stribeck run_in_drift speed_dead_zone presliding formula {CONCAVE}", nothing=True
+    ),
+    "tiago_lift": Expected((OFFSET,), f"viscous_asymmetry stribeck {CONCAVE} {SLEW} {OFFSET}"),
+    "tiago_arm1": Expected((), "inertia_error current_delay", nothing=True),
+    # propeller in wind
+    **dict.fromkeys(("prop_wind_a", "prop_wind_b", "prop_wind_c", "prop_sweep_a", "prop_sweep_b"), PROP_IN_WIND),
+    # two recordings of one machine
+    "erg_schwinn erg_schwinn_pause": WINDAGE,
+    "dc_motor_slow dc_motor_fast": WINDAGE,
+    "servo_triangles_1 servo_triangles_9": TRIANGLES,
+    "prop_wind_b prop_wind_c": PROP_IN_WIND,
+}
+
+
 def is_right(expected: Expected, sets: Iterable[set[str]]) -> bool:
     """Say whether sets of look-alikes, one for each effect that is named, are what was expected."""
     sets = list(sets)
@@ -234,7 +274,7 @@ def search(folder: Path, names: list[str]) -> Search:
 def main() -> None:
     """Search them all and print the table."""
     folder, right = Path(sys.argv[1]), []
-    sets = {"first": EXPECTED, "second": SECOND, "third": THIRD}
+    sets = {"first": EXPECTED, "second": SECOND, "third": THIRD, "fourth": FOURTH}
     print("| recordings | rows | answer | left | RMSE in sample | right |\n|---|---|---|---|---|---|")
     for key, expected in sets[sys.argv[2] if len(sys.argv) > 2 else "first"].items():
         try:
