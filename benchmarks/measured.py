@@ -206,10 +206,10 @@ def _covariance_of_scores(scores: FloatArray, lags: int) -> FloatArray:
 def bias_beside(search: Search, model: Model) -> tuple[float, float]:
     """Return what `torque_bias` gains beside a model, levels and jumps found afresh, and its strength [N m]."""
     fitting = Fitting(search.problem, jumps=bool(model.fit.jumps.size))
-    rivals = fitting.extensions(model, [MEAN_EFFECTS["torque_bias"]])
-    if not rivals:  # not worth a full fit
+    alternatives = fitting.extensions(model, [MEAN_EFFECTS["torque_bias"]])
+    if not alternatives:  # not worth a full fit
         return -search.problem.log_size, 0.0
-    with_bias = rivals[0]
+    with_bias = alternatives[0]
     gain = model.score - with_bias.score
     return gain, float(with_bias.strengths(len(with_bias.terms) - 1)[0])
 

@@ -79,7 +79,7 @@ def null_gains(count: int, motion: ProfileKind, noise: str, number: int) -> dict
     problem = prepare([make_record(samples, wheel, "null")], wheel)
     # Nothing is accepted, so that the best candidate is always the best rejected one.
     found = search(Fitting(problem, jumps=True), CANDIDATES, least_gain=np.inf)
-    base = found.ladder[0]
+    base = found.nested[0]
     gains = {"mean": found.best_rejected, "switching": largest_switching_gain(problem, base, wheel)}
     if noise == "white":
         gains["noise"] = max(largest_noise_gain(problem, base), largest_burst_gain(problem, base))

@@ -16,14 +16,14 @@ from matplotlib.figure import Figure
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.trends import CoefficientTrend, WindowFriction, wheel_trends
-from rwa_monitor.reporting.figures import ladder_picture as ladder
+from rwa_monitor.reporting.figures import gains_picture as gains
 from rwa_monitor.reporting.figures import overlay as discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.friction import source_of
 from rwa_monitor.wheel.torque_balance import mended_friction, torque_per_ampere, without_motor
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
-__all__ = ["discrepancy", "ladder", "trend", "window"]
+__all__ = ["discrepancy", "gains", "trend", "window"]
 
 SECONDS_PER_MINUTE: Final = 60.0
 LOOK_AHEAD: Final = 1.0  # of a trend that reaches no limit soon, in lengths of what was seen

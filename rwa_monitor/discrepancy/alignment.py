@@ -98,13 +98,13 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     best = int(np.argmin(np.where(explained, rough, np.inf)))
     least, gain = float(rough[best]), float(rough[at] - rough[best])
     # A jump of the friction that a shift takes out of sight around one step is no delay: most steps must show it.
-    telling = of_step[:, at] > CLEARLY_ROUGH * noise / of_step.shape[0]
+    informative = of_step[:, at] > CLEARLY_ROUGH * noise / of_step.shape[0]
     share = LEFT_SHARE if halves[best] % 2 == 0 else LEFT_OF_HALVES
-    shown = of_step[telling, best] < share * of_step[telling, at]
+    shown = of_step[informative, best] < share * of_step[informative, at]
     if shown.size < FEWEST_STEPS or np.mean(shown) < MOST_STEPS:
         return None
     curvature = float(rough[best - 1] - 2.0 * least + rough[best + 1]) / 0.25  # per slot²
-    # The data determine it far better than the slot within which nobody knows where a sample lies.
+    # The data determine it far better than the unknown place of a sample within its slot.
     variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
     seen = 0.5 * float(halves[best])
     slots = _whole(motions, wheel, seen)

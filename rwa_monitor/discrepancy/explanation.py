@@ -180,7 +180,7 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
     """Search for mean effects beside jumps, and judge what they leave: see `judge_leftover`."""
     candidates = [*candidates, *(effect for effect in UNNAMED if effect.may_show(problem))]
     approach, grown, sloped = _grown(problem, candidates, progress)
-    best = sloped or grown.ladder[-1]
+    best = sloped or grown.nested[-1]
     if best.terms:
 
         def again(other: Problem) -> Fit:
@@ -209,12 +209,12 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     progress("a formula for what has no name")
     found = explained.found
     most = explained.complete.score + EQUIVALENT_WITHIN
-    laws, _ = approach.sort_out(formulas(explained.problem), found.ladder[0])
-    known, _ = approach.sort_out([effect for effect in effects if effect.name in CATALOGUE], found.ladder[0])
-    models = [one for one in approach.extensions(found.ladder[-1], laws) if one.score <= most]
+    laws, _ = approach.sort_out(formulas(explained.problem), found.nested[0])
+    known, _ = approach.sort_out([effect for effect in effects if effect.name in CATALOGUE], found.nested[0])
+    models = [one for one in approach.extensions(found.nested[-1], laws) if one.score <= most]
     most = min(most, models[0].score + EQUIVALENT_WITHIN) if models else most
-    models = [one for one in approach.extensions(found.ladder[-1], known) if one.score <= most] or models
-    models = [one for one in models if len(one.terms) > len(found.ladder[-1].terms)]
+    models = [one for one in approach.extensions(found.nested[-1], known) if one.score <= most] or models
+    models = [one for one in models if len(one.terms) > len(found.nested[-1].terms)]
     if not models:
         return explained
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
@@ -226,7 +226,7 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     gain, names = simpler.score - best.score, set(best.names)
     named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
     found = replace(
-        found, ladder=(*shorter(found.ladder, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
+        found, nested=(*shorter(found.nested, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
     )
     return replace(explained, found=found, leftover=None, complete=best)
 
@@ -255,8 +255,8 @@ def _with_slope_jumps(approach: Fitting, grown: Growth, candidates: Effects, pro
     progress("slopes between jumps")
     problem = approach.problem
 
-    def rivals(model: Model) -> list[Model]:
+    def alternatives(model: Model) -> list[Model]:
         outside = [effect for effect in candidates if effect in UNNAMED and effect.name not in model.names]
         return [*with_free_curves(approach, model), *approach.extensions(model, outside)]
 
-    return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
+    return with_slope_jumps(problem, grown.nested[-1], grown.nested[0], alternatives)

@@ -82,7 +82,7 @@ def find_discrepancy(
     problem = explained.problem
     others, explained = _noise_and_jumps(explained, wheel, with_noise=no_noise is None and problem.has_noise)
     found = explained.found
-    mean = [found_effect(problem, found.ladder[-1], entry) for entry in found.found]
+    mean = [found_effect(problem, found.nested[-1], entry) for entry in found.found]
     named = delay if delay is not None and delay.slots and not _knows_delay(wheel) else None
     if named is not None:
         mean = sorted([*mean, found_delay(problem, named)], key=lambda effect: -effect.delta_deviance)
@@ -92,18 +92,18 @@ def find_discrepancy(
 
     progress("gain on held-out data")
     scores = _scores(explained, aside, each)
-    at_base = found.ladder[0]
-    if named is not None:  # the base model knows of none: it is judged on what is measured
+    at_base = found.nested[0]
+    if named is not None:  # the base model has none: it is judged on what is measured
         base = prepare(records_of(bench.recordings, wheel), wheel)
         at_base = Model((), fit(base))
         scores = (held_out(base, at_base), *scores)
-    gain = _gain(problem, at_base, found.ladder[-1], scores, tuple(name for name, _ in bench.held_out))
+    gain = _gain(problem, at_base, found.nested[-1], scores, tuple(name for name, _ in bench.held_out))
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
     if verdict == "adequate" and len(problem.noise.autocovariance) and speed_is_constant(problem):
         verdict = "untestable"  # speed that does not vary lets no law of it be tested
     result = DiscrepancyResult(verdict, effects, explained.leftover, tuple(lacking.items()), gain)
     delay_s = -named.slots * wheel.sample_period_s if named is not None else None
-    return _with_simulated(Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s))
+    return _with_simulated(Search(wheel, problem, found, scores[-len(found.nested) :], result, delay_s))
 
 
 def with_search_again(
@@ -186,7 +186,7 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
 
 def _scores(explained: Explained, aside: Problem | None, each: Mapper) -> tuple[HeldOut, ...]:
     """Return the score of each model of the nested sequence on data that it was not fitted to."""
-    problem, nested = explained.problem, explained.found.ladder
+    problem, nested = explained.problem, explained.found.nested
     if aside is not None:
         return tuple(each(partial(on_other_recordings, problem, aside), nested))
     if not explained.jumps:

@@ -22,30 +22,30 @@ class Search:
     wheel: Wheel
     problem: Problem
     mean: SearchResult
-    scores: tuple[HeldOut, ...]  # of each model of the ladder
+    scores: tuple[HeldOut, ...]  # of each nested model
     result: DiscrepancyResult
     delay_s: float | None = None  # of the current, where that was found and taken out before the search, as a strength
 
     @property
     def base(self) -> Model:
         """The base model."""
-        return self.mean.ladder[0]
+        return self.mean.nested[0]
 
     @property
     def extended(self) -> Model:
         """The base model with all mean effects found."""
-        return self.mean.ladder[-1]
+        return self.mean.nested[-1]
 
 
-# ---- the ladder of models --------------------------------------------------------------------------------------------
+# ---- the nested models --------------------------------------------------------------------------------------------
 
 
 NORMAL_95: Final = 1.96  # standard deviations
 
 
 @dataclass(frozen=True, slots=True)
-class Rung:
-    """One model of the ladder, judged on held-out data.
+class NestedModel:
+    """One nested model, judged on held-out data.
 
     Attributes
     ----------
@@ -56,9 +56,9 @@ class Rung:
     log_score
         Mean log density per sample [nats].
     gain, gain_low, gain_high
-        Over the rung before, with its 95 % interval from the spread over blocks [nats per sample]; None for the first.
+        Over the model before, with its 95 % interval from the spread over blocks [nats per sample]; None for the first.
     total, total_half
-        Gain over the first rung and half of its 95 % interval.
+        Gain over the first model and half of its 95 % interval.
     jumps
         Jumps that the model needs for the searched recordings.
     """
@@ -75,24 +75,26 @@ class Rung:
     jumps: int
 
 
-def ladder(search: Search) -> list[Rung]:
-    """Return the ladder of models with held-out gains; intervals from the spread over held-out blocks."""
-    rungs: list[Rung] = []
+def nested_models(search: Search) -> list[NestedModel]:
+    """Return the nested models with held-out gains; intervals from the spread over held-out blocks."""
+    nested: list[NestedModel] = []
     noise = search.problem.noise.std
     blocks = [score.block_log_scores for score in search.scores]
-    for i, (model, score) in enumerate(zip(search.mean.ladder, search.scores, strict=True)):
+    for i, (model, score) in enumerate(zip(search.mean.nested, search.scores, strict=True)):
         excess = float(np.sqrt(max(score.rmse_Nm**2 - noise**2, 0.0)))
         jumps = int(model.fit.jumps.size)
         if i == 0:
             name = "simulation as it is"
-            rungs.append(Rung(name, score.rmse_Nm, excess, score.log_score, None, None, None, 0.0, None, jumps))
+            nested.append(NestedModel(name, score.rmse_Nm, excess, score.log_score, None, None, None, 0.0, None, jumps))
             continue
         gain, half = _with_interval(blocks[i] - blocks[i - 1])
         total, total_half = _with_interval(blocks[i] - blocks[0])
         name = f"+ {model.names[-1]}"
         low, high = gain - half, gain + half
-        rungs.append(Rung(name, score.rmse_Nm, excess, score.log_score, gain, low, high, total, total_half, jumps))
-    return rungs
+        nested.append(
+            NestedModel(name, score.rmse_Nm, excess, score.log_score, gain, low, high, total, total_half, jumps)
+        )
+    return nested
 
 
 def _with_interval(per_block: FloatArray) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.hypotheses import describe
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.models import Found, Model, law_of
-from rwa_monitor.discrepancy.p_values import built_in_nulls
+from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import INDISTINGUISHABLE, FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import Background
@@ -45,7 +45,7 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
         tuple(name for name in found.equivalent if name in CATALOGUE or name.startswith(f"{BLOCK} ")),
         term.effect.separate_by,
         parameters,
-        built_in_nulls().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
+        built_in_null_distribution().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
         found.gain,
         describe(term, model.strengths(index)) if issubclass(term.effect, Formula) else "",
     )
@@ -91,7 +91,7 @@ def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
         (),
         effect.separate_by,
         {parameter.name: value},
-        built_in_nulls().p_value("mean", delay.gain, problem.log_size, derived=problem.friction_is_derived),
+        built_in_null_distribution().p_value("mean", delay.gain, problem.log_size, derived=problem.friction_is_derived),
         delay.gain,
     )
 

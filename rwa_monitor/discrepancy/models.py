@@ -77,7 +77,7 @@ class SearchResult:
 
     Attributes
     ----------
-    ladder
+    nested
         Models from the base upwards, one effect more at each step.
     found
         The effects of the last model, strongest first.
@@ -87,7 +87,7 @@ class SearchResult:
         Gain of the best candidate that was not accepted, and its name; -inf and "" where none came near.
     """
 
-    ladder: tuple[Model, ...]
+    nested: tuple[Model, ...]
     found: tuple[Found, ...]
     untestable: tuple[tuple[str, str], ...]
     best_rejected: float
@@ -100,17 +100,17 @@ class Growth:
 
     Attributes
     ----------
-    ladder, untestable, best_rejected, rejected
+    nested, untestable, best_rejected, rejected
         As in `SearchResult`.
     testable
         The candidates that the data can test.
-    rivals
+    alternatives
         For each effect of the last model, that model with another in its place, best first; None where not yet known.
     """
 
-    ladder: tuple[Model, ...]
+    nested: tuple[Model, ...]
     testable: tuple[type[MeanEffect], ...]
     untestable: tuple[tuple[str, str], ...]
     best_rejected: float
     rejected: str
-    rivals: tuple[tuple[Model, ...], ...] | None
+    alternatives: tuple[tuple[Model, ...], ...] | None

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_dilation
 
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
 from rwa_monitor.discrepancy.models import Model
-from rwa_monitor.discrepancy.p_values import built_in_nulls
+from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
@@ -380,7 +380,7 @@ def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, problem: Pr
         if parameter.name not in fit.undetermined  # what the data do not determine is not printed
     }
     derived = problem.friction_is_derived
-    p_value = built_in_nulls().p_value(effect.family, gain, problem.log_size, derived=derived)
+    p_value = built_in_null_distribution().p_value(effect.family, gain, problem.log_size, derived=derived)
     return FoundEffect(effect.name, effect.family, (), effect.separate_by, parameters, p_value, gain)
 
 

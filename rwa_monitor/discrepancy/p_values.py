@@ -121,7 +121,7 @@ def table_from(rows: Sequence[Mapping[str, object]]) -> NullTable:
 
 
 @cache
-def built_in_nulls() -> NullTable:
+def built_in_null_distribution() -> NullTable:
     """Return the table that ships with the package.
 
     Raises
@@ -177,9 +177,9 @@ def _null_gains(search: Search, name: str, draws: int, rng: np.random.Generator,
         simulated = replace(problem.with_empty_caches(), z=fitted + _resampled(model.fit.residual, rng))
         fitting = Fitting(simulated, jumps=jumps)
         start = fitting.refitted(others, null, [null.fit.jumps])
-        rivals = fitting.extensions(start, candidates)
-        if rivals:
-            gains[i] = start.score - rivals[0].score
+        alternatives = fitting.extensions(start, candidates)
+        if alternatives:
+            gains[i] = start.score - alternatives[0].score
     return gains
 
 

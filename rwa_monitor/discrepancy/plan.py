@@ -1,7 +1,7 @@
 """Which manoeuvre to fly next: the one that would best separate the leading causes.
 
 For each manoeuvre of a small library the motion is laid out, the torque that each leading cause would make there is
-computed, and the best imitation of it by each rival is fitted (shape profiled, level and slope free). What the
+computed, and the best imitation of it by each alternative is fitted (shape profiled, level and slope free). What the
 imitation leaves, over 2σ², is the expected difference of log-likelihood.
 """
 
@@ -37,7 +37,7 @@ DECIDES: Final = 5.0  # nats: one cause is then 150 times as likely as the other
 UNTESTED_SHARE: Final = 0.02  # of all friction (rms): the size at which an effect not tested yet is looked for
 MAX_SLOTS: Final = 20_000  # longer ones are laid out with longer slots
 RAMP_S: Final = 20.0  # over which a wheel can change its speed by a good part of its range
-IMITATION_SHARE: Final = 0.01  # of the found effect's energy that a rival must be able to make to be one
+IMITATION_SHARE: Final = 0.01  # of the found effect's energy that an alternative must be able to make to be one
 THERMAL_SWING_K: Final = 3.0  # of the bearing over an orbit; 1–5 K are common
 
 
@@ -96,14 +96,16 @@ class Manoeuvre:
     jump_at: float | None = None
 
 
-def rank_manoeuvres(problem: Problem, model: Model, rivals: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
+def rank_manoeuvres(
+    problem: Problem, model: Model, alternatives: Sequence[str], wheel: Wheel
+) -> list[PlannedManoeuvre]:
     """Rank the library's manoeuvres by how well they separate the leading causes, best first.
 
     Parameters
     ----------
     problem, model
         The data and the extended model: give noise, sizes and the speed range.
-    rivals
+    alternatives
         Names of the leading mean effects: those found and their equivalents. One alone is compared with the base
         model: how surely the manoeuvre would confirm it.
     wheel
@@ -116,7 +118,7 @@ def rank_manoeuvres(problem: Problem, model: Model, rivals: Sequence[str], wheel
         if flown is None:
             continue
         laid_out, level = flown
-        torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in rivals}
+        torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in alternatives}
         pairs = [
             (_separation(laid_out, torque, other, level), (cause, other))
             for cause, torque in torques.items()
@@ -184,10 +186,10 @@ def _typical_jump(model: Model, wheel: Wheel) -> float:
     return wheel.torque_unit_Nm * float(np.mean([0.5 * (f.low + f.high) for f in highest])) if highest else 0.0
 
 
-def _separation(laid_out: Problem, torque: FloatArray, rival: str, level: FloatArray) -> float:
-    """Return what the best imitation by `rival` ("": none) leaves of a torque, over 2σ²."""
+def _separation(laid_out: Problem, torque: FloatArray, alternative: str, level: FloatArray) -> float:
+    """Return what the best imitation by `alternative` ("": none) leaves of a torque, over 2σ²."""
     beside = _noiseless(laid_out, torque + level, np.flatnonzero(np.diff(level)) + 1)
-    equations = beside.equations_with(*([profile(beside, level, MEAN_EFFECTS[rival])[0]] if rival else []))
+    equations = beside.equations_with(*([profile(beside, level, MEAN_EFFECTS[alternative])[0]] if alternative else []))
     return float(equations.rss(equations.solve()[0])) / (2 * laid_out.noise.long_run_variance)
 
 
@@ -208,7 +210,7 @@ def _expected_torque(
     if cause in model.names:
         index = model.names.index(cause)
         return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
-    # A rival: fitted to what the strongest found effect makes in the recorded data.
+    # an alternative: fitted to what the strongest found effect makes in the recorded data.
     known = model.terms[0].columns @ model.strengths(0)
     fitted, _ = profile(_noiseless(problem, known + model.fit.level.mean()), model.fit.level, effect)
     design = np.column_stack([np.ones(problem.size), problem.speed, fitted.columns])
@@ -423,8 +425,8 @@ def plan(search: Search) -> Plan:
 
 def _worth_flying(manoeuvres: list[PlannedManoeuvre]) -> list[PlannedManoeuvre]:
     """Return the manoeuvres that separate anything, in the order of how much in the same time: effects, then nats."""
-    telling = [entry for entry in manoeuvres if entry.separation >= UNINFORMATIVE]
-    return sorted(telling, key=lambda entry: (-len(entry.shows) / entry.duration_s, -entry.nats_per_hour))
+    informative = [entry for entry in manoeuvres if entry.separation >= UNINFORMATIVE]
+    return sorted(informative, key=lambda entry: (-len(entry.shows) / entry.duration_s, -entry.nats_per_hour))
 
 
 def _shown_by(left: Unexplained) -> str:

@@ -28,7 +28,7 @@ from rwa_monitor.discrepancy.models import SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.tachometer_quantisation import lattice_step
+from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
 COARSE: Final = 0.5  # standard deviations of the noise: finer steps are of no consequence
@@ -182,18 +182,18 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
     """Withdraw the effects that rounding errors imitate, where they are coarse; they become untestable."""
     if not any(_is_coarse(problem, index) for index in range(len(problem.records))):
         return found
-    model = found.ladder[-1]
+    model = found.nested[-1]
     follows = [term.effect.name in FOLLOW_ACCELERATION for term in model.terms]
     if not any(follows):
         return found
     kept = model.terms[: follows.index(True)]  # what came after was judged beside a wrong name
     withdrawn = tuple((term.effect.name, MISSING) for term in model.terms[len(kept) :])
-    reduced = Fitting(problem, jumps=bool(model.fit.jumps.size)).refitted(kept, model) if kept else found.ladder[0]
+    reduced = Fitting(problem, jumps=bool(model.fit.jumps.size)).refitted(kept, model) if kept else found.nested[0]
     names = {term.effect.name for term in kept}
-    shorter = (m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(kept))
+    shorter = (m for m in found.nested if set(m.names) <= names and len(m.terms) < len(kept))
     return replace(
         found,
-        ladder=(*shorter, reduced),
+        nested=(*shorter, reduced),
         found=tuple(entry for entry in found.found if entry.name in names),
         untestable=(*found.untestable, *withdrawn),
     )
@@ -202,7 +202,7 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
 def _is_coarse(problem: Problem, index: int) -> bool:
     """Return whether a record's speed crosses less than one step within the derivative's filter, half of the time."""
     record = problem.records[index]
-    step = lattice_step(record.channels.speed_rad_s[np.isfinite(record.channels.speed_rad_s)])
+    step = quantisation_step(record.channels.speed_rad_s[np.isfinite(record.channels.speed_rad_s)])
     if not record.friction_is_derived or step is None:
         return False
     window_s = record.derivative_slots * record.channels.sample_period_s

@@ -379,18 +379,18 @@ def _at_rest(speed: FloatArray, noise: float, step: float, dead_band: float | No
 # Telemetry may be averaged on board. Dry friction flips with the speed, and a mean over an interval in which the speed
 # reverses is anything between both signs: a handful of such samples, tens of standard deviations off, passes for a dead
 # zone, for bristles or for an unknown law of speed. Whether a record is averaged its own reversals show: the speed
-# gives how long it turned which way in each interval, and the mean of the sign foretells the sample.
+# gives how long it turned which way in each interval, and the mean of the sign predicts the sample.
 
 
 LEVEL_REACH: Final = 8  # samples on each side of a reversal that show its dry friction
 STRADDLES: Final = 0.98  # of the sign, mean over the interval: what is less has a reversal in it
-LEFT_SHARE: Final = 0.5  # of what points miss, that means may miss: bristles and dead zones foretell no such share
+LEFT_SHARE: Final = 0.5  # of what points miss, that means may miss: bristles and dead zones predict no such share
 
 
 def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray) -> BoolArray:
     """Return the samples that are means over an interval in which the speed reverses; none where samples are points.
 
-    An interval is centred on its sample, or ends or begins with it: whichever foretells the samples best, if any does
+    An interval is centred on its sample, or ends or begins with it: whichever predicts the samples best, if any does
     clearly better than that they are points in time.
 
     Parameters

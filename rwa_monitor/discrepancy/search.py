@@ -51,52 +51,58 @@ def grow(
     progress("base model")
     base = fitting.base()
     testable, untestable = fitting.sort_out(effects, base)
-    ladder = [base, *begin_with]
+    nested = [base, *begin_with]
     best_rejected, rejected = -np.inf, ""
     known: tuple[Model, tuple[tuple[Model, ...], ...]] | None = None
-    while len(ladder[-1].terms) < MAX_EFFECTS:
-        ladder[-1] = fitting.settled(ladder[-1])
-        current = ladder[-1]
+    while len(nested[-1].terms) < MAX_EFFECTS:
+        nested[-1] = fitting.settled(nested[-1])
+        current = nested[-1]
         progress(" + ".join((*current.names, f"one of {len(testable)} effects")))
-        rivals = fitting.extensions(current, testable)
-        if not rivals:
+        alternatives = fitting.extensions(current, testable)
+        if not alternatives:
             break
-        if len(rivals[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
-            simpler = fitting.without(rivals[0], len(current.terms))
-            current = ladder[-1] = min(current, simpler, key=lambda model: model.score)
-        gain = current.score - rivals[0].score
+        if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
+            simpler = fitting.without(alternatives[0], len(current.terms))
+            current = nested[-1] = min(current, simpler, key=lambda model: model.score)
+        gain = current.score - alternatives[0].score
         if gain < least_gain and _wanders(current):  # of two laws, neither alone may explain what wanders
-            pairs = [pair for one in rivals[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
+            pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
             if current.score - best.score >= 2.0 * least_gain:
-                rivals, gain = [best], least_gain
+                alternatives, gain = [best], least_gain
         if gain < least_gain:
-            best_rejected, rejected = gain, (rivals[0].names or ("",))[-1]
+            best_rejected, rejected = gain, (alternatives[0].names or ("",))[-1]
             break
-        swapped, of_last = _swap(fitting, rivals[0], testable, progress)
+        swapped, of_last = _swap(fitting, alternatives[0], testable, progress)
         pruned = prune(fitting, swapped, keep_last=True)
         known = (pruned, of_last) if of_last is not None and pruned is swapped else None
-        ladder.append(pruned)
+        nested.append(pruned)
         if pruned.score >= current.score:
             break
-    final = fitting.settled(prune(fitting, min(ladder, key=lambda model: model.score)))
-    ladder = [*(model for model in ladder if len(model.terms) < len(final.terms)), final]
+    final = fitting.settled(prune(fitting, min(nested, key=lambda model: model.score)))
+    nested = [*(model for model in nested if len(model.terms) < len(final.terms)), final]
     of_final = known[1] if known is not None and known[0] is final else None
-    return Growth(tuple(ladder), tuple(testable), tuple(untestable), best_rejected, rejected, of_final)
+    return Growth(tuple(nested), tuple(testable), tuple(untestable), best_rejected, rejected, of_final)
 
 
 def rank(fitting: Fitting, grown: Growth, progress: Progress = lambda _: None) -> SearchResult:
     """Judge each effect of the last model by itself, and find what could stand in its place."""
-    model, found = grown.ladder[-1], []
+    model, found = grown.nested[-1], []
     for index, name in enumerate(model.names):
-        if grown.rivals is None:
+        if grown.alternatives is None:
             progress(f"in the place of {name}")
-        rivals = fitting.replacements(model, index, grown.testable) if grown.rivals is None else grown.rivals[index]
-        near = [rival.names[-1] for rival in rivals if rival.score - model.score < EQUIVALENT_WITHIN]
+        alternatives = (
+            fitting.replacements(model, index, grown.testable)
+            if grown.alternatives is None
+            else grown.alternatives[index]
+        )
+        near = [
+            alternative.names[-1] for alternative in alternatives if alternative.score - model.score < EQUIVALENT_WITHIN
+        ]
         equivalent = dict.fromkeys((*near, *fitting.as_good(model, index, grown.testable)))
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
-    return SearchResult(grown.ladder, ranked, grown.untestable, grown.best_rejected, grown.rejected)
+    return SearchResult(grown.nested, ranked, grown.untestable, grown.best_rejected, grown.rejected)
 
 
 def _wanders(model: Model) -> bool:
@@ -107,16 +113,16 @@ def _wanders(model: Model) -> bool:
 def _swap(
     fitting: Fitting, model: Model, effects: Effects, progress: Progress
 ) -> tuple[Model, tuple[tuple[Model, ...], ...] | None]:
-    """Exchange effects one by one while that helps; return the rivals of each that were tried last, too."""
+    """Exchange effects one by one while that helps; return the alternatives of each that were tried last, too."""
     if len(model.terms) <= 1:
         return model, None  # the best single effect was chosen among all
     tried: list[tuple[Model, ...]] = []
     while len(tried) < len(model.terms):
         progress(f"in the place of {model.names[len(tried)]}")
-        rivals = fitting.replacements(model, len(tried), effects)
-        tried.append(tuple(rivals))
-        if rivals and rivals[0].score < model.score - WORTH_SWAPPING:
-            model, tried = rivals[0], []
+        alternatives = fitting.replacements(model, len(tried), effects)
+        tried.append(tuple(alternatives))
+        if alternatives and alternatives[0].score < model.score - WORTH_SWAPPING:
+            model, tried = alternatives[0], []
     return model, tuple(tried)
 
 

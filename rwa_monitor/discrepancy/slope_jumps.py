@@ -46,13 +46,13 @@ class SlopeJumps(ViscousJumpTerm):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
-        """Return zeros: elsewhere than where the slopes were found, nobody knows them."""
+        """Return zeros: slopes are known only where they were found."""
         del shape, memory
         return np.zeros((len(channels), len(cls.parameters))), None
 
 
 def with_slope_jumps(
-    problem: Problem, model: Model, simpler: Model, rivals: Callable[[Model], Sequence[Model]]
+    problem: Problem, model: Model, simpler: Model, alternatives: Callable[[Model], Sequence[Model]]
 ) -> Model | None:
     """Return the best model in which the viscous coefficient jumps by itself; None where that does not pay.
 
@@ -64,7 +64,7 @@ def with_slope_jumps(
         The best model without.
     simpler
         The base model: what `model` names may be what jumps of the slope look like.
-    rivals
+    alternatives
         Returns a model extended by each of the free curves: slopes that differ since the drag is no straight line are
         a law of the speed.
     """
@@ -80,7 +80,7 @@ def with_slope_jumps(
         return None
     others = fitting.refitted(best.terms[:-1], best, [best.fit.jumps])
     drifting = fitting.refitted((*others.terms, _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
-    if min(rival.score for rival in (drifting, *rivals(others))) <= best.score:
+    if min(alternative.score for alternative in (drifting, *alternatives(others))) <= best.score:
         return None
     return best
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray, Samples
-from rwa_monitor.wheel.effects.tachometer_quantisation import lattice_step
+from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
 FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be estimated
@@ -42,7 +42,9 @@ def steps_of(samples: Samples, wheel: Wheel) -> Steps | None:
     readings = np.unique(values[np.isfinite(values)])
     if not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
         return None
-    step = lattice_step(readings - readings[0])  # a converter's zero need not be zero: differences are on the lattice
+    step = quantisation_step(
+        readings - readings[0]
+    )  # a converter's zero need not be zero: differences are on the lattice
     if step is None:
         return None
     if samples.friction_torque_Nm is not None:

@@ -1,9 +1,9 @@
 """Switching effects: what could have made the jumps that are left, judged by one likelihood.
 
 The diagnosis's own search attributes the jumps to the wheel's switching systems and returns the log-likelihood of its
-best story. Asked again with one system more, or with other laws of duration, it attributes them anew and returns the
-likelihood of the same data: the two compare as models do. Each rival's parameters and attribution are found in turns
-(hard expectation maximisation, as in Viterbi training: Juang & Rabiner, IEEE Trans. ASSP 38, 1990).
+best attribution. With one system more, or with other laws of duration, it attributes them anew and returns the
+likelihood of the same data: the two compare as models do. Each alternative's parameters and attribution are found in
+turns (hard expectation maximisation, as in Viterbi training: Juang & Rabiner, IEEE Trans. ASSP 38, 1990).
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ EXTRA_PARAMETERS: Final = 5  # two durations, two ends of the sizes, and that th
 
 
 @dataclass(frozen=True, slots=True)
-class _Story:
+class _Attributed:
     """A wheel, changed by hypothesis, and the result of the attribution with it."""
 
     wheel: Wheel
@@ -124,7 +124,7 @@ def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidenc
 
 
 def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> dict[str, LikelihoodFit]:
-    """Return the fits of the three rivals; their gains are of one likelihood, that of the known wheel subtracted."""
+    """Return the fits of the three alternatives: gains of one likelihood, that of the known wheel subtracted."""
     base = _attribute(gathered, plain)
     fits = {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
     extra = _with_extra_system(gathered, base)
@@ -146,61 +146,61 @@ def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> d
     return fits
 
 
-def _attribute(gathered: Evidence, wheel: Wheel) -> _Story:
-    return _Story(wheel, assign(gathered, wheel)[0])
+def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
+    return _Attributed(wheel, assign(gathered, wheel)[0])
 
 
 # ---- one system more -------------------------------------------------------------------------------------------------
 
 
-def _with_extra_system(gathered: Evidence, base: _Story) -> _Story | None:
-    """Return the best story with one memoryless system more; None where hardly a jump is unattributed."""
+def _with_extra_system(gathered: Evidence, base: _Attributed) -> _Attributed | None:
+    """Return the best attribution with one memoryless system more; None where hardly a jump is unattributed."""
     odd = base.assignment.system == UNATTRIBUTED
     if np.count_nonzero(odd) < FEWEST_OF_EXTRA:
         return None
     typical = float(np.median(np.abs(base.assignment.jump[odd])))
     sizes = (SIZES_OF_EXTRA[0] * typical, SIZES_OF_EXTRA[1] * typical)
     rest = active = max(gathered.slots / (np.count_nonzero(odd) + 1), 1.0)
-    best: _Story | None = None
+    best: _Attributed | None = None
     for _ in range(ROUNDS):
         system = SwitchingSystem(
             name="extra",
             durations=(Geometric(mean_slots=rest), Geometric(mean_slots=active)),
             friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=sizes[0], high=sizes[1])),
         )
-        story = _attribute(gathered, base.wheel.model_copy(update={"fss": (*base.wheel.fss, system)}))
-        if best is not None and story.score < best.score + WORTH_A_ROUND:
+        attributed = _attribute(gathered, base.wheel.model_copy(update={"fss": (*base.wheel.fss, system)}))
+        if best is not None and attributed.score < best.score + WORTH_A_ROUND:
             break
-        best = story
-        seen = _sizes_of_extra(story)
+        best = attributed
+        seen = _sizes_of_extra(attributed)
         if seen.size < FEWEST_OF_EXTRA:
             break
         sizes = ((1.0 - SIZE_MARGIN) * float(seen.min()), (1.0 + SIZE_MARGIN) * float(seen.max()))
-        rest, active = (_mean_length(story, q) or mean for q, mean in ((0, rest), (1, active)))
+        rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
     return best
 
 
-def _sizes_of_extra(story: _Story) -> FloatArray:
-    mine = story.assignment.system == len(story.wheel.fss) - 1
-    return np.asarray(np.abs(story.assignment.jump[mine]))
+def _sizes_of_extra(attributed: _Attributed) -> FloatArray:
+    mine = attributed.assignment.system == len(attributed.wheel.fss) - 1
+    return np.asarray(np.abs(attributed.assignment.jump[mine]))
 
 
-def _mean_length(story: _Story, configuration: int) -> float | None:
+def _mean_length(attributed: _Attributed, configuration: int) -> float | None:
     """Return the mean sojourn of the extra system in a configuration [slots], at least one; None where there is none.
 
     Sojourns that the record's ends cut enter with what is seen of them, the first ones beginning with the record.
     """
-    lengths = np.diff(story.assignment.starts[-1])
-    at = lengths[story.assignment.configurations[-1][:-1] == configuration]
+    lengths = np.diff(attributed.assignment.starts[-1])
+    at = lengths[attributed.assignment.configurations[-1][:-1] == configuration]
     return max(float(at.mean()), 1.0) if at.size else None
 
 
-def _describe_extra(evidence: SwitchingEvidence, story: _Story, base: float) -> LikelihoodFit:
-    nominal, period = story.wheel.nominal, evidence.channels.sample_period_s
+def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: float) -> LikelihoodFit:
+    nominal, period = attributed.wheel.nominal, evidence.channels.sample_period_s
     assert nominal is not None
-    sizes = nominal.dry_torque_Nm * _sizes_of_extra(story)
+    sizes = nominal.dry_torque_Nm * _sizes_of_extra(attributed)
     count = max(sizes.size, 1)
-    rest, active = (law.mean() * period for law in story.wheel.fss[-1].durations)
+    rest, active = (law.mean() * period for law in attributed.wheel.fss[-1].durations)
     values = {
         "strength_Nm": float(np.median(sizes)) if sizes.size else 0.0,
         "rest_s": rest,
@@ -213,29 +213,29 @@ def _describe_extra(evidence: SwitchingEvidence, story: _Story, base: float) -> 
         "rest_s": rest * of_means,
         "active_s": active * of_means,
     }
-    jumps = int(np.count_nonzero(story.assignment.direction))
-    return LikelihoodFit(values, std, max(story.score - base, 0.0), EXTRA_PARAMETERS, jumps)
+    jumps = int(np.count_nonzero(attributed.assignment.direction))
+    return LikelihoodFit(values, std, max(attributed.score - base, 0.0), EXTRA_PARAMETERS, jumps)
 
 
 # ---- other laws of duration ------------------------------------------------------------------------------------------
 
 
-def _with_other_laws(gathered: Evidence, base: _Story) -> _Story | None:
-    """Return the best story with Weibull laws in place of the known ones; None with hardly a sojourn."""
+def _with_other_laws(gathered: Evidence, base: _Attributed) -> _Attributed | None:
+    """Return the best attribution with Weibull laws in place of the known ones; None with hardly a sojourn."""
     if np.count_nonzero(base.assignment.direction) < FEWEST_SOJOURNS:
         return None
     systems = base.wheel.fss
     tries = [[_Law(factor, 1.0, tuple(range(len(system.durations)))) for system in systems] for factor in FIRST_FACTORS]
-    stories = [_attribute(gathered, _with_laws(base.wheel, laws)) for laws in tries]
-    start = int(np.argmax([story.score for story in stories]))
-    best, laws = stories[start], tries[start]
+    attributions = [_attribute(gathered, _with_laws(base.wheel, laws)) for laws in tries]
+    start = int(np.argmax([attributed.score for attributed in attributions]))
+    best, laws = attributions[start], tries[start]
     for _ in range(ROUNDS):
         found = [_best_law(base.wheel, best, system) for system in range(len(systems))]
         laws = [before if law is None else law for (law, _), before in zip(found, laws, strict=True)]
-        story = _attribute(gathered, _with_laws(base.wheel, laws))
-        if story.score < best.score + WORTH_A_ROUND:
+        attributed = _attribute(gathered, _with_laws(base.wheel, laws))
+        if attributed.score < best.score + WORTH_A_ROUND:
             break
-        best = story
+        best = attributed
     return best
 
 
@@ -260,13 +260,13 @@ def _with_laws(wheel: Wheel, laws: Sequence[_Law]) -> Wheel:
     return wheel.model_copy(update={"fss": tuple(systems)})
 
 
-def _best_law(plain: Wheel, story: _Story, system: int) -> tuple[_Law | None, LikelihoodFit]:
+def _best_law(plain: Wheel, attributed: _Attributed, system: int) -> tuple[_Law | None, LikelihoodFit]:
     """Return the law that the sojourns of a system follow best, and its fit; None where they are too few.
 
     All of the system's configurations may last otherwise, or one alone: what makes a system rest longer need not touch
     how long it acts.
     """
-    known, sojourns = plain.fss[system], story.sojourns(system)
+    known, sojourns = plain.fss[system], attributed.sojourns(system)
     every = tuple(range(len(known.durations)))
     best: tuple[_Law | None, LikelihoodFit] = None, WrongDurationLaw.nothing_found()
     for configurations in (every, *((q,) for q in every)):
@@ -279,22 +279,22 @@ def _best_law(plain: Wheel, story: _Story, system: int) -> tuple[_Law | None, Li
     return best
 
 
-def _speed_fit(evidence: SwitchingEvidence, base: _Story, other: _Story, of_laws: float) -> LikelihoodFit:
+def _speed_fit(evidence: SwitchingEvidence, base: _Attributed, other: _Attributed, of_laws: float) -> LikelihoodFit:
     """Fit a rate that depends on speed or temperature: the known laws, on the rate's own clock.
 
     On the attribution that the known laws give and on the one that free laws give. The latter knows nothing of the
     clock: its likelihood less what the free laws gain for these sojourns, and what the clock gains for them instead.
     """
     fits = []
-    for story, offset in ((base, 0.0), (other, other.score - base.score - of_laws)):
-        sojourns = {system.name: story.sojourns(i) for i, system in enumerate(base.wheel.fss)}
-        fitted = SpeedTriggeredJumps.fit(replace(evidence, jumps=_jumps(story), sojourns=sojourns))
+    for attributed, offset in ((base, 0.0), (other, other.score - base.score - of_laws)):
+        sojourns = {system.name: attributed.sojourns(i) for i, system in enumerate(base.wheel.fss)}
+        fitted = SpeedTriggeredJumps.fit(replace(evidence, jumps=_jumps(attributed), sojourns=sojourns))
         fits.append(replace(fitted, log_likelihood_gain=max(fitted.log_likelihood_gain + offset, 0.0)))
     return max(fits, key=lambda fitted: fitted.penalised_gain)
 
 
-def _jumps(story: _Story) -> Jumps:
-    nominal = story.wheel.nominal
+def _jumps(attributed: _Attributed) -> Jumps:
+    nominal = attributed.wheel.nominal
     assert nominal is not None
-    kept: IntArray = np.flatnonzero(story.assignment.direction)
-    return Jumps(story.assignment.index[kept], nominal.dry_torque_Nm * story.assignment.jump[kept])
+    kept: IntArray = np.flatnonzero(attributed.assignment.direction)
+    return Jumps(attributed.assignment.index[kept], nominal.dry_torque_Nm * attributed.assignment.jump[kept])

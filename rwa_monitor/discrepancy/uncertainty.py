@@ -34,7 +34,7 @@ DEAD_ZONE: Final = "dead_zone_rad_s"
 ORDER: Final = "harmonic"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
 WIDTH: Final = 2.0  # standard deviations each way: 95 %
-STRETCHES: Final = 20  # of the samples: what a stretch leaves is taken to know little of what the next but one leaves
+STRETCHES: Final = 20  # of the samples: residuals two of them apart are taken as nearly independent
 FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residual cannot be estimated
 
 
@@ -233,6 +233,6 @@ def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
     sums = np.concatenate([sums, np.repeat(sums[-1:], width - 1, axis=0)])
     windows = sums[width:] - sums[:-width]
     weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
-    telling = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
-    telling = np.maximum(telling, FEWEST_STRETCHES)
-    return np.asarray(np.sum(windows**2, axis=0) / width * telling / (telling - 1.0), dtype=np.float64)
+    informative = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
+    informative = np.maximum(informative, FEWEST_STRETCHES)
+    return np.asarray(np.sum(windows**2, axis=0) / width * informative / (informative - 1.0), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What no known effect explains: free curves over each quantity, as rivals of the catalogue's formulas.
+"""What no known effect explains: free curves over each quantity, as alternatives of the catalogue's formulas.
 
 A named formula must explain what it is accepted for. After the search, free curves over |ω|, temperature, time, …
 compete for what is left: one that still gains much is *unexplained*, with the quantity as its signature; and a named
@@ -47,9 +47,9 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
         The search's result without the names that a free curve makes superfluous; what is left, or None; and the model
         with the curve in it, whose residual is noise.
     """
-    problem, model = fitting.problem, found.ladder[-1]
-    rivals = with_free_curves(fitting, model)
-    best = min(rivals, key=lambda rival: rival.score, default=model)
+    problem, model = fitting.problem, found.nested[-1]
+    alternatives = with_free_curves(fitting, model)
+    best = min(alternatives, key=lambda alternative: alternative.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return found, None, model
     curve = best.terms[-1]
@@ -71,7 +71,7 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
     if does_nearly_all(reduced, model, alone):
         return found, unexplained, best  # what it lacks shows because the noise is far less
     left = tuple(entry for entry in found.found if entry.name in reduced.names)
-    return replace(found, ladder=(*shorter(found.ladder, reduced), reduced), found=left), unexplained, best
+    return replace(found, nested=(*shorter(found.nested, reduced), reduced), found=left), unexplained, best
 
 
 def does_nearly_all(simpler: Model, law: Model, other: Model) -> bool:
@@ -209,24 +209,24 @@ def without_unnamed(
     ]
     found = replace(found, found=tuple(possible))
     for name in [entry.name for entry in found.found if entry.name in would_be]:
-        model = found.ladder[-1]
+        model = found.nested[-1]
         index = model.names.index(name)
         term, (entry,) = model.terms[index], [entry for entry in found.found if entry.name == name]
         named = tuple(one for one in found.found if one is not entry and one.gain >= BESIDE_SHARE * entry.gain)
         terms = tuple(other for other in model.terms if other.effect.name in {one.name for one in named})
-        reduced = fitting.refitted(terms, model) if terms else found.ladder[0]
+        reduced = fitting.refitted(terms, model) if terms else found.nested[0]
         assert issubclass(term.effect, UnnamedEffect)
         others = [other for other in entry.equivalent if other != term.effect.named_with_channel]
         in_words = term.effect.in_words(term.shape) + "".join(f", or {other} as well" for other in others)
         size = _size(fitting.problem, model, index)
         left = Unexplained(in_words, size) if left is None else left.beside(in_words, size)
-        found = replace(found, ladder=(*shorter(found.ladder, reduced), reduced), found=named)
+        found = replace(found, nested=(*shorter(found.nested, reduced), reduced), found=named)
     return found, left
 
 
-def shorter(ladder: Sequence[Model], model: Model) -> list[Model]:
-    """Return the models of a ladder that have fewer effects than another, all of them its own."""
-    return [one for one in ladder if set(one.names) <= set(model.names) and len(one.terms) < len(model.terms)]
+def shorter(nested: Sequence[Model], model: Model) -> list[Model]:
+    """Return the nested models that have fewer effects than another, all of them its own."""
+    return [one for one in nested if set(one.names) <= set(model.names) and len(one.terms) < len(model.terms)]
 
 
 def _size(problem: Problem, model: Model, index: int) -> float:

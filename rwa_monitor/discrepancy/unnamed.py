@@ -213,7 +213,7 @@ class StepInSpeed(UnnamedEffect):
 UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterReversal, StepInSpeed)
 
 
-# ---- free curves: candidates of the search with no physics in them, as rivals of the catalogue's formulas ------------
+# ---- free curves: candidates of the search with no physics in them, beside the formulas of the catalogue -------------
 # Piecewise linear over a quantity, periodic in time, a step at a speed. What such a one still gains is not explained.
 
 

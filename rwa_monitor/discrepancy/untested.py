@@ -170,7 +170,7 @@ def untested(
     tried, not_shown
         Effects that the motion can show, and those that it cannot.
     """
-    model = found.ladder[-1]
+    model = found.nested[-1]
     missing = [entry for entry in found.untestable if entry[0] in CATALOGUE]
     missing += [*too_weak_to_show(problem, model, tried), *untested_others(problem, model, wheel)]
     named = {name for effect in mean for name in (effect.name, *effect.equivalent)}

@@ -8,10 +8,10 @@ from typing import Any, Final
 import jinja2
 
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.finished_search import Search, ladder
+from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.p_values import built_in_nulls
+from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words
@@ -76,7 +76,7 @@ def _name_in_words(effect: FoundEffect) -> str:
 
 def p_in_words(search: Search, effect: FoundEffect) -> str:
     """Return a p-value, with "≤" where the table of nulls goes no further."""
-    floor = built_in_nulls().floor(effect.family, derived=search.problem.friction_is_derived)
+    floor = built_in_null_distribution().floor(effect.family, derived=search.problem.friction_is_derived)
     return f"{'≤ ' if effect.p_value <= floor else ''}{number_formats.probability(effect.p_value)}"
 
 
@@ -120,7 +120,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
     environment.filters["probability"] = number_formats.probability
     environment.globals["measure"] = number_formats.measure
     environment.globals["in_words"] = number_formats.in_words
-    rungs = ladder(search)
+    nested = nested_models(search)
     facts: dict[str, Any] = {
         "result": search.result,
         "sentence": sentence(search.result),
@@ -134,7 +134,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "software": f"{SOFTWARE}, build {build}" if build else SOFTWARE,
         "effect_class": effect_class,
         "kinds": KINDS,
-        "rungs": rungs,
+        "nested": nested,
         "plan": plan(search),
         "detectable": absent_effects(search),
         "not_testable": not_testable(search.problem, CANDIDATES, search.result.untested),
@@ -148,7 +148,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
             effect.name: _picture("formula", effect_class(effect.name).formula, tight=True)
             for effect in search.result.effects
         },
-        "ladder_picture": _picture("ladder_picture", search) if extended else "",
+        "gains_picture": _picture("gains_picture", search) if extended else "",
         "views": [(view, _picture("view_picture", view, both=extended)) for view in views],
         "extended_toml": extension.to_toml() if extended else "",
         "laws": laws_in_words(extension) if extended else [],

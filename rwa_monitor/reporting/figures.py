@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rwa_monitor.discrepancy.finished_search import Search, ladder
+from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.reporting.number_formats import scaled
 from rwa_monitor.reporting.residual_views import View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
@@ -137,26 +137,26 @@ def view_picture(view: View, both: bool) -> Figure:
     return figure
 
 
-def ladder_picture(search: Search) -> Figure:
-    """Draw what each model of the ladder gains on held-out data over the base model, and how many jumps it needs."""
-    rungs = ladder(search)
-    figure = Figure(figsize=(9, 0.55 * len(rungs) + 1.3), layout="constrained")
+def gains_picture(search: Search) -> Figure:
+    """Draw what each nested model gains on held-out data over the base model, and how many jumps it needs."""
+    nested = nested_models(search)
+    figure = Figure(figsize=(9, 0.55 * len(nested) + 1.3), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    at = np.arange(len(rungs))
-    colours = [BASE, *([EXTENDED] * (len(rungs) - 1))]
-    for k, rung in enumerate(rungs):
-        half = 0.0 if rung.total_half is None else rung.total_half
-        left.errorbar(rung.total, k, xerr=half, fmt="o" if k == 0 else "s", color=colours[k], capsize=4, ms=6)
+    at = np.arange(len(nested))
+    colours = [BASE, *([EXTENDED] * (len(nested) - 1))]
+    for k, model in enumerate(nested):
+        half = 0.0 if model.total_half is None else model.total_half
+        left.errorbar(model.total, k, xerr=half, fmt="o" if k == 0 else "s", color=colours[k], capsize=4, ms=6)
     left.axvline(0.0, color="black", lw=0.8)
     left.set(
         xlabel="log score gained [nats per sample], 95 %",
         yticks=at,
-        yticklabels=[rung.name for rung in rungs],
+        yticklabels=[model.name for model in nested],
     )
     left.xaxis.set_major_locator(MaxNLocator(5))
     left.invert_yaxis()
     left.grid(alpha=0.25)
-    bars = right.barh(at, [rung.jumps for rung in rungs], color=colours, height=0.55)
+    bars = right.barh(at, [model.jumps for model in nested], color=colours, height=0.55)
     right.bar_label(bars, padding=3)
     right.set(xlabel="jumps needed [-]")
     right.xaxis.set_major_locator(MaxNLocator(5, integer=True))

@@ -75,7 +75,7 @@ def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
     problem
         The data.
     base, extended
-        First and last model of the ladder; may be the same.
+        First and last nested model; may be the same.
     """
     before = base_residual(problem, extended)
     after = extended.fit.residual
@@ -84,7 +84,7 @@ def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
     views.append(_spread_view(problem, before, after))
     views.append(_autocorrelation_view(problem, before, after))
     views.append(_tail_view(problem, before, after))
-    views.append(_lattice_view(problem))
+    views.append(_quantisation_view(problem))
     if extended.fit.jumps.size >= MIN_PER_BIN:
         views.append(_jump_rate_view(problem, base, extended))
         views.append(_duration_view(problem, base, extended))
@@ -355,7 +355,7 @@ def _tail_view(problem: Problem, before: FloatArray, after: FloatArray) -> View:
     )
 
 
-def _lattice_view(problem: Problem) -> View:
+def _quantisation_view(problem: Problem) -> View:
     """Show how the last digits of the measured speed are spread: even, or on a lattice."""
     speed = np.concatenate([record.channels.speed_rad_s[record.used] for record in problem.records])
     step = max(record.speed_step_rad_s for record in problem.records)
@@ -431,7 +431,7 @@ def _duration_view(problem: Problem, base: Model, extended: Model) -> View:
 
 
 def strongest(views: Sequence[View], count: int) -> list[View]:
-    """Return the views in which the base model deviates most surely from the extended one, most telling first."""
+    """Return the views in which the base model deviates most surely from the extended one, most informative first."""
     return sorted(views, key=_improvement, reverse=True)[:count]
 
 

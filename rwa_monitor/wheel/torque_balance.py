@@ -1,4 +1,4 @@
-"""The torque balance of the rotor, and the friction derived from it: the one place that knows the sign.
+"""The torque balance of the rotor, and the friction derived from it: the one place that has the sign.
 
 J·dω/dt = K_T·I − friction, all at the wheel's axis: behind a gear K_T is the motor's times the ratio. Friction is the
 *resisting* torque: positive when it opposes positive rotation (errata 1).
@@ -143,9 +143,9 @@ def rounding_error(
     The motor's torque steps when a slew begins or ends, and dω/dt with it. The filter's slope does not: it is an
     average of the accelerations over its window, so that K_T·I − J·dω/dt shows a pulse as large as half of the step.
     A step of torque that friction asks for, at a jump or at a reversal, leaves the speed straight, and does no harm.
-    So a slot is told by two things: the torque there is not what the same average makes of the torque, by more than its
-    noise, and within the window the speed does bend as that torque, less its mean, bends a free rotor (least squares
-    beside a straight line).
+    So a slot is recognised by two things: the torque there is not what the same average makes of the torque, by more
+    than its noise, and within the window the speed does bend as that torque, less its mean, bends a free rotor (least
+    squares beside a straight line).
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def rounding_error(
     -------
     FloatArray
         float64 (n,) [N m], to be subtracted from `derive_friction`: 0 where that is right, and where the stencil meets
-        an end of the arrays; NaN where it is wrong by nobody knows how much. Each slot depends on its window alone.
+        an end of the arrays; NaN where its error is not known. Each slot depends on its window alone.
 
     Raises
     ------
@@ -289,5 +289,7 @@ def torque_per_ampere(drive: FloatArray, speed_rad_s: FloatArray, wheel: Wheel) 
 def torque_constant_of(wheel: Wheel) -> float:
     """Return the torque constant at the wheel's axis [N m/A]; raises InputError where the wheel file has none."""
     if wheel.torque_per_ampere_Nm_A is None:
-        raise InputError(f"wheel {wheel.name}", "is missing; current says nothing without it", "torque_constant_Nm_A")
+        raise InputError(
+            f"wheel {wheel.name}", "is missing; no torque follows from the current without it", "torque_constant_Nm_A"
+        )
     return wheel.torque_per_ampere_Nm_A

@@ -22,7 +22,7 @@ from rwa_monitor.wheel.toml import Strict, parse_toml
 
 MAX_WHEEL_FILE_BYTES: Final = 1_000_000  # a wheel file is a page of text; more is not one
 
-MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day says nothing of a wheel's friction
+MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
 
 Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]

@@ -18,7 +18,7 @@ from benchmarks.nulls import null_gains
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-from rwa_monitor.discrepancy.p_values import Nulls, built_in_nulls
+from rwa_monitor.discrepancy.p_values import Nulls, built_in_null_distribution
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.wheel.effects.base import Family
@@ -39,7 +39,7 @@ SEED = 640_000  # of no development or validation run
 def test_a_p_value_is_a_probability_that_falls_with_the_gain_and_is_never_zero(
     family: Family, gain: float, more: float, log_size: float, derived: bool
 ) -> None:
-    table = built_in_nulls()
+    table = built_in_null_distribution()
     p = table.p_value(family, gain, log_size, derived=derived)
     assert 0.0 < min(nulls.floor for nulls in table.families[family, derived]) <= p <= 1.0
     assert table.p_value(family, gain + more, log_size, derived=derived) <= p
@@ -62,7 +62,7 @@ def test_the_tail_goes_on_where_the_count_ends_and_stops_where_it_is_no_longer_t
 def test_the_table_is_what_its_command_makes() -> None:
     """One record of it, made again: the table belongs to this search and not to an earlier one."""
     again = null_gains(1_500, "rich", "white", 0)
-    (shortest, *_) = built_in_nulls().families["mean", False]
+    (shortest, *_) = built_in_null_distribution().families["mean", False]
     assert np.min(np.abs(shortest.statistics - round(again["mean"], 2))) < 0.02
 
 
@@ -73,7 +73,7 @@ def test_p_values_are_uniform_where_nothing_is_missing() -> None:
         samples, wheel, _ = generate(case)
         problem = prepare([make_record(samples[slice(0, 2_000)], wheel, "null")], wheel)
         found = search(Fitting(problem, jumps=True), CANDIDATES, least_gain=np.inf)
-        of_family = built_in_nulls().families["mean", False]
+        of_family = built_in_null_distribution().families["mean", False]
         p_values.append(of_family[0].p_value(found.best_rejected + problem.log_size))
     # Both ways, at one in a thousand: p-values too small would name too much, too large ones would hide effects.
     test = stats.kstest(p_values, "uniform")

@@ -177,7 +177,7 @@ def test_a_level_that_wanders_is_hardly_ever_named(seeds: range) -> None:
 def test_real_jumps_are_left_to_the_search_with_jumps() -> None:
     samples, _ = record(swing(3000, period_s=120.0), jumps=(700, 1600, 2400))
     problem = problem_of(samples)
-    models = [search(Fitting(problem, jumps=jumps), candidates(WHEEL)).ladder[-1] for jumps in (True, False)]
+    models = [search(Fitting(problem, jumps=jumps), candidates(WHEEL)).nested[-1] for jumps in (True, False)]
     assert models[0].fit.jumps.size == 3
     assert models[0].score < models[1].score - ACCEPT_GAIN
 
@@ -194,7 +194,7 @@ def told(*recordings: Samples, wheel: Wheel = WHEEL) -> Told:
     """Return the first strength of each effect that is named, with its standard deviation."""
     problem = problem_of(*recordings, wheel=wheel)
     found = search(Fitting(problem, jumps=False), candidates(wheel))
-    model = found.ladder[-1]
+    model = found.nested[-1]
     errors = spread(problem, model).terms
     return {
         term.effect.name: (float(model.strengths(i)[0]), errors[i][term.effect.strength_parameters()[0].name])

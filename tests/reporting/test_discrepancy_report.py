@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from rwa_monitor.cli.main import main
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search, ladder
+from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.p_values import with_bootstrap
 from rwa_monitor.discrepancy.plan import plan, rank_manoeuvres
@@ -72,11 +72,11 @@ def test_the_extension_gains_on_held_out_blocks(found: Search) -> None:
     assert gain is not None
     assert gain.log_score_extended > gain.log_score_base
     assert gain.changepoints_extended < gain.changepoints_base
-    rungs = ladder(found)
-    assert [rung.name for rung in rungs] == ["simulation as it is", "+ stribeck"]
-    assert rungs[1].gain_low is not None
-    assert rungs[1].gain_high is not None
-    assert rungs[1].gain_low < rungs[1].gain_high
+    nested = nested_models(found)
+    assert [rung.name for rung in nested] == ["simulation as it is", "+ stribeck"]
+    assert nested[1].gain_low is not None
+    assert nested[1].gain_high is not None
+    assert nested[1].gain_low < nested[1].gain_high
 
 
 def test_nothing_hidden_nothing_named(nothing: Search) -> None:
@@ -240,8 +240,8 @@ def test_what_no_manoeuvre_tells_is_said_with_what_would(found: Search) -> None:
     model = found.extended
     term = make_term(found.problem, MEAN_EFFECTS["coulomb_asymmetry"], {}, model.fit.level)
     asked = Fitting(found.problem, jumps=True).refitted([*model.terms, term], model, [model.fit.jumps])
-    ladder = (*found.mean.ladder, asked)
-    search = replace(found, mean=replace(found.mean, ladder=ladder), result=replace(found.result, effects=(both,)))
+    nested = (*found.mean.nested, asked)
+    search = replace(found, mean=replace(found.mean, nested=nested), result=replace(found.result, effects=(both,)))
     planned = plan(search)
     assert planned.question == "separate coulomb_asymmetry from torque_bias"
     assert any("would separate" in line and "motor" in line for line in planned.advice)

@@ -1,4 +1,4 @@
-"""Extra switching system: one more system than wheel.toml knows."""
+"""Extra switching system: one more system than wheel.toml has."""
 
 from __future__ import annotations
 

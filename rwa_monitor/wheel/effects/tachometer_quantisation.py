@@ -59,7 +59,7 @@ class TachometerQuantisation(NoiseEffect):
     def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Find the lattice of the speed readings; regress the residual on the derivative of the rounding errors."""
         usable = usable_residuals(residual_Nm, channels, good)
-        step = lattice_step(channels.speed_rad_s[usable])
+        step = quantisation_step(channels.speed_rad_s[usable])
         if step is None or channels.speed_rad_s.size < 2 * SMOOTHING_SLOTS:
             return cls.nothing_found(int(usable.sum()))
         from scipy import signal
@@ -108,7 +108,7 @@ class TachometerQuantisation(NoiseEffect):
         )
 
 
-def lattice_step(speed_rad_s: FloatArray) -> float | None:
+def quantisation_step(speed_rad_s: FloatArray) -> float | None:
     """Return the step of the lattice that speed readings lie on [rad/s], or None where there is none.
 
     The step is the smallest difference of distinct readings, and every reading must be a multiple of it. A table

@@ -11,7 +11,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 
 
 class TorqueBias(MeanEffect):
-    """A constant torque that does not know the direction of rotation."""
+    """A constant torque, the same in both directions of rotation."""
 
     name = "torque_bias"
     title = "Torque bias"

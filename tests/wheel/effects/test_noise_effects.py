@@ -9,7 +9,7 @@ import pytest
 
 from rwa_monitor.wheel.effects.base import Channels, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS
-from rwa_monitor.wheel.effects.tachometer_quantisation import error_of_step, lattice_step
+from rwa_monitor.wheel.effects.tachometer_quantisation import error_of_step, quantisation_step
 from tests.wheel.effects.records import rich_motion
 
 SIGMA_NM = 3.9e-5
@@ -119,14 +119,14 @@ def test_differenced_quantisation_has_half_negative_correlation_at_lag_two() -> 
 
 @pytest.mark.parametrize("step", [1e-3, 0.01, 2 * np.pi / 60])
 def test_a_lattice_is_found_to_its_last_digits(step: float) -> None:
-    assert lattice_step(step * np.rint(rich_motion(SLOTS).speed_rad_s / step)) == pytest.approx(step, rel=1e-6)
+    assert quantisation_step(step * np.rint(rich_motion(SLOTS).speed_rad_s / step)) == pytest.approx(step, rel=1e-6)
 
 
 @pytest.mark.parametrize("digits", [3, 6, 12])
 def test_the_step_of_a_lattice_is_as_sure_as_the_digits_of_its_readings(digits: int) -> None:
     step = 2e-3 * np.pi
     read_speed = np.round(np.rint(rich_motion(SLOTS).speed_rad_s / step) * step, digits + 3)
-    found = lattice_step(read_speed)
+    found = quantisation_step(read_speed)
     assert found is not None
     error = error_of_step(read_speed, found)
     assert abs(found - step) < 5.0 * error
@@ -134,7 +134,7 @@ def test_the_step_of_a_lattice_is_as_sure_as_the_digits_of_its_readings(digits: 
 
 
 def test_readings_without_a_lattice_have_no_step() -> None:
-    assert lattice_step(rich_motion(SLOTS).speed_rad_s) is None
+    assert quantisation_step(rich_motion(SLOTS).speed_rad_s) is None
 
 
 def test_a_table_with_few_digits_is_not_taken_for_a_coarse_tachometer() -> None:
