@@ -78,9 +78,8 @@ def command(
             "--carry takes one file after the other, --results, --scheduler and --workers many at once"
         )
     # Read before any file is: a wrong option costs nothing then.
-    task = Diagnose(
-        read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None, method, decoding
-    )
+    wheel, model = read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None
+    task = Diagnose(wheel, decoding, model, method)
     work = Fleet(fleet)
     console = None if as_json else _console()
     by_wheel: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)

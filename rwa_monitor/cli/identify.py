@@ -68,7 +68,7 @@ def command(
     if each:
         from rwa_monitor.batch.tasks import Identify
 
-        return _each(files, output, Identify(start, not no_systems, decoding), fleet)
+        return _each(files, output, Identify(start, decoding, not no_systems), fleet)
     if fleet.given:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one wheel")
     recordings = read_recordings(files, decoding.of_wheel(start))
@@ -78,13 +78,13 @@ def command(
     with status_line("learning"):
         learned = identify(bench.recordings, bench.wheel, systems=not no_systems)
     with status_line("diagnosing what was learned from"):
-        doubt = not_nominal(bench.recordings, learned.wheel)
+        warning = not_nominal(bench.recordings, learned.wheel)
     head = "".join(f"# {note}\n" for note in learned.notes)
     write_text(output, head + learned.wheel.to_toml())
     log(*learned.notes)
     log(f"written to {output}")
-    if doubt:
-        log(doubt)
+    if warning:
+        log(warning)
     return UNREADABLE if recordings.unreadable else 0
 
 
