@@ -48,10 +48,8 @@ from rwa_monitor.simulation.record import Telemetry
 from rwa_monitor.simulation.record import simulate as simulate_telemetry
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.configuration import read_model as read_model_file
-from rwa_monitor.telemetry.configuration import read_scenario
-from rwa_monitor.telemetry.configuration import read_wheel as read_wheel_file
-from rwa_monitor.telemetry.files import display_name
+from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
+from rwa_monitor.telemetry.files import PathLike, display_name
 from rwa_monitor.telemetry.reader import joined, only_wheel, read_decoding
 from rwa_monitor.threads import on_threads, one_thread_of_algebra
 from rwa_monitor.version import SOFTWARE
@@ -88,7 +86,6 @@ __all__ = [
     "wheel_trends",
 ]
 
-PathLike = str | os.PathLike[str]
 Recordings = Samples | Sequence[Samples] | Mapping[str, Samples]
 
 
@@ -131,33 +128,10 @@ def read(
         Of columns that are ignored, and of bytes of a recording that could not be read.
     """
     file = Path(path)
-    map_file, xtce_file = (None if given is None else Path(given) for given in (telemetry_map, xtce))
-    content = read_telemetry(file, read_decoding(map_file, xtce_file).of_wheel(wheel))
+    content = read_telemetry(file, read_decoding(telemetry_map, xtce).of_wheel(wheel))
     for note in (*content.problems, *content.notes):
         warnings.warn(note, stacklevel=2)
     return joined(only_wheel(content, display_name(file)))
-
-
-def read_wheel(path: PathLike | None = None) -> Wheel:
-    """Read a wheel file (wheel.toml); None gives the built-in wheel of the paper's examples.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or says something that no wheel can have.
-    """
-    return read_wheel_file(None if path is None else Path(path))
-
-
-def read_model(path: PathLike | None = None) -> Model:
-    """Read a model (MODEL.json, from `rwa-monitor train`); None gives the built-in one.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; names the field.
-    """
-    return read_model_file(None if path is None else Path(path))
 
 
 @one_thread_of_algebra()
@@ -185,7 +159,7 @@ def simulate(
     InputError
         If the scenario does not fit the wheel.
     """
-    scene = scenario if isinstance(scenario, Scenario) else read_scenario(None if scenario is None else Path(scenario))
+    scene = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
     return simulate_telemetry(scene, wheel or built_in_wheel(), np.random.default_rng(seed))
 
 

@@ -12,12 +12,14 @@ from typing import Final
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.telemetry.foreign import encoding_hint
 
+PathLike = str | os.PathLike[str]
+
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
 MAX_SHA256_BYTES: Final = 10_000
 PIECE_BYTES: Final = 2**20  # of what does not say its size
 
 
-def display_name(path: Path) -> str:
+def display_name(path: PathLike) -> str:
     """Return a file's name for messages and messages' fields: as given, valid UTF-8 also where the name is not."""
     return os.fsencode(path).decode("utf-8", "replace")
 
@@ -64,7 +66,7 @@ def read_text(path: Path, limit: int) -> str:
     return decode_utf8(read_bytes(path, limit), path)
 
 
-def read_checked_text(path: Path, limit: int) -> str:
+def read_checked_text(file: PathLike, limit: int) -> str:
     """Return the content of a UTF-8 file whose hash is checked where `<file>.sha256` lies beside it.
 
     Raises
@@ -72,6 +74,7 @@ def read_checked_text(path: Path, limit: int) -> str:
     InputError
         As `read_text`; if the file beside it cannot be read, or its first word is not the hash of the content.
     """
+    path = Path(file)
     content = read_bytes(path, limit)
     hash_file = beside(path, SHA256_SUFFIX)
     if hash_file.exists():
