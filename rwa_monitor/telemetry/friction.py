@@ -24,8 +24,10 @@ from rwa_monitor.wheel.torque_balance import (
     friction_torque,
     half_width,
     inertia_of,
+    mended_friction,
     rounding_error,
     torque_per_ampere,
+    without_motor,
 )
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -54,6 +56,32 @@ def source_of(samples: Samples, wheel: Wheel) -> Source:
         "friction_torque_Nm is missing, and friction cannot be derived: that takes motor_current_A with "
         "torque_constant_Nm_A and inertia_kg_m2 of the wheel, or motor_torque_Nm with inertia_kg_m2",
     )
+
+
+def motor_torque(samples: Samples, wheel: Wheel) -> FloatArray | None:
+    """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
+    if samples.motor_torque_Nm is not None:
+        return samples.motor_torque_Nm
+    if samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
+        return torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
+    return None
+
+
+def friction_of(samples: Samples, wheel: Wheel) -> FloatArray:
+    """Return the friction torque of a whole table, float64 (n,) [N m], given or derived; roughly around gaps then.
+
+    Raises
+    ------
+    InputError
+        If friction is neither given nor can be derived.
+    """
+    samples = without_motor(samples, wheel)
+    source_of(samples, wheel)
+    if samples.friction_torque_Nm is not None:
+        return samples.friction_torque_Nm
+    torque = motor_torque(samples, wheel)
+    assert torque is not None, "there is a source"
+    return mended_friction(samples.speed_rad_s, torque, wheel)
 
 
 class FrictionSource:
@@ -113,7 +141,7 @@ class FrictionSource:
             return samples.friction_torque_Nm
         if self.source == "motor_torque_Nm":
             return samples.motor_torque_Nm
-        torque, limit_A = self.motor_torque(samples), self.wheel.limits.max_current_A
+        torque, limit_A = motor_torque(samples, self.wheel), self.wheel.limits.max_current_A
         if torque is None or samples.motor_current_A is None:
             return None
         # At its limit the current is saturated, and the torque that would be needed is not known.
@@ -122,15 +150,6 @@ class FrictionSource:
         saturated = np.abs(samples.motor_current_A) >= limit_A
         self.at_limit += int(np.count_nonzero(saturated))
         return np.where(saturated, np.nan, torque)
-
-    def motor_torque(self, samples: Samples) -> FloatArray | None:
-        """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
-        if samples.motor_torque_Nm is not None:
-            return samples.motor_torque_Nm
-        if samples.motor_current_A is not None and self.wheel.torque_constant_Nm_A is not None:
-            current_A = samples.motor_current_A
-            return torque_per_ampere(current_A, samples.speed_rad_s, self.wheel) * current_A
-        return None
 
     # ---- slots → friction ----------------------------------------------------------------------------------------
 
