@@ -106,11 +106,11 @@ def read(
     path
         A sample table, or a recording that holds one wheel.
     telemetry_map
-        For space packets and ROS 2 bags: the file that says which parameter or topic is which channel.
+        For space packets and ROS 2 bags: the file that gives which parameter or topic is which channel.
     xtce
         For space packets: the XTCE definition of what is in them.
     wheel
-        For a run down with the motor off, and for a table of pulses: says that it is one, and how many make a turn.
+        For a run down with the motor off, and for a table of pulses: gives that it is one, and how many make a turn.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def read(
     Raises
     ------
     InputError
-        If a file cannot be used (says where and why), or holds several wheels.
+        If a file cannot be used (reports where and why), or holds several wheels.
 
     Warns
     -----
@@ -143,7 +143,7 @@ def simulate(
     Parameters
     ----------
     scenario
-        What happens to the wheel, or the file that says so; None: 10,000 s of a healthy wheel in orbit.
+        What happens to the wheel, or a file of it; None: 10,000 s of a healthy wheel in orbit.
     wheel
         What the wheel is; None: the built-in one.
     seed
@@ -375,7 +375,7 @@ def identify(recordings: Recordings, start: Wheel | None = None, *, systems: boo
     Raises
     ------
     InputError
-        If a recording cannot be used, or there is too little to learn from; says how much more is needed.
+        If a recording cannot be used, or there is too little to learn from; reports how much more is needed.
     """
     named = _named(recordings, "recording")
     if not named:
@@ -419,11 +419,11 @@ def find_discrepancy(
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
-    named, aside = _named(recordings, "recording"), _named(held_out, "held out")
+    named, beside = _named(recordings, "recording"), _named(held_out, "held out")
     if not named:
         raise InputError("recordings", "none given; one is needed")
     with one_thread_of_algebra():
-        return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), aside)
+        return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), beside)
 
 
 def _named(recordings: Recordings, word: str) -> list[tuple[str, Samples]]:

@@ -195,7 +195,7 @@ def _on_cluster(client: Client, task: Callable[[Path], Result], files: Sequence[
             yield from outcomes
             size = parcel_size(seconds / len(parcel), len(waiting), workers)
             continue
-        # Dask holds all recordings that waited at a worker guilty of its death. Alone, only the one that kills is.
+        # Dask gives up all recordings that waited at a worker that ended. Alone, only the one that ends it is given up.
         wait([others for _, others in on_the_way])
         for file in parcel:
             alone = submit([file])

@@ -33,7 +33,7 @@ from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
-# What is said of samples that no window used, by name of `sequencer.Counts`.
+# What is reported of samples that no window used, by name of `sequencer.Counts`.
 NOT_USED: Final = {
     "masked": "were masked",
     "rejected": "rejected",
@@ -206,7 +206,7 @@ class Identify(Task):
             bench = as_measured([samples], start)
             learned = identify(bench.recordings, bench.wheel, systems=self.systems)
             warning = not_nominal(bench.recordings, learned.wheel)
-        except InputError as error:  # of one of many recordings: which of them must be said
+        except InputError as error:  # of one of many recordings: which of them must be named
             source = "" if error.source in {name, "identify"} else f"{error.source}: "
             raise InputError(name, f"{source}{error.reason}", error.place) from error
         own = [f"{name}: {note}" for note in (*learned.notes, *((warning,) if warning else ()))]

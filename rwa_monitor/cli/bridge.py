@@ -47,7 +47,7 @@ def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int,
     decoder = PacketDecoder(read_decoding(map_file, xtce_file), "bridge")
     warn_if_alone(bus)
     if not _is_loopback(address.host):
-        log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not say who sends")
+        log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")
     with stop_on_signals() as stop, ExitStack() as stack:
         receiver = stack.enter_context(listening(address))
         session = stack.enter_context(open_session(bus))

@@ -40,10 +40,10 @@ def command(
 ) -> int:
     """Learn a wheel file from recordings of one healthy wheel.
 
-    Where there is too little data to learn a switching system's law, nothing is written and the command says how much
-    more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the command
-    says so where friction drifts, and diagnoses the recordings with the wheel file, which it does not write where that
-    calls them anomalous. With --each the files are learned one by one, side by side.
+    Where there is too little data to learn a switching system's law, nothing is written and the command reports how
+    much more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the
+    command reports drifting friction, and diagnoses the recordings with the wheel file, which is not written where they
+    are anomalous with it. With --each the files are learned one by one, side by side.
     """
     from rwa_monitor.batch.tasks import Identify, not_nominal
     from rwa_monitor.discrepancy.bench import as_measured

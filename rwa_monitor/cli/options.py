@@ -88,7 +88,7 @@ wheel_folder_option = click.option(
     "--wheel-folder",
     type=FILE,
     metavar="DIR",
-    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are as --wheel says.",
+    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are that of --wheel.",
 )
 model_option = click.option(
     "--model", "model_file", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"

@@ -67,7 +67,7 @@ class Recordings:
         log(error)
 
     def done(self, problems: Sequence[str], notes: Iterable[str]) -> None:
-        """Log what is worth a word of a recording, once of all; `problems` are bytes that could not be read."""
+        """Log what is to be noted of a recording, each line once; `problems` are bytes that could not be read."""
         new = [note for note in dict.fromkeys((*problems, *notes)) if note not in self._logged]
         log(*new)
         self._logged.update(new)

@@ -1,10 +1,9 @@
 """CCSDS space packets (133.0-B-2) as samples, by an XTCE definition, from a file or one by one; samples as packets.
 
 A packet is six bytes of header, which count its length, and a content that an XTCE definition (CCSDS 660.1-G)
-describes: parameters, their bits, calibrators and units. A telemetry map says which of them are which channels of which
-wheel.
+describes: parameters, their bits, calibrators and units. A telemetry map assigns them to channels of wheels.
 
-A packet that cannot be believed is counted and left out: another version, another length than its header says, a
+A packet that cannot be valid is counted and left out: another version, another length than its header states, a
 content that the definition does not describe. Nothing in a packet shows a flipped bit; the frames below it do.
 """
 
@@ -58,7 +57,7 @@ class PacketCounts:
     decoded
         Gave a sample to one wheel or more.
     bad
-        Cannot be believed, or cannot be read as the definition says.
+        Cannot be valid, or cannot be read by the definition.
     unknown
         Of an application process (APID) that the map does not name, or telecommands.
     idle
@@ -138,7 +137,7 @@ class PacketDecoder:
     def __init__(self, decoding: Decoding, source: str) -> None:
         if decoding.map is None or decoding.xtce is None:
             raise InputError(
-                source, "holds space packets: --xtce says what is in them, and --map what of it is which channel"
+                source, "holds space packets: --xtce gives their definition, and --map which parameter is which channel"
             )
         self._definition = definition_of(decoding.xtce)
         self.wheels = wheels_of(decoding.map, PacketWheel)
@@ -213,7 +212,7 @@ def _no_packet(packet: bytes) -> str | None:
         return f"version {packet[0] >> 5} of the packet protocol; there is only 0"
     stated = HEADER_BYTES + int.from_bytes(packet[4:6], "big") + 1
     if stated != len(packet):
-        return f"{len(packet)} bytes, and its header says {stated}"
+        return f"{len(packet)} bytes, and its header states {stated}"
     return None
 
 
@@ -346,7 +345,7 @@ class SampleColumns:
 
 
 def packet_notes(counts: PacketCounts) -> list[str]:
-    """Say what was left out of packets, and what is missing between them, a sentence each."""
+    """Report what was left out of packets, and what is missing between them, a sentence each."""
     notes: list[str] = []
     if counts.unknown:
         apids = ", ".join(str(apid) for apid in sorted(counts.unknown_apids)[:8])

@@ -97,7 +97,7 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
 
 
 def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
-    """Say what is missing, and what the table probably is instead."""
+    """Report what is missing, and what the table probably is instead."""
     reason = "is missing"
     if len(missing) > 1:
         reason += f", and so is {', '.join(missing[1:])}"
@@ -113,7 +113,7 @@ def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
 
 
 def _nearest_columns(names: Sequence[str], missing: Sequence[str]) -> str:
-    """Say which columns may be those that are missing, "" where none is near."""
+    """Report which columns may be those that are missing, "" where none is near."""
     found = []
     for name in names[:MAX_COLUMNS]:
         meant = closest(name, [known for wanted in missing for known in wanted.split(" or ")])
@@ -209,7 +209,7 @@ ROWS_OUT_OF_ORDER: Final = "sort the rows by time and leave repeated ones out"
 
 
 def ordering_advice(samples: Samples, source: str, first_row: int, time_column: int, *, all_columns: bool) -> str:
-    """Say what brings a table's rows into order.
+    """Report what brings a table's rows into order.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _command(source: str, time_column: int, all_columns: bool) -> str:
 
 
 def _repeated(samples: Samples) -> IntArray:
-    """Return the samples that say the same as an earlier one of their time, int64 (k,), in order.
+    """Return the samples that are the same as an earlier one of their time, int64 (k,), in order.
 
     A value that is missing in both is alike. Of those with one time each is compared with the first.
     """

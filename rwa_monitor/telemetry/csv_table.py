@@ -77,7 +77,7 @@ def read_csv(path: Path) -> SampleTable:
 
 
 def _others(content: bytes, reason: str) -> str:
-    """Say what else a table would be refused for, after the first reason; "" for nothing."""
+    """Report what else a table would be refused for, after the first reason; "" for nothing."""
     head = content[:MAX_HEADER_BYTES].decode(errors="replace")
     wanted = (" or ".join(reversed(TIME_COLUMNS)), *REQUIRED_CHANNELS)
     others = [phrase for word, phrase in oddities(head, wanted) if word not in reason]
@@ -85,7 +85,7 @@ def _others(content: bytes, reason: str) -> str:
 
 
 def _table(content: bytes, source: str) -> SampleTable:
-    """Return what a text says as a table."""
+    """Return the table that a text holds."""
     names, begin = _header(content, source)
     layout = lay_out(names, source)
     ((time_name, time_at),) = layout.time.items()

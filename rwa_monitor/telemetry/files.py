@@ -16,7 +16,7 @@ PathLike = str | os.PathLike[str]
 
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
 MAX_SHA256_BYTES: Final = 10_000
-PIECE_BYTES: Final = 2**20  # of what does not say its size
+PIECE_BYTES: Final = 2**20  # of what does not state its size
 
 
 def display_name(path: PathLike) -> str:
@@ -47,8 +47,8 @@ def read_bytes(path: Path, limit: int) -> bytes:
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-            # What says its size is refused by it; what does not (a pipe, a device) is read up to the limit, in pieces:
-            # Python takes memory for all that it is asked to read before it reads.
+            # What states its size is refused by it; what does not (a pipe, a device) is read up to the limit, in
+            # pieces: Python takes memory for all that it is asked to read before it reads.
             pieces = [file.read(size)] if size <= limit else []
             left = limit + 1 - (size if size > limit else len(pieces[0]))
             while left > 0 and (piece := file.read(min(left, PIECE_BYTES))):
@@ -103,7 +103,7 @@ def decode_utf8(content: bytes, path: Path) -> str:
 
 
 def first_line(error: Exception) -> str:
-    """Return the first line of what an error of a library says, its name where it says nothing."""
+    """Return the first line of the message of a library's error, its name where that is empty."""
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 

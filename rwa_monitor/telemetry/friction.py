@@ -107,7 +107,7 @@ class FrictionSource:
     channel
         Judges derived friction, with the effects still in it: slots where it stands out are masked.
     angle_rad, last_speed_rad_s, memories
-        What the effects remember of the slots so far.
+        What the effects keep of the slots so far.
     at_corners, at_limit
         Samples masked since this process began: where the speed bends too sharply for friction to be derived, and with
         the current at its limit.
@@ -172,7 +172,7 @@ class FrictionSource:
         torque
             float64 (stop - start,) [N m], NaN where it is not known, stands out, or a corner of the speed hides it.
         masked
-            Slots where it was known and is not believed.
+            Slots where it was known and is not valid.
         faults
             One for each time that derived friction stands out.
         """
@@ -200,7 +200,7 @@ class FrictionSource:
     def _mask_what_stands_out(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray
     ) -> tuple[int, list[Fault]]:
-        """Judge the derived friction of the slots [start, stop), mask in it what is not believed; return as `friction`.
+        """Judge the derived friction of the slots [start, stop), mask in it what is not valid; return as `friction`.
 
         The last slot of a block is judged by the one after it, whose acceleration may not be known yet, but is nearly
         the same. What stands out is masked from the beginning of its block on at most: slots before may be gone.

@@ -1,6 +1,6 @@
 """Parquet sample tables: the same columns as in CSV, as numbers; null is a value that was not measured (NaN).
 
-What a file says of its sizes and types is compared with limits before anything in it is unpacked.
+What a file states of its sizes and types is compared with limits before anything in it is unpacked.
 """
 
 from __future__ import annotations
@@ -92,12 +92,12 @@ def _read_columns(file: Any, names: list[str], source: str) -> Any:
             break
         batches.append(batch)
     if rows != promised:
-        raise InputError(source, f"holds {'more' if rows > promised else 'fewer'} rows than its footer says")
+        raise InputError(source, f"holds {'more' if rows > promised else 'fewer'} rows than its footer states")
     return pa.Table.from_batches(batches)
 
 
 def _is_number(kind: Any) -> bool:
-    """Tell whether a column's values are numbers; a column without any value is one of NaN."""
+    """Return whether a column's values are numbers; a column without any value is one of NaN."""
     types = pa.types
     return bool(types.is_null(kind) or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
 

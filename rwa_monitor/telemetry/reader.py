@@ -44,7 +44,7 @@ class WheelTelemetry:
     source
         The file, for messages.
     spacecraft, wheel
-        From the bus key or the map; "" and None for a table, which does not say.
+        From the bus key or the map; "" and None for a table, which names none.
     batches
         In the order in which they came.
     constants
