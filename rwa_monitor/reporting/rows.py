@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 from rwa_monitor.discrepancy.result import DiscrepancyResult
 from rwa_monitor.identification.identify import Learned
 from rwa_monitor.messages import Diagnosis
 
 Row = dict[str, Any]
+ANOMALY_FIELDS: Final = ("active", "probability", "severity", "estimate", "unit")
 
 
 def diagnosis_row(diagnosis: Diagnosis) -> Row:
@@ -38,11 +39,7 @@ def diagnosis_row(diagnosis: Diagnosis) -> Row:
         "suspected_effect": diagnosis.suspected_effect,
     }
     for name, anomaly in diagnosis.anomalies.items():
-        row[f"{name}_active"] = anomaly.active
-        row[f"{name}_probability"] = anomaly.probability
-        row[f"{name}_severity"] = anomaly.severity
-        row[f"{name}_estimate"] = anomaly.estimate
-        row[f"{name}_unit"] = anomaly.unit
+        row |= {f"{name}_{field}": getattr(anomaly, field) for field in ANOMALY_FIELDS}
     row["message"] = diagnosis.to_json().decode("utf-8")
     return row
 

@@ -30,11 +30,12 @@ from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import atomic_write, beside, display_name, first_line, read_bytes, write_text
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.telemetry_map import (
+    TIME_UNITS,
+    UNITS,
     PacketWheel,
     check_time,
     conversion,
     telemetry_file,
-    time_conversion,
     wheels_of,
 )
 from rwa_monitor.words import counted
@@ -250,12 +251,12 @@ def _resolved(wheel: PacketWheel, definition: Any, source: str, xtce: str) -> _W
     time: list[tuple[str, Fraction]] = []
     for name in wheel.time:
         place = f"{where}: time: {name}"
-        time.append((name, time_conversion(_unit(type_of(name, _NUMBERS, place)), source, place)))
+        time.append((name, conversion(TIME_UNITS, _unit(type_of(name, _NUMBERS, place)), "time", source, place)))
     channels: list[_Channel] = []
     for channel, spec in wheel.channels.items():
         place = f"{where}: {channel}: {spec.parameter}"
         unit = _unit(type_of(spec.parameter, _NUMBERS, place))
-        factor, offset = conversion(channel, spec.unit or unit, source, place)
+        factor, offset = conversion(UNITS[channel], spec.unit or unit, channel, source, place)
         if spec.valid is not None:
             type_of(spec.valid, _FLAGS, place)
         channels.append(_Channel(channel, spec.parameter, factor, offset, spec.valid))

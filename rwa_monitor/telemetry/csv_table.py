@@ -88,11 +88,10 @@ def _table(content: bytes, source: str) -> SampleTable:
     """Return the table that a text holds."""
     names, begin = _header(content, source)
     layout = lay_out(names, source)
-    ((time_name, time_at),) = layout.time.items()
     times, channels = [], {name: [np.zeros(0)] for name in layout.channels}
     row = FIRST_DATA_ROW
     for rows in _rows(content, begin, len(names), source):
-        times.append(_nanoseconds([fields[time_at].strip() for fields in rows], time_name, source, row))
+        times.append(_nanoseconds([fields[layout.time_at].strip() for fields in rows], layout.time, source, row))
         for name, at in layout.channels.items():
             channels[name].append(_numbers([fields[at].strip() for fields in rows], name, source, row))
         row += len(rows)

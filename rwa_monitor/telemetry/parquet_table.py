@@ -51,16 +51,15 @@ def read_parquet(path: Path) -> SampleTable:
             thrift_container_size_limit=MAX_FOOTER_ENTRIES,
         ) as file:
             layout = lay_out(file.schema_arrow.names, source)
-            ((time_name, _),) = layout.time.items()
-            _check_footer(file, (time_name, *layout.channels), source)
-            table = _read_columns(file, [time_name, *layout.channels], source)
+            _check_footer(file, (layout.time, *layout.channels), source)
+            table = _read_columns(file, [layout.time, *layout.channels], source)
     except (pa.ArrowException, EOFError, UnicodeDecodeError) as error:
         raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
     except OSError as error:  # Arrow reports damaged pages so, with a text and without a code
         if error.errno is not None:
             raise unreadable(path, error) from error
         raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
-    time_ns = _nanoseconds(table[time_name], time_name, source)
+    time_ns = _nanoseconds(table[layout.time], layout.time, source)
     channels = {name: _numbers(table[name]) for name in layout.channels}
     return table_of(time_ns, channels, layout, source, FIRST_ROW)
 

@@ -36,6 +36,7 @@ from rwa_monitor.telemetry.files import display_name, first_line, unreadable
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
 from rwa_monitor.telemetry.telemetry_map import (
     SI_UNITS,
+    UNITS,
     TopicChannel,
     TopicWheel,
     check_time,
@@ -110,7 +111,7 @@ class _Series:
         self.times = array("q")
         self.values = array("d")
         self._others: dict[str, None] = {}  # joints that messages without this one hold, an ordered set
-        self._factor, self._offset = conversion(channel, spec.unit or SI_UNITS[channel], source, place)
+        self._factor, self._offset = conversion(UNITS[channel], spec.unit or SI_UNITS[channel], channel, source, place)
 
     def take(self, message: Any, logged: Message) -> None:
         """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
@@ -140,10 +141,8 @@ class _Series:
         return f"{self.spec.topic} has no joint {self.spec.joint}; there are {', '.join(self._others)}{hint}"
 
     def _time_of(self, message: Any, logged: Message) -> int:
-        if self.spec.time == "log":
-            return int(logged.log_time)
-        if self.spec.time == "publish":
-            return int(logged.publish_time)
+        if self.spec.time != "header":
+            return int(logged.log_time if self.spec.time == "log" else logged.publish_time)
         if not hasattr(message, "header"):
             raise ValueError('it has no header: set time = "log" or "publish" in the map')
         stamp = _field(message, "header.stamp")

@@ -142,15 +142,11 @@ class WheelMap(Strict):
         return key_of(SamplesMessage, self.spacecraft, self.wheel)
 
     @model_validator(mode="after")
-    def _plain_names(self) -> WheelMap:
+    def _complete(self) -> WheelMap:
         try:
             split_key(self.key)
         except InputError as error:
             raise ValueError(f"{error.source} {error.reason}") from error
-        return self
-
-    @model_validator(mode="after")
-    def _with_speed(self) -> WheelMap:
         if "speed_rad_s" not in self.channels:
             raise ValueError("channels.speed_rad_s is missing")
         return self
@@ -183,6 +179,7 @@ class TopicWheel(WheelMap):
 
 
 OneWheel = TypeVar("OneWheel", bound=WheelMap)
+Size = TypeVar("Size", tuple[float, float], Fraction)
 
 
 def wheels_of(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
@@ -256,28 +253,18 @@ def check_time(time_ns: int) -> None:
         raise ValueError(f"a time of {time_ns / NANOSECONDS_PER_SECOND:.3g} s; the bus takes 0 to {latest_s:.0e} s")
 
 
-def conversion(channel: str, unit: str | None, source: str, place: str) -> tuple[float, float]:
-    """Return (factor, offset) that bring a value of this unit to the unit in the channel's name.
+def conversion(units: Mapping[str, Size], unit: str | None, quantity: str, source: str, place: str) -> Size:
+    """Return what one unit of a quantity is in our own: of a channel's `UNITS`, or of `TIME_UNITS`.
 
     Raises
     ------
     InputError
-        If there is no unit, or none of this channel's quantity.
+        If there is no unit, or none of this quantity.
     """
-    known = UNITS[channel]
-    found = known.get(_plain(unit)) if unit is not None else None
+    found = units.get(_plain(unit)) if unit is not None else None
     if found is None:
-        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of {channel}"
-        raise InputError(source, f"{what}; known are {', '.join(known)}", place)
-    return found
-
-
-def time_conversion(unit: str | None, source: str, place: str) -> Fraction:
-    """Return the nanoseconds of one unit of time; raises InputError where it is none."""
-    found = TIME_UNITS.get(unit.strip()) if unit is not None else None
-    if found is None:
-        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of time"
-        raise InputError(source, f"{what}; known are {', '.join(TIME_UNITS)}", place)
+        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of {quantity}"
+        raise InputError(source, f"{what}; known are {', '.join(units)}", place)
     return found
 
 
