@@ -35,7 +35,7 @@ from rwa_monitor.monitor.recording.recorder import Recorder
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.telemetry.friction import FrictionSource
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import Screen
+from rwa_monitor.telemetry.sensor_validation import SensorValidation
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEY = "rwa/profile/wheel_1/samples"
@@ -46,7 +46,7 @@ STAGES: dict[str, tuple[Any, str]] = {
     "sequencer": (Sequencer, "put"),
     "slot assignment": (SlotAssignment, "next_piece"),
     "ring buffer": (RingBuffer, "extend"),
-    "sensor validation": (Screen, "run"),
+    "sensor validation": (SensorValidation, "run"),
     "friction": (FrictionSource, "friction"),
     "detection: stage 1": (WindowAccumulator, "append"),
     "close: stage 1's end": (WindowAccumulator, "close"),

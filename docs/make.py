@@ -246,7 +246,7 @@ def _exit_codes() -> str:
     meaning = {
         "FAILED": "failed, or a check found a difference",
         "WRONG_USE": "wrong use or bad input",
-        "UNREADABLE": "done, but bytes of the input could not be read (said which)",
+        "UNREADABLE": "done, but bytes of the input could not be read (reported which)",
         "INTERRUPTED": "interrupted (Ctrl-C)",
     }
     rows = [(str(getattr(console, name)), words) for name, words in meaning.items()]

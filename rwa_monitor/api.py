@@ -42,16 +42,14 @@ from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.monitor.trends import CoefficientTrend, wheel_trends
-from rwa_monitor.reporting.diagnosis_rows import diagnosis_row
+from rwa_monitor.reporting.rows import diagnosis_row
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import Telemetry
 from rwa_monitor.simulation.record import simulate as simulate_telemetry
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.configuration import read_model as read_model_file
-from rwa_monitor.telemetry.configuration import read_scenario
-from rwa_monitor.telemetry.configuration import read_wheel as read_wheel_file
-from rwa_monitor.telemetry.files import display_name
+from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
+from rwa_monitor.telemetry.files import PathLike, display_name
 from rwa_monitor.telemetry.reader import joined, only_wheel, read_decoding
 from rwa_monitor.threads import on_threads, one_thread_of_algebra
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
@@ -87,7 +85,6 @@ __all__ = [
     "wheel_trends",
 ]
 
-PathLike = str | os.PathLike[str]
 Recordings = Samples | Sequence[Samples] | Mapping[str, Samples]
 
 
@@ -108,11 +105,11 @@ def read(
     path
         A sample table, or a recording that holds one wheel.
     telemetry_map
-        For space packets and ROS 2 bags: the file that says which parameter or topic is which channel.
+        For space packets and ROS 2 bags: the file that gives which parameter or topic is which channel.
     xtce
         For space packets: the XTCE definition of what is in them.
     wheel
-        For a run down with the motor off, and for a table of pulses: says that it is one, and how many make a turn.
+        For a run down with the motor off, and for a table of pulses: gives that it is one, and how many make a turn.
 
     Returns
     -------
@@ -122,7 +119,7 @@ def read(
     Raises
     ------
     InputError
-        If a file cannot be used (says where and why), or holds several wheels.
+        If a file cannot be used (reports where and why), or holds several wheels.
 
     Warns
     -----
@@ -130,33 +127,10 @@ def read(
         Of columns that are ignored, and of bytes of a recording that could not be read.
     """
     file = Path(path)
-    map_file, xtce_file = (None if given is None else Path(given) for given in (telemetry_map, xtce))
-    content = read_telemetry(file, read_decoding(map_file, xtce_file).of_wheel(wheel))
+    content = read_telemetry(file, read_decoding(telemetry_map, xtce).of_wheel(wheel))
     for note in (*content.problems, *content.notes):
         warnings.warn(note, stacklevel=2)
     return joined(only_wheel(content, display_name(file)))
-
-
-def read_wheel(path: PathLike | None = None) -> Wheel:
-    """Read a wheel file (wheel.toml); None gives the built-in wheel of the paper's examples.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read or says something that no wheel can have.
-    """
-    return read_wheel_file(None if path is None else Path(path))
-
-
-def read_model(path: PathLike | None = None) -> Model:
-    """Read a model (MODEL.json, from `rwa-monitor train`); None gives the built-in one.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used; names the field.
-    """
-    return read_model_file(None if path is None else Path(path))
 
 
 @one_thread_of_algebra()
@@ -168,7 +142,7 @@ def simulate(
     Parameters
     ----------
     scenario
-        What happens to the wheel, or the file that says so; None: 10,000 s of a healthy wheel in orbit.
+        What happens to the wheel, or a file of it; None: 10,000 s of a healthy wheel in orbit.
     wheel
         What the wheel is; None: the built-in one.
     seed
@@ -184,7 +158,7 @@ def simulate(
     InputError
         If the scenario does not fit the wheel.
     """
-    scene = scenario if isinstance(scenario, Scenario) else read_scenario(None if scenario is None else Path(scenario))
+    scene = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
     return simulate_telemetry(scene, wheel or built_in_wheel(), np.random.default_rng(seed))
 
 
@@ -390,7 +364,7 @@ def identify(recordings: Recordings, start: Wheel | None = None, *, systems: boo
     Raises
     ------
     InputError
-        If a recording cannot be used, or there is too little to learn from; says how much more is needed.
+        If a recording cannot be used, or there is too little to learn from; reports how much more is needed.
     """
     named = _named(recordings, "recording")
     if not named:
@@ -434,11 +408,11 @@ def find_discrepancy(
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
-    named, aside = _named(recordings, "recording"), _named(held_out, "held out")
+    named, beside = _named(recordings, "recording"), _named(held_out, "held out")
     if not named:
         raise InputError("recordings", "none given; one is needed")
     with one_thread_of_algebra():
-        return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), aside)
+        return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), beside)
 
 
 def _named(recordings: Recordings, word: str) -> list[tuple[str, Samples]]:

@@ -19,8 +19,7 @@ from rwa_monitor.monitor.trends import CoefficientTrend, WindowFriction, wheel_t
 from rwa_monitor.reporting.figures import gains_picture as gains
 from rwa_monitor.reporting.figures import overlay as discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.friction import source_of
-from rwa_monitor.wheel.torque_balance import mended_friction, torque_per_ampere, without_motor
+from rwa_monitor.telemetry.friction import friction_of
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 __all__ = ["discrepancy", "gains", "trend", "window"]
@@ -54,7 +53,7 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
     InputError
         If no sample lies in the window, or friction is neither given nor can be derived.
     """
-    friction_Nm = _friction(samples, wheel or built_in_wheel())
+    friction_Nm = friction_of(samples, wheel or built_in_wheel())
     inside = (samples.time_ns >= diagnosis.window_start_ns) & (samples.time_ns < diagnosis.window_end_ns)
     if not inside.any():
         raise InputError("samples", f"none lies in the window that begins at {diagnosis.window_start_ns} ns")
@@ -81,18 +80,6 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
     _draw_systems(bottom, diagnosis, colours)
     bottom.set(ylabel="of the systems\n[mN m]", xlabel="time in the window [min]")
     return figure
-
-
-def _friction(samples: Samples, wheel: Wheel) -> FloatArray:
-    """Return the friction torque of samples [N m], derived where it is not given; around gaps only roughly then."""
-    samples = without_motor(samples, wheel)
-    source = source_of(samples, wheel)
-    given: FloatArray = getattr(samples, source)
-    if source == "friction_torque_Nm":
-        return given
-    speed_rad_s = samples.speed_rad_s
-    per_unit = torque_per_ampere(given, speed_rad_s, wheel) if source == "motor_current_A" else 1.0
-    return mended_friction(speed_rad_s, per_unit * given, wheel)
 
 
 def _minutes(time_ns: IntArray, diagnosis: Diagnosis) -> FloatArray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, overload
+from typing import Any, Final, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,14 +86,15 @@ class Samples:
 
 
 # The measured channels besides time, in the order in which messages list them, and tables, which may hold one more.
-CHANNELS: Final = (
+ChannelName = Literal[
     "speed_rad_s",
     "friction_torque_Nm",
     "motor_current_A",
     "motor_torque_Nm",
     "motor_voltage_V",
     "bearing_temperature_degC",
-)
+]
+CHANNELS: Final[tuple[str, ...]] = get_args(ChannelName)
 TABLE_CHANNELS: Final = (*CHANNELS, "angle_rad")
 
 

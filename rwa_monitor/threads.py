@@ -66,35 +66,21 @@ def one_thread_of_algebra() -> Iterator[None]:
     The number of threads belongs to the process: other work of the process is held to one as well until the last such
     block ends; then it has as many as before. Costs some 10 µs.
     """
-    _limit.enter()
+    with _lock:
+        _blocks.append(None if _blocks else _libraries().limit(limits=1, user_api="blas"))
     try:
         yield
     finally:
-        _limit.leave()
+        with _lock:
+            limit = _blocks[0]
+            _blocks.pop()
+            if not _blocks:
+                limit.restore_original_limits()
 
 
-class _Limit:
-    """The limit of the process; blocks may nest, and overlap where several threads compute."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._blocks = 0
-        self._set: Any = None
-
-    def enter(self) -> None:
-        with self._lock:
-            if self._blocks == 0:
-                self._set = _libraries().limit(limits=1, user_api="blas")
-            self._blocks += 1
-
-    def leave(self) -> None:
-        with self._lock:
-            self._blocks -= 1
-            if self._blocks == 0:
-                self._set.restore_original_limits()
-
-
-_limit = _Limit()
+# Of the process: the limit that the first block set, and an entry for each that began while it, or another, runs.
+_blocks: Final[list[Any]] = []
+_lock: Final = Lock()
 
 
 @cache

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 BLOCK: Final = 64  # recordings for each process at a time: what is finished waits in memory for those before it
-# Parcels of recordings that wait at a worker beside the one it works on: it is never idle, and memory does not grow
-# with their number.
-WAITING_PER_WORKER: Final = 1
+# Parcels of recordings on their way at a time: no worker is idle while the first in order is worked on, and memory does
+# not grow with the number of recordings.
+PARCELS_PER_WORKER: Final = 8
 # Dask's own work for a parcel, some 7 ms of client and scheduler together, is a fifth of diagnosing one short
 # recording; in parcels of several it is lost beside them. Those that take long go one by one.
 PARCEL_S: Final = 0.6
@@ -82,7 +82,7 @@ def each(
         workers = max(1, min(cores(), len(files) // FEW))
     if scheduler is not None:
         with _client(scheduler) as client:
-            yield from _spread(client, task, files)
+            yield from _on_cluster(client, task, files)
     elif workers == 1:
         yield from (_guarded(task, file) for file in files)
     else:
@@ -169,65 +169,38 @@ def _itself(task: Callable[[Path], Result]) -> Callable[[Path], Result]:
     return task
 
 
-def _spread(client: Client, task: Callable[[Path], Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
-    """Yield the outcomes in the order of `files`."""
-    ready: dict[int, Outcome[Result]] = {}
-    given = 0
-    for number, outcome in _as_they_come(client, task, files):
-        ready[number] = outcome
-        while given in ready:
-            yield ready.pop(given)
-            given += 1
-
-
-def _as_they_come(
-    client: Client, task: Callable[[Path], Result], files: Sequence[Path]
-) -> Iterator[tuple[int, Outcome[Result]]]:
-    """Keep all workers busy with a bounded number of recordings on their way; yield number and outcome of each."""
-    from distributed import KilledWorker, as_completed
+def _on_cluster(client: Client, task: Callable[[Path], Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
+    """Yield the outcomes in the order of `files`; a bounded number of recordings is on its way at a time."""
+    from distributed import wait
 
     # The model goes once to each worker and not with each recording; as a result, which is made again where a worker
     # that held it dies.
     shared = client.submit(_itself, task, pure=False)
-
-    def submit(numbers: Sequence[int]) -> Any:
-        # Not pure: the same recording named twice is done twice, as it is without a cluster.
-        return client.submit(_parcel, shared, [files[number] for number in numbers], pure=False)
-
     workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-    waiting = deque(range(len(files)))
-    on_the_way: dict[Any, tuple[int, ...]] = {
-        submit((number,)): (number,) for number in _taken(waiting, workers * (1 + WAITING_PER_WORKER))
-    }
-    completed = as_completed(list(on_the_way))
-    suspects: list[int] = []
+    waiting = deque(files)
+    on_the_way: deque[tuple[list[Path], Any]] = deque()
     size = 1
-    for future in completed:
-        numbers = on_the_way.pop(future)
-        error = future.exception()
-        if error is None:
+
+    def submit(parcel: Sequence[Path]) -> Any:
+        # Not pure: the same recording named twice is done twice, as it is without a cluster.
+        return client.submit(_parcel, shared, parcel, pure=False)
+
+    while waiting or on_the_way:
+        while waiting and len(on_the_way) < workers * PARCELS_PER_WORKER:
+            parcel = [waiting.popleft() for _ in range(min(size, len(waiting)))]
+            on_the_way.append((parcel, submit(parcel)))
+        parcel, future = on_the_way.popleft()
+        if future.exception() is None:
             outcomes, seconds = future.result()
-            yield from zip(numbers, outcomes, strict=True)
-            size = parcel_size(seconds / len(numbers), len(waiting), workers)
-        elif isinstance(error, KilledWorker):
-            suspects += numbers
-        else:
-            yield from ((number, Outcome(files[number], None, f"{files[number]}: {error}")) for number in numbers)
-        future.release()
-        if following := _taken(waiting, size):
-            added = submit(following)
-            on_the_way[added] = following
-            completed.add(added)
-    # Dask holds all recordings that waited at a worker guilty of its death. Alone, only the one that kills is.
-    for number in suspects:
-        future = submit((number,))
-        error = future.exception()
-        yield number, Outcome(files[number], None, f"{files[number]}: {error}") if error else future.result()[0][0]
-
-
-def _taken(waiting: deque[int], count: int) -> tuple[int, ...]:
-    """Take the next ones off those that wait, as many as there are up to `count`."""
-    return tuple(waiting.popleft() for _ in range(min(count, len(waiting))))
+            yield from outcomes
+            size = parcel_size(seconds / len(parcel), len(waiting), workers)
+            continue
+        # Dask gives up all recordings that waited at a worker that ended. Alone, only the one that ends it is given up.
+        wait([others for _, others in on_the_way])
+        for file in parcel:
+            alone = submit([file])
+            error = alone.exception()
+            yield Outcome(file, None, f"{file}: {error}") if error else alone.result()[0][0]
 
 
 def parcel_size(seconds: float, waiting: int, workers: int) -> int:

@@ -1,4 +1,4 @@
-"""The folder of results: one Parquet file for each recording, whose name says what it was made from."""
+"""The folder of results: one Parquet file for each recording, whose name identifies what it was made from."""
 
 from __future__ import annotations
 

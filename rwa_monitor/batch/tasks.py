@@ -6,9 +6,9 @@ import hashlib
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 from rwa_monitor.api import Monitor
 from rwa_monitor.changepoints.stage_results import Method
@@ -16,14 +16,13 @@ from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.discrepancy.bench import as_measured
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.result import DiscrepancyResult
 from rwa_monitor.errors import InputError
-from rwa_monitor.identification.identify import Learned, bare_wheel, identify
+from rwa_monitor.identification.identify import bare_wheel, identify
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.monitor.events import WindowDiagnosed
 from rwa_monitor.monitor.telemetry_files import NO_DECODING, read_telemetry
-from rwa_monitor.reporting.diagnosis_rows import Row, diagnosis_row
+from rwa_monitor.reporting.rows import Row, diagnosis_row, discrepancy_row, wheel_row
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.configuration import read_wheel
@@ -34,7 +33,7 @@ from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
-# What is said of samples that no window used, by name of `sequencer.Counts`.
+# What is reported of samples that no window used, by name of `sequencer.Counts`.
 NOT_USED: Final = {
     "masked": "were masked",
     "rejected": "rejected",
@@ -61,14 +60,22 @@ class Done:
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
 class Task(ABC):
-    """What to do with a recording, with all settings it depends on."""
+    """What to do with a recording, with all settings that the result depends on beside it.
+
+    Attributes
+    ----------
+    wheel
+        Its constants, for every file; None for those that a recording carries.
+    decoding
+        What files are read with that do not name their channels.
+    """
 
     kind: ClassVar[str]
 
-    @abstractmethod
-    def settings(self) -> list[str | None]:
-        """Return what the result depends on beside the recording."""
+    wheel: Wheel | None = None
+    decoding: Decoding = NO_DECODING
 
     @abstractmethod
     def __call__(self, file: Path) -> Done:
@@ -76,12 +83,23 @@ class Task(ABC):
 
     def identity(self) -> str:
         """Return a hash of kind, program and settings: results with the same one can stand beside each other."""
-        return hashlib.sha256(json.dumps([self.kind, SOFTWARE, *self.settings()]).encode()).hexdigest()
+        settings = [getattr(self, field.name) for field in fields(self)]
+        hashed = [value.sha256() if hasattr(value, "sha256") else value for value in settings]
+        return hashlib.sha256(json.dumps([self.kind, SOFTWARE, *hashed]).encode()).hexdigest()
+
+    def _read(self, file: Path) -> TelemetryFile:
+        return read_telemetry(file, self.decoding.of_wheel(self.wheel))
+
+    def _read_one_wheel(self, file: Path) -> tuple[TelemetryFile, Wheel | None, tuple[str, Samples]]:
+        """Return a file of one wheel: its content, what is known of the wheel, and name and samples."""
+        content = self._read(file)
+        telemetry = only_wheel(content, display_name(file))
+        return content, self.wheel or telemetry.constants, (str(file), joined(telemetry))
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosedFile:
-    """The diagnoses of one file's windows, with what reading it told and what its wheels carry on."""
+    """The diagnoses of one file's windows, with what reading it reported and what its wheels carry on."""
 
     diagnoses: list[Diagnosis]
     problems: tuple[str, ...]
@@ -95,24 +113,16 @@ class Diagnose(Task):
 
     Attributes
     ----------
-    wheel, model
-        Those to use for every file; None for what a recording carries, or the built-in ones.
+    model
+        The one to use for every file; None for what a recording carries, or the built-in one.
     method
         As for `WheelCore`.
-    decoding
-        What files are read with that do not name their channels.
     """
 
     kind: ClassVar[str] = "diagnosis"
 
-    wheel: Wheel | None = None
     model: Model | None = None
     method: Method = "joint"
-    decoding: Decoding = NO_DECODING
-
-    def settings(self) -> list[str | None]:
-        wheel, model = (part.sha256() if part else None for part in (self.wheel, self.model))
-        return [wheel, model, self.method, self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
         found = self.diagnose(file)
@@ -120,7 +130,7 @@ class Diagnose(Task):
 
     def diagnose(self, file: Path, carried: CarriedStates | None = None) -> DiagnosedFile:
         """Diagnose a file's windows; its wheels start with their `carried` state where there is one."""
-        content = read_telemetry(file, self.decoding.of_wheel(self.wheel))
+        content = self._read(file)
         wheels = [self.wheel or telemetry.constants or built_in_wheel() for telemetry in content.telemetry]
         model = self.model or content.model or built_in_model()
         missing = dict.fromkeys(f"{wheel.name}: {note}" for wheel in wheels for note in wheel.missing())  # each once
@@ -165,15 +175,9 @@ class FindDiscrepancy(Task):
 
     kind: ClassVar[str] = "discrepancy"
 
-    wheel: Wheel | None = None
-    decoding: Decoding = NO_DECODING
-
-    def settings(self) -> list[str | None]:
-        return [self.wheel.sha256() if self.wheel else None, self.decoding.sha256()]
-
     def __call__(self, file: Path) -> Done:
-        content, telemetry, samples = _one_wheel(file, self.decoding.of_wheel(self.wheel))
-        wheel = self.wheel or telemetry.constants or built_in_wheel()
+        content, known, samples = self._read_one_wheel(file)
+        wheel = known or built_in_wheel()
         search = find_discrepancy([samples], wheel, lambda _: None)
         message = json.dumps(search.result.to_json(), ensure_ascii=False, allow_nan=False)
         notes = (*content.notes, *as_measured([samples], wheel).notes)
@@ -182,44 +186,35 @@ class FindDiscrepancy(Task):
 
 @dataclass(frozen=True, slots=True)
 class Identify(Task):
-    """Learn a wheel from each recording by itself.
+    """Learn a wheel from each recording by itself; `wheel` is what is known already.
 
     Attributes
     ----------
-    start
-        What is known already; None for what a recording carries, or only name and sample period.
     systems
         Whether the laws of the switching systems are learned too.
-    decoding
-        As for `Diagnose`.
     """
 
     kind: ClassVar[str] = "wheel"
 
-    start: Wheel | None = None
     systems: bool = True
-    decoding: Decoding = NO_DECODING
-
-    def settings(self) -> list[str | None]:
-        return [self.start.sha256() if self.start else None, str(self.systems), self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
-        content, telemetry, samples = _one_wheel(file, self.decoding.of_wheel(self.start))
-        start = self.start or telemetry.constants or bare_wheel(file.stem, samples[1])
+        content, known, samples = self._read_one_wheel(file)
+        start = known or bare_wheel(file.stem, samples[1])
         name = display_name(file)
         try:
             bench = as_measured([samples], start)
             learned = identify(bench.recordings, bench.wheel, systems=self.systems)
-            doubt = not_nominal(bench.recordings, learned.wheel)
-        except InputError as error:  # of one of many recordings: which of them must be said
+            warning = not_nominal(bench.recordings, learned.wheel)
+        except InputError as error:  # of one of many recordings: which of them must be named
             source = "" if error.source in {name, "identify"} else f"{error.source}: "
             raise InputError(name, f"{source}{error.reason}", error.place) from error
-        own = [f"{name}: {note}" for note in (*learned.notes, *((doubt,) if doubt else ()))]
+        own = [f"{name}: {note}" for note in (*learned.notes, *((warning,) if warning else ()))]
         return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *bench.notes, *own))
 
 
 def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
-    """Say which windows of the recordings that a wheel was learned from are not nominal with it; "" if all are.
+    """Report which windows of the recordings that a wheel was learned from are not nominal with it; "" if all are.
 
     Parameters
     ----------
@@ -296,45 +291,3 @@ class ReadFeatures:
         if wheel.anomalies != self.wheel.anomalies:
             raise InputError(display_name(own), f"has {wheel.anomalies}, not {self.wheel.anomalies}", "anomalies")
         return wheel
-
-
-def _one_wheel(file: Path, decoding: Decoding) -> tuple[TelemetryFile, WheelTelemetry, tuple[str, Any]]:
-    content = read_telemetry(file, decoding)
-    telemetry = only_wheel(content, display_name(file))
-    return content, telemetry, (str(file), joined(telemetry))
-
-
-# ---- results as rows of a table, with units in the names of the columns ----------------------------------------------
-
-
-def discrepancy_row(source: str, result: DiscrepancyResult, message: str) -> Row:
-    """Return one report as a row; `message` is the whole of it, as `discrepancy --json` prints it."""
-    first = result.effects[0] if result.effects else None
-    gain = result.gain
-    return {
-        "source": source,
-        "verdict": result.verdict,
-        "first_effect": first.name if first else None,
-        "first_p_value": first.p_value if first else None,
-        "effects": ", ".join(effect.name for effect in result.effects),
-        "unexplained": result.unexplained.signature if result.unexplained else None,
-        "rmse_base_Nm": gain.rmse_base_Nm if gain else None,
-        "rmse_extended_Nm": gain.rmse_extended_Nm if gain else None,
-        "message": message,
-    }
-
-
-def wheel_row(source: str, learned: Learned) -> Row:
-    """Return one learned wheel as a row; `message` is the wheel file."""
-    wheel = learned.wheel
-    nominal = wheel.nominal
-    return {
-        "source": source,
-        "wheel": wheel.name,
-        "sample_period_s": wheel.sample_period_s,
-        "base_dry_Nm": nominal.dry_torque_Nm if nominal else None,
-        "viscous_Nm_s_rad": nominal.viscous_Nm_s_rad if nominal else None,
-        "noise_std_Nm": wheel.noise.friction_std_Nm,
-        "systems": len(wheel.fss),
-        "message": wheel.to_toml(),
-    }

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import ipaddress
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor.cli.console import log
-from rwa_monitor.cli.options import Whole, bus_options, decoding_options, udp_option, warn_if_alone
+from rwa_monitor.cli.options import Whole, bus_options, map_option, udp_option, warn_if_alone, xtce_option
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
-    from rwa_monitor.telemetry.reader import Decoding
 
 
 @click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
 @udp_option(required=True, help="Where packets come in.  [HOST: 127.0.0.1 where none is given]")
-@decoding_options
+@map_option
+@xtce_option
 @click.option(
     "--batch",
     type=Whole(1, 10_000),
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     help="Samples of one message at most.",
 )
 @bus_options
-def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
+def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int, bus: BusOptions) -> None:
     """Bring CCSDS space packets from UDP onto the bus, as samples of the wheels that the map names.
 
     A datagram holds one packet or several. What cannot be read, is unknown or missing is logged on stderr as it comes;
@@ -40,12 +41,13 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     from rwa_monitor.monitor.bus import BusNews, BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
+    from rwa_monitor.telemetry.reader import read_decoding
 
     address = UdpAddress.parse(udp, "--udp")
-    decoder = PacketDecoder(decoding, "bridge")
+    decoder = PacketDecoder(read_decoding(map_file, xtce_file), "bridge")
     warn_if_alone(bus)
     if not _is_loopback(address.host):
-        log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not say who sends")
+        log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")
     with stop_on_signals() as stop, ExitStack() as stack:
         receiver = stack.enter_context(listening(address))
         session = stack.enter_context(open_session(bus))

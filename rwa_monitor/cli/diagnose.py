@@ -11,16 +11,8 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor.cli.console import log
-from rwa_monitor.cli.options import (
-    FleetOptions,
-    decoding_options,
-    files_argument,
-    fleet_options,
-    method_option,
-    model_option,
-    wheel_option,
-)
-from rwa_monitor.cli.recordings import Fleet
+from rwa_monitor.cli.options import method_option, model_option, wheel_option
+from rwa_monitor.cli.recordings import AT_ONCE, Recordings, recordings_options
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,29 +22,24 @@ if TYPE_CHECKING:
     from rwa_monitor.changepoints.stage_results import Method
     from rwa_monitor.messages import Diagnosis
     from rwa_monitor.monitor.trends import WindowFriction
-    from rwa_monitor.telemetry.reader import Decoding
 
 WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal gives its width
 
 
 @click.command(name="diagnose", short_help="Diagnose recordings, from tables to ROS 2 bags.")
-@files_argument
 @wheel_option
 @model_option
 @method_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
 @click.option("--carry", is_flag=True, help="Start each file with what the ones before it showed of the wheel.")
-@decoding_options
-@fleet_options
+@recordings_options
 def command(
-    files: tuple[Path, ...],
     wheel_file: Path | None,
     model_file: Path | None,
     method: Method,
     as_json: bool,
     carry: bool,
-    decoding: Decoding,
-    fleet: FleetOptions,
+    recordings: Recordings,
 ) -> int:
     """Diagnose recordings, window by window, in the order given.
 
@@ -73,20 +60,16 @@ def command(
     from rwa_monitor.telemetry.configuration import read_model, read_wheel
     from rwa_monitor.words import counted
 
-    if carry and fleet.given:
-        raise click.UsageError(
-            "--carry takes one file after the other, --results, --scheduler and --workers many at once"
-        )
+    if carry and recordings.at_once:
+        raise click.UsageError(f"--carry takes one file after the other, {AT_ONCE} many at once")
     # Read before any file is: a wrong option costs nothing then.
-    task = Diagnose(
-        read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None, method, decoding
-    )
-    work = Fleet(fleet)
+    wheel, model = read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None
+    task = Diagnose(wheel, recordings.decoding, model, method)
     console = None if as_json else _console()
     by_wheel: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)
     not_judged: list[str] = []
     windows = 0
-    for diagnosis in _at_once(task, files, work) if fleet.given else _one_by_one(task, files, work, carry):
+    for diagnosis in _at_once(task, recordings) if recordings.at_once else _one_by_one(task, recordings, carry):
         windows += 1
         if has_too_few_samples(diagnosis):
             not_judged.append(diagnosis.reason)
@@ -98,7 +81,7 @@ def command(
     _print_trends(by_wheel)
     if not_judged:
         log(f"{len(not_judged)} of {counted(windows, 'window')} could not be judged, the last: {not_judged[-1]}")
-    return work.status
+    return recordings.status
 
 
 def _console() -> Console:
@@ -110,27 +93,27 @@ def _console() -> Console:
     return console
 
 
-def _one_by_one(task: Diagnose, files: tuple[Path, ...], work: Fleet, carry: bool) -> Iterator[Diagnosis]:
+def _one_by_one(task: Diagnose, recordings: Recordings, carry: bool) -> Iterator[Diagnosis]:
     """Diagnose one file after the other."""
     carried: CarriedStates = {}
-    for file in files:
+    for file in recordings.files:
         try:
             found = task.diagnose(file, carried if carry else None)
         except InputError as error:
             if carry:
                 raise
-            work.failed(file, str(error))
+            recordings.failed(file, str(error))
             continue
         carried |= found.carried
-        work.done(found.problems, found.notes)
+        recordings.done(found.problems, found.notes)
         yield from found.diagnoses
 
 
-def _at_once(task: Diagnose, files: tuple[Path, ...], work: Fleet) -> Iterator[Diagnosis]:
+def _at_once(task: Diagnose, recordings: Recordings) -> Iterator[Diagnosis]:
     """Diagnose many files at once."""
     from rwa_monitor.messages import Diagnosis
 
-    for done in work.each(task, files, "diagnosing"):
+    for done in recordings.each(task, "diagnosing"):
         for row in done.rows:
             yield Diagnosis.model_validate_json(row["message"])
 

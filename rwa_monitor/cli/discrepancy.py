@@ -10,28 +10,20 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import UNREADABLE, log
-from rwa_monitor.cli.options import (
-    FILE,
-    FleetOptions,
-    Whole,
-    as_one,
-    decoding_options,
-    files_argument,
-    fleet_options,
-    motor_off_option,
-    wheel_option,
-)
+from rwa_monitor.cli.console import log, status_line
+from rwa_monitor.cli.options import FILE, Whole, as_one, motor_off_option, wheel_option
+from rwa_monitor.cli.recordings import AT_ONCE, Recordings, known_wheel, recordings_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rwa_monitor.cli.recordings import WheelRecordings
     from rwa_monitor.discrepancy.finished_search import Search
     from rwa_monitor.discrepancy.mapper import Mapper
     from rwa_monitor.discrepancy.plan import Plan, PlannedManoeuvre
-    from rwa_monitor.telemetry.reader import Decoding
+    from rwa_monitor.samples import Samples
     from rwa_monitor.wheel.wheel import Wheel
+
+    Named = list[tuple[str, Samples]]  # name and samples of each recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,23 +75,19 @@ report_options = as_one(
 
 
 @click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
-@files_argument
 @wheel_option
 @motor_off_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a report for each, many at once.")
-@decoding_options
-@fleet_options
+@recordings_options
 def command(
-    files: tuple[Path, ...],
     wheel_file: Path | None,
     motor_off: bool,
     as_json: bool,
     wanted: ReportOptions,
     each: bool,
-    decoding: Decoding,
-    fleet: FleetOptions,
+    recordings: Recordings,
 ) -> int:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
 
@@ -112,19 +100,16 @@ def command(
 
     With --each the files are judged one by one, side by side: a line of verdict and causes, or a JSON object, for each.
     """
-    from rwa_monitor.cli.recordings import read_recordings, with_motor_off
-    from rwa_monitor.telemetry.configuration import read_wheel
-
-    wheel = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
+    wheel = known_wheel(wheel_file, motor_off=motor_off)
     if each:
         if wanted != ReportOptions():
             raise click.UsageError(
                 "--each gives a short report for each file; --out, --bootstrap, --held-out, --search-again,"
                 " --no-diagnosis and --plan are for the report on one wheel"
             )
-        return _each(files, wheel, as_json, decoding, fleet)
-    if fleet.given:
-        raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
+        return _each(recordings, wheel, as_json)
+    if recordings.at_once:
+        raise click.UsageError(f"{AT_ONCE} need --each: several files are one joint report")
     from rwa_monitor.discrepancy.plan import plan
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.threads import cores, on_threads
@@ -132,37 +117,34 @@ def command(
 
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
-    decoding = decoding.of_wheel(wheel)
-    recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
-    found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted, on_threads(cores()))
+    samples, known = recordings.of_one_wheel(wheel)
+    held_out, _ = recordings.of_one_wheel(wheel, wanted.held_out)
+    found = _search(samples, held_out, known or built_in_wheel(), wanted, on_threads(cores()))
     planned = plan(found) if wanted.show_plan else None
     if wanted.out is not None:
-        _write_report(found, [str(file) for file in files], wanted.out)
+        _write_report(found, [str(file) for file in recordings.files], wanted.out)
     _print(found, planned, as_json)
     if wanted.out is not None:
         log(f"report written to {wanted.out}")
-    return UNREADABLE if recordings.unreadable or aside.unreadable else 0
+    return recordings.status
 
 
-def _search(
-    recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, wanted: ReportOptions, side_by_side: Mapper
-) -> Search:
+def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions, side_by_side: Mapper) -> Search:
     """Search the recordings, with what else the report is to hold."""
-    from rwa_monitor.cli.console import status_line
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
     from rwa_monitor.discrepancy.plausible import end_stops_in_words, unusual
 
-    log(*as_measured([*recordings.samples, *aside.samples], wheel).notes)
+    log(*as_measured([*samples, *held_out], wheel).notes)
     with status_line("searching") as progress:
-        for name, samples in (*recordings.samples, *aside.samples):
-            for words in (unusual(samples, wheel), *end_stops_in_words(samples)):
+        for name, one in (*samples, *held_out):
+            for words in (unusual(one, wheel), *end_stops_in_words(one)):
                 if words is not None:
                     log(f"{name}: {words}")
-        found = find_discrepancy(recordings.samples, wheel, progress, side_by_side, aside.samples)
+        found = find_discrepancy(samples, wheel, progress, side_by_side, held_out)
         if wanted.search_again:
-            found = with_search_again(found, recordings.samples, progress, side_by_side)
+            found = with_search_again(found, samples, progress, side_by_side)
         asked = viscous_in_question(found)
         if asked is not None:
             log(asked)
@@ -189,23 +171,18 @@ def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
         _print_plan(planned)
 
 
-def _each(
-    files: tuple[Path, ...], wheel: Wheel | None, as_json: bool, decoding: Decoding, options: FleetOptions
-) -> int:
+def _each(recordings: Recordings, wheel: Wheel | None, as_json: bool) -> int:
     """Judge each file by itself, and return the exit code."""
     from rwa_monitor.batch.tasks import FindDiscrepancy
-    from rwa_monitor.cli.recordings import Fleet
 
-    fleet = Fleet(options)
-    task = FindDiscrepancy(wheel, decoding)
-    for done in fleet.each(task, files, "searching"):
+    for done in recordings.each(FindDiscrepancy(wheel, recordings.decoding), "searching"):
         for row in done.rows:
             if as_json:
                 click.echo(json.dumps({"source": row["source"], **json.loads(row["message"])}, ensure_ascii=False))
             else:
                 causes = row["effects"] or row["unexplained"]
                 click.echo(f"{row['source']}: {row['verdict']}{f': {causes}' if causes else ''}")
-    return fleet.status
+    return recordings.status
 
 
 def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Search:

@@ -264,8 +264,8 @@ def look_at_recordings(folder: Path, setup: Setup) -> str:
     if free <= MIN_FREE_BYTES:
         raise RwaMonitorError(f"{folder}: {_free(free)}, of which {MIN_FREE_BYTES / BYTES_PER_GB:.2g} GB stay free")
     last = last_recording(folder)
-    past = f"goes on from {last.name}{_stale(last, setup)}" if last else "holds no recording yet"
-    return f"{folder} can be written, {_free(free)}; {past}"
+    found = f"goes on from {last.name}{_stale(last, setup)}" if last else "holds no recording yet"
+    return f"{folder} can be written, {_free(free)}; {found}"
 
 
 def _stale(last: Path, setup: Setup) -> str:
@@ -296,7 +296,7 @@ def _own_wheels(wheel_folder: Path | None) -> set[WheelKey]:
 
 
 def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
-    """Check that the bus can be reached as the options say, and return who publishes on it.
+    """Check that the bus can be reached with the options, and return who publishes on it.
 
     Raises
     ------
@@ -326,12 +326,14 @@ def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
         routers, peers = len(list(session.info.routers_zid())), len(list(session.info.peers_zid()))
     if not routers + peers:
         return f"open, but nobody has connected in {LISTEN_S:.0f} s"
-    found = f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {LISTEN_S:.0f} s heard"
+    found = (
+        f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {LISTEN_S:.0f} s received"
+    )
     found += f" telemetry of {listed(sending)}, monitors of {listed(monitored)}"
     if unserved := sorted(_name(key) for key in sending - monitored):
         found += f"; nobody monitors {first_few(unserved, NAMED)}"
     unused = sorted(_name(key) for key in own_wheels - sending - monitored)
-    return f"{found}; wheel files of wheels that were not heard: {first_few(unused, NAMED)}" if unused else found
+    return f"{found}; wheel files of wheels without messages: {first_few(unused, NAMED)}" if unused else found
 
 
 def _publishers(session: zenoh.Session) -> tuple[set[WheelKey], set[WheelKey]]:

@@ -7,23 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import UNREADABLE, log
-from rwa_monitor.cli.options import (
-    FILE,
-    FleetOptions,
-    decoding_options,
-    files_argument,
-    fleet_options,
-    motor_off_option,
-)
+from rwa_monitor.cli.console import log, status_line
+from rwa_monitor.cli.options import FILE, motor_off_option
+from rwa_monitor.cli.recordings import AT_ONCE, Recordings, known_wheel, recordings_options
 
 if TYPE_CHECKING:
     from rwa_monitor.batch.tasks import Identify
-    from rwa_monitor.telemetry.reader import Decoding
 
 
 @click.command(name="identify", short_help="Learn a wheel's nominal friction, noise and switching laws.")
-@files_argument
 @click.option(
     "-o", "--output", required=True, type=FILE, metavar="W.toml", help="Wheel file to write; with --each the folder."
 )
@@ -37,74 +29,63 @@ if TYPE_CHECKING:
 @motor_off_option
 @click.option("--no-systems", is_flag=True, help="Learn nominal friction and noise only, for short recordings.")
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a wheel file for each, many at once.")
-@decoding_options
-@fleet_options
+@recordings_options
 def command(
-    files: tuple[Path, ...],
     output: Path,
     wheel_file: Path | None,
     motor_off: bool,
     no_systems: bool,
     each: bool,
-    decoding: Decoding,
-    fleet: FleetOptions,
+    recordings: Recordings,
 ) -> int:
     """Learn a wheel file from recordings of one healthy wheel.
 
-    Where there is too little data to learn a switching system's law, nothing is written and the command says how much
-    more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the command
-    says so where friction drifts, and diagnoses the recordings with the wheel file, which it does not write where that
-    calls them anomalous. With --each the files are learned one by one, side by side.
+    Where there is too little data to learn a switching system's law, nothing is written and the command reports how
+    much more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the
+    command reports drifting friction, and diagnoses the recordings with the wheel file, which is not written where they
+    are anomalous with it. With --each the files are learned one by one, side by side.
     """
-    from rwa_monitor.batch.tasks import not_nominal
-    from rwa_monitor.cli.console import status_line
-    from rwa_monitor.cli.recordings import read_recordings, with_motor_off
+    from rwa_monitor.batch.tasks import Identify, not_nominal
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.identification.identify import bare_wheel, identify
-    from rwa_monitor.telemetry.configuration import read_wheel
     from rwa_monitor.telemetry.files import write_text
 
-    start = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
+    start = known_wheel(wheel_file, motor_off=motor_off)
     if each:
-        from rwa_monitor.batch.tasks import Identify
-
-        return _each(files, output, Identify(start, not no_systems, decoding), fleet)
-    if fleet.given:
-        raise click.UsageError("--results, --scheduler and --workers need --each: several files are one wheel")
-    recordings = read_recordings(files, decoding.of_wheel(start))
-    start = start or recordings.wheel or bare_wheel(files[0].stem, recordings.samples[0][1])
-    bench = as_measured(recordings.samples, start)
+        return _each(recordings, output, Identify(start, recordings.decoding, not no_systems))
+    if recordings.at_once:
+        raise click.UsageError(f"{AT_ONCE} need --each: several files are one wheel")
+    samples, start = recordings.of_one_wheel(start)
+    bench = as_measured(samples, start or bare_wheel(recordings.files[0].stem, samples[0][1]))
     log(*bench.notes)
     with status_line("learning"):
         learned = identify(bench.recordings, bench.wheel, systems=not no_systems)
     with status_line("diagnosing what was learned from"):
-        doubt = not_nominal(bench.recordings, learned.wheel)
+        warning = not_nominal(bench.recordings, learned.wheel)
     head = "".join(f"# {note}\n" for note in learned.notes)
     write_text(output, head + learned.wheel.to_toml())
     log(*learned.notes)
     log(f"written to {output}")
-    if doubt:
-        log(doubt)
-    return UNREADABLE if recordings.unreadable else 0
+    if warning:
+        log(warning)
+    return recordings.status
 
 
-def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetOptions) -> int:
+def _each(recordings: Recordings, folder: Path, task: Identify) -> int:
     """Learn a wheel from each file, and return the exit code."""
-    from rwa_monitor.cli.recordings import Fleet
     from rwa_monitor.telemetry.files import make_folder, write_text
     from rwa_monitor.words import counted
 
-    names = [f"{file.name}.wheel.toml" for file in files]
+    names = [f"{file.name}.wheel.toml" for file in recordings.files]
     if len(set(names)) < len(names):
         raise click.UsageError("with --each the files need different names: each names its wheel file")
     if folder.suffix == ".toml" and not folder.is_dir():
         raise click.UsageError("with --each -o names a folder: each recording gets a wheel file of its own there")
     make_folder(folder)
-    fleet = Fleet(options)
     written = 0
-    for done in fleet.each(task, files, "learning"):
+    for done in recordings.each(task, "learning"):
         for row in done.rows:
             write_text(folder / f"{Path(row['source']).name}.wheel.toml", row["message"])
             written += 1
-    log(f"{counted(written, 'wheel file')} of {counted(len(files), 'recording')} written to {folder}")
-    return fleet.status
+    log(f"{counted(written, 'wheel file')} of {counted(len(names), 'recording')} written to {folder}")
+    return recordings.status

@@ -57,9 +57,8 @@ class Program(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        del ctx
-        if cmd_name not in COMMANDS:
-            return None
+        if cmd_name in self.commands or cmd_name not in COMMANDS:
+            return super().get_command(ctx, cmd_name)
         command: click.Command = import_module(f"rwa_monitor.cli.{cmd_name}").command
         return command
 
@@ -157,3 +156,20 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         for name, hint in unknown_variables(os.environ, main, ctx).items():
             if name.startswith(ours):
                 log(f"{name} sets no option of {ctx.invoked_subcommand}{hint}; it is ignored")
+
+
+@main.command(name="completion", short_help="Let a shell complete commands and options.")
+@click.argument("shell", type=click.Choice(["bash", "fish", "zsh"]))
+@click.pass_context
+def completion(ctx: click.Context, shell: str) -> None:
+    """Print the script for a shell.
+
+    In ~/.bashrc or ~/.zshrc: eval "$(rwa-monitor completion bash)", or zsh. For fish, save what is printed as
+    ~/.config/fish/completions/rwa-monitor.fish.
+    """
+    from click.shell_completion import get_completion_class
+
+    script = get_completion_class(shell)
+    assert script is not None, "click supports the three shells"
+    variable = f"_{PROGRAM}_COMPLETE".replace("-", "_").upper()
+    click.echo(script(ctx.find_root().command, {}, PROGRAM, variable).source())

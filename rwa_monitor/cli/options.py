@@ -6,7 +6,6 @@ import functools
 import math
 import re
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -16,7 +15,6 @@ from rwa_monitor.cli.console import log
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
-    from rwa_monitor.telemetry.reader import Decoding
 
 # Endpoints that nobody reaches from outside this machine, and transports whose other end shows who it is.
 _LOOPBACK: Final = re.compile(r"127\.|localhost:|\[::1\]")
@@ -76,7 +74,6 @@ def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) 
     return add
 
 
-files_argument = click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 speed_option = click.option(
     "--speed",
     type=Real(0, min_open=True),
@@ -91,7 +88,7 @@ wheel_folder_option = click.option(
     "--wheel-folder",
     type=FILE,
     metavar="DIR",
-    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are as --wheel says.",
+    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are that of --wheel.",
 )
 model_option = click.option(
     "--model", "model_file", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"
@@ -127,55 +124,15 @@ def udp_option(*, required: bool, help: str) -> Callable[[Decorated], Decorated]
     return click.option("--udp", required=required, metavar="[HOST:]PORT", help=help)
 
 
-def _decoding(map_file: Path | None, xtce_file: Path | None) -> Decoding:
-    from rwa_monitor.telemetry.reader import read_decoding
-
-    return read_decoding(map_file, xtce_file)
-
-
-decoding_options = as_one(
-    "decoding",
-    _decoding,
-    click.option(
-        "--map",
-        "map_file",
-        type=FILE,
-        metavar="MAP.toml",
-        help="For space packets and ROS 2 bags: which parameter or topic is which channel.",
-    ),
-    click.option("--xtce", "xtce_file", type=FILE, metavar="X.xml", help="For space packets: what is in them."),
+map_option = click.option(
+    "--map",
+    "map_file",
+    type=FILE,
+    metavar="MAP.toml",
+    help="For space packets and ROS 2 bags: which parameter or topic is which channel.",
 )
-
-
-@dataclass(frozen=True, slots=True)
-class FleetOptions:
-    """How thousands of recordings are worked off: where results go, and on which processes."""
-
-    results: Path | None
-    scheduler: str | None
-    workers: int | None
-
-    def __post_init__(self) -> None:
-        if self.scheduler is not None and self.workers is not None:
-            raise click.UsageError("--workers is for this machine; the cluster of --scheduler has its own")
-
-    @property
-    def given(self) -> bool:
-        """Whether any of the options was given."""
-        return any(option is not None for option in astuple(self))
-
-
-fleet_options = as_one(
-    "fleet",
-    FleetOptions,
-    click.option(
-        "--results",
-        type=FILE,
-        metavar="DIR",
-        help="Keep one Parquet file for each recording there, and do again only what is not done.",
-    ),
-    scheduler_option,
-    workers_option,
+xtce_option = click.option(
+    "--xtce", "xtce_file", type=FILE, metavar="X.xml", help="For space packets: what is in them."
 )
 
 

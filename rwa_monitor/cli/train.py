@@ -47,7 +47,7 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
             joint += [LabelledFeatures(features, file.anomalies) for features, _ in outcome.result]
             paper += [LabelledFeatures(features, file.anomalies) for _, features in outcome.result]
     if failed:
-        # A model that silently learned from less than its labels say would look like any other.
+        # A model that silently learned from fewer files than it has labels for would look like any other.
         raise InputError(
             display_name(labels_file), f"{failed} of {len(files)} files cannot be used; nothing is written"
         )

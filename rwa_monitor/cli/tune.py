@@ -44,9 +44,9 @@ def command(
 ) -> int:
     """Choose the smallest detection window that keeps both wanted rates, and check it by simulation.
 
-    In closed form for white noise and a steady acceleration; colour and tails are measured by the monitor itself, which
-    scales its statistic accordingly. The check draws rare events where they happen, so that it has figures also for
-    rates that nobody could wait for; exit code 1 where it contradicts a wanted rate.
+    In closed form for white noise and a steady acceleration; colour and outliers are measured by the monitor itself,
+    which scales its statistic accordingly. The check draws rare events where they happen, so that it has figures also
+    for rates that nobody could wait for; exit code 1 where it contradicts a wanted rate.
     """
     import numpy as np
 

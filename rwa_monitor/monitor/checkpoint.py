@@ -23,7 +23,7 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.friction import Source
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import MEMORY, Channel, Screen
+from rwa_monitor.telemetry.sensor_validation import MEMORY, Channel, SensorValidation
 
 CHECKPOINT_VERSION: Final = 2
 MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slots are some 30 MB
@@ -149,18 +149,18 @@ class ChannelState(_Part):
 
 
 class ScreenState(_Part):
-    """State of `sensor_validation.Screen`."""
+    """State of `sensor_validation.SensorValidation`."""
 
     done: Slot
     speed: ChannelState
     torque: ChannelState
 
     @classmethod
-    def of(cls, screen: Screen) -> Self:
+    def of(cls, screen: SensorValidation) -> Self:
         """Keep the state of the sensor validation."""
         return cls(done=screen.done, speed=ChannelState.of(screen.speed), torque=ChannelState.of(screen.torque))
 
-    def restore(self, screen: Screen) -> None:
+    def restore(self, screen: SensorValidation) -> None:
         """Let the sensor validation of the same wheel go on from here."""
         screen.done, screen.speed, screen.torque = self.done, self.speed.channel(), self.torque.channel()
 

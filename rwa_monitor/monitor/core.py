@@ -38,7 +38,7 @@ from rwa_monitor.monitor.settings_check import SettingsCheck
 from rwa_monitor.monitor.windows import Windows, forget_positions
 from rwa_monitor.samples import FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.friction import Source, source_of
+from rwa_monitor.telemetry.friction import Source, motor_torque, source_of
 from rwa_monitor.wheel.torque_balance import without_motor
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -170,7 +170,7 @@ class WheelCore:
                 events.append(ChannelMissing(self._source))
         values = {"speed_rad_s": samples.speed_rad_s, "torque_Nm": torque}
         for name in friction.optional:
-            measured = friction.motor_torque(samples) if name == "motor_torque_Nm" else getattr(samples, name)
+            measured = motor_torque(samples, self.wheel) if name == "motor_torque_Nm" else getattr(samples, name)
             values[name] = np.full(len(samples), np.nan) if measured is None else measured
         if not clean:
             values = {name: np.where(np.isfinite(array), array, np.nan) for name, array in values.items()}

@@ -36,7 +36,14 @@ from rwa_monitor.samples import SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.friction import BLOCK_SLOTS, FrictionSource, Source
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
+from rwa_monitor.telemetry.sensor_validation import (
+    LAG_SLOTS,
+    TORQUE,
+    Fault,
+    SensorValidation,
+    friction_limit,
+    speed_limit,
+)
 from rwa_monitor.wheel.wheel import Wheel
 
 MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
@@ -105,7 +112,7 @@ class Windows:
         """Start with empty slots; values of a piece and what is around it: open windows keep their own."""
         self.friction = FrictionSource(self.wheel, source)
         # Friction that is derived is judged when it is known: a motor may do much more than friction does.
-        self.screen = Screen(
+        self.screen = SensorValidation(
             speed_limit(self.wheel), float("inf") if self.friction.derived else friction_limit(self.wheel)
         )
         around = PIECE_SLOTS + LAG_SLOTS + 3 * (self.friction.reach + BLOCK_SLOTS)

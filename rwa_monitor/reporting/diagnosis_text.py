@@ -62,7 +62,7 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
 
 
 def _called(anomaly: Anomaly, diagnosis: Diagnosis) -> Text:
-    """Return whether an anomaly is called; "no" is an all-clear, which no doubtful verdict or model gives."""
+    """Return whether an anomaly is called; no all-clear is given by an inconclusive verdict or an inadequate model."""
     if anomaly.active and diagnosis.verdict == "anomalous":
         return Text("yes", VERDICT_STYLE["anomalous"])
     if anomaly.active or diagnosis.verdict == "inconclusive" or not diagnosis.model_adequate:

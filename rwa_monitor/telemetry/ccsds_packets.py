@@ -1,10 +1,9 @@
 """CCSDS space packets (133.0-B-2) as samples, by an XTCE definition, from a file or one by one; samples as packets.
 
 A packet is six bytes of header, which count its length, and a content that an XTCE definition (CCSDS 660.1-G)
-describes: parameters, their bits, calibrators and units. A telemetry map says which of them are which channels of which
-wheel.
+describes: parameters, their bits, calibrators and units. A telemetry map assigns them to channels of wheels.
 
-A packet that cannot be believed is counted and left out: another version, another length than its header says, a
+A packet that cannot be valid is counted and left out: another version, another length than its header states, a
 content that the definition does not describe. Nothing in a packet shows a flipped bit; the frames below it do.
 """
 
@@ -31,11 +30,12 @@ from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import atomic_write, beside, display_name, first_line, read_bytes, write_text
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.telemetry_map import (
+    TIME_UNITS,
+    UNITS,
     PacketWheel,
     check_time,
     conversion,
     telemetry_file,
-    time_conversion,
     wheels_of,
 )
 from rwa_monitor.words import counted
@@ -58,7 +58,7 @@ class PacketCounts:
     decoded
         Gave a sample to one wheel or more.
     bad
-        Cannot be believed, or cannot be read as the definition says.
+        Cannot be valid, or cannot be read by the definition.
     unknown
         Of an application process (APID) that the map does not name, or telecommands.
     idle
@@ -138,7 +138,7 @@ class PacketDecoder:
     def __init__(self, decoding: Decoding, source: str) -> None:
         if decoding.map is None or decoding.xtce is None:
             raise InputError(
-                source, "holds space packets: --xtce says what is in them, and --map what of it is which channel"
+                source, "holds space packets: --xtce gives their definition, and --map which parameter is which channel"
             )
         self._definition = definition_of(decoding.xtce)
         self.wheels = wheels_of(decoding.map, PacketWheel)
@@ -213,7 +213,7 @@ def _no_packet(packet: bytes) -> str | None:
         return f"version {packet[0] >> 5} of the packet protocol; there is only 0"
     stated = HEADER_BYTES + int.from_bytes(packet[4:6], "big") + 1
     if stated != len(packet):
-        return f"{len(packet)} bytes, and its header says {stated}"
+        return f"{len(packet)} bytes, and its header states {stated}"
     return None
 
 
@@ -251,12 +251,12 @@ def _resolved(wheel: PacketWheel, definition: Any, source: str, xtce: str) -> _W
     time: list[tuple[str, Fraction]] = []
     for name in wheel.time:
         place = f"{where}: time: {name}"
-        time.append((name, time_conversion(_unit(type_of(name, _NUMBERS, place)), source, place)))
+        time.append((name, conversion(TIME_UNITS, _unit(type_of(name, _NUMBERS, place)), "time", source, place)))
     channels: list[_Channel] = []
     for channel, spec in wheel.channels.items():
         place = f"{where}: {channel}: {spec.parameter}"
         unit = _unit(type_of(spec.parameter, _NUMBERS, place))
-        factor, offset = conversion(channel, spec.unit or unit, source, place)
+        factor, offset = conversion(UNITS[channel], spec.unit or unit, channel, source, place)
         if spec.valid is not None:
             type_of(spec.valid, _FLAGS, place)
         channels.append(_Channel(channel, spec.parameter, factor, offset, spec.valid))
@@ -346,7 +346,7 @@ class SampleColumns:
 
 
 def packet_notes(counts: PacketCounts) -> list[str]:
-    """Say what was left out of packets, and what is missing between them, a sentence each."""
+    """Report what was left out of packets, and what is missing between them, a sentence each."""
     notes: list[str] = []
     if counts.unknown:
         apids = ", ".join(str(apid) for apid in sorted(counts.unknown_apids)[:8])

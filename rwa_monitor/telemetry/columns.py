@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Final
 
 import numpy as np
@@ -53,14 +54,16 @@ class Layout:
 
     Attributes
     ----------
-    time, channels
-        Name → position in the table, of the time column (one entry) and of the channels in the order of
-        `TABLE_CHANNELS`, those in other units last.
+    time, time_at
+        Name of the time column, and its position in the table.
+    channels
+        Name → position in the table, in the order of `TABLE_CHANNELS`, those in other units last.
     ignored
         Names of all other columns.
     """
 
-    time: dict[str, int]
+    time: str
+    time_at: int
     channels: dict[str, int]
     ignored: tuple[str, ...]
 
@@ -93,11 +96,11 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
             raise InputError(source, f"is there beside {channel}: leave one of them out", f"column {name}")
     known = {time[0], *channels}
     ignored = tuple(name for name in names if name not in known)
-    return Layout({time[0]: names.index(time[0])}, channels, ignored)
+    return Layout(time[0], names.index(time[0]), channels, ignored)
 
 
 def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
-    """Say what is missing, and what the table probably is instead."""
+    """Report what is missing, and what the table probably is instead."""
     reason = "is missing"
     if len(missing) > 1:
         reason += f", and so is {', '.join(missing[1:])}"
@@ -113,7 +116,7 @@ def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
 
 
 def _nearest_columns(names: Sequence[str], missing: Sequence[str]) -> str:
-    """Say which columns may be those that are missing, "" where none is near."""
+    """Report which columns may be those that are missing, "" where none is near."""
     found = []
     for name in names[:MAX_COLUMNS]:
         meant = closest(name, [known for wanted in missing for known in wanted.split(" or ")])
@@ -164,7 +167,7 @@ def table_of(
     for name, (channel, factor) in IN_OTHER_UNITS.items():
         if name in channels:
             channels[channel] = factor * channels.pop(name)
-    are_pulses = any(name in PULSE_COLUMNS for name in layout.time)
+    are_pulses = layout.time in PULSE_COLUMNS
     if are_pulses:
         channels.setdefault(REQUIRED_CHANNELS[0], np.full(time_ns.size, np.nan))
     samples = Samples(time_ns=time_ns, **channels)
@@ -174,13 +177,12 @@ def table_of(
 
 def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -> None:
     """Raise InputError, naming the row, unless time strictly increases over a span that slots can count."""
-    time_ns = samples.time_ns
-    ((column, position),) = layout.time.items()
+    time_ns, column = samples.time_ns, layout.time
     late = time_ns[1:] <= time_ns[:-1]
     if late.any():
         at = int(np.argmax(late)) + 1
         before, here = (_as_written(int(time_ns[i]), column) for i in (at - 1, at))
-        advice = ordering_advice(samples, source, first_row, position, all_columns=not layout.ignored)
+        advice = ordering_advice(samples, source, first_row, layout.time_at, all_columns=not layout.ignored)
         raise InputError(
             source,
             f"time does not increase ({here} after {before}); {advice}",
@@ -195,9 +197,7 @@ def _as_written(time_ns: int, column: str) -> str:
     """Write a time in the unit of its column, exactly."""
     if column.endswith("_ns"):
         return f"{time_ns} ns"
-    whole, rest = divmod(abs(time_ns), NANOSECONDS_PER_SECOND)
-    digits = f"{rest:09d}".rstrip("0")
-    return f"{'-' if time_ns < 0 else ''}{whole}{'.' if digits else ''}{digits} s"
+    return f"{Decimal(time_ns).scaleb(-9).normalize():f} s"
 
 
 # ---- advice on rows whose time does not increase ---------------------------------------------------------------------
@@ -209,7 +209,7 @@ ROWS_OUT_OF_ORDER: Final = "sort the rows by time and leave repeated ones out"
 
 
 def ordering_advice(samples: Samples, source: str, first_row: int, time_column: int, *, all_columns: bool) -> str:
-    """Say what brings a table's rows into order.
+    """Report what brings a table's rows into order.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def _command(source: str, time_column: int, all_columns: bool) -> str:
 
 
 def _repeated(samples: Samples) -> IntArray:
-    """Return the samples that say the same as an earlier one of their time, int64 (k,), in order.
+    """Return the samples that are the same as an earlier one of their time, int64 (k,), in order.
 
     A value that is missing in both is alike. Of those with one time each is compared with the first.
     """

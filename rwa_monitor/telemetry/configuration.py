@@ -8,18 +8,18 @@ from rwa_monitor.diagnosis.model import MAX_MODEL_BYTES, Model, built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
 from rwa_monitor.simulation.scenario import MAX_SCENARIO_BYTES, Scenario
-from rwa_monitor.telemetry.files import display_name, read_checked_text, write_text
+from rwa_monitor.telemetry.files import PathLike, display_name, read_checked_text, write_text
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES, Wheel, built_in_wheel
 
 
-def read_wheel(path: Path | None) -> Wheel:
-    """Read a wheel.toml; without a path, return the built-in wheel.
+def read_wheel(path: PathLike | None = None) -> Wheel:
+    """Read a wheel file (wheel.toml); None gives the built-in wheel of the paper's examples.
 
     Raises
     ------
     InputError
-        If the file cannot be used; names the file, the key and the reason.
+        If the file cannot be read or describes no wheel; names the file, the key and the reason.
     """
     if path is None:
         return built_in_wheel()
@@ -66,7 +66,7 @@ def write_wheel(wheel: Wheel, path: Path) -> None:
     write_text(path, wheel.to_toml())
 
 
-def read_scenario(path: Path | None) -> Scenario:
+def read_scenario(path: PathLike | None = None) -> Scenario:
     """Read a scenario; without a path, return the default one: a healthy wheel in orbit.
 
     Raises
@@ -79,8 +79,8 @@ def read_scenario(path: Path | None) -> Scenario:
     return Scenario.from_toml(read_checked_text(path, MAX_SCENARIO_BYTES), display_name(path))
 
 
-def read_model(path: Path | None) -> Model:
-    """Read a model file; without a path, return the built-in model.
+def read_model(path: PathLike | None = None) -> Model:
+    """Read a model (MODEL.json, from `rwa-monitor train`); None gives the built-in one.
 
     Raises
     ------

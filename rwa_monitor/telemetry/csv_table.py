@@ -77,7 +77,7 @@ def read_csv(path: Path) -> SampleTable:
 
 
 def _others(content: bytes, reason: str) -> str:
-    """Say what else a table would be refused for, after the first reason; "" for nothing."""
+    """Report what else a table would be refused for, after the first reason; "" for nothing."""
     head = content[:MAX_HEADER_BYTES].decode(errors="replace")
     wanted = (" or ".join(reversed(TIME_COLUMNS)), *REQUIRED_CHANNELS)
     others = [phrase for word, phrase in oddities(head, wanted) if word not in reason]
@@ -85,14 +85,13 @@ def _others(content: bytes, reason: str) -> str:
 
 
 def _table(content: bytes, source: str) -> SampleTable:
-    """Return what a text says as a table."""
+    """Return the table that a text holds."""
     names, begin = _header(content, source)
     layout = lay_out(names, source)
-    ((time_name, time_at),) = layout.time.items()
     times, channels = [], {name: [np.zeros(0)] for name in layout.channels}
     row = FIRST_DATA_ROW
     for rows in _rows(content, begin, len(names), source):
-        times.append(_nanoseconds([fields[time_at].strip() for fields in rows], time_name, source, row))
+        times.append(_nanoseconds([fields[layout.time_at].strip() for fields in rows], layout.time, source, row))
         for name, at in layout.channels.items():
             channels[name].append(_numbers([fields[at].strip() for fields in rows], name, source, row))
         row += len(rows)

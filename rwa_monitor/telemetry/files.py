@@ -12,12 +12,14 @@ from typing import Final
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.telemetry.foreign import encoding_hint
 
+PathLike = str | os.PathLike[str]
+
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
 MAX_SHA256_BYTES: Final = 10_000
-PIECE_BYTES: Final = 2**20  # of what does not say its size
+PIECE_BYTES: Final = 2**20  # of what does not state its size
 
 
-def display_name(path: Path) -> str:
+def display_name(path: PathLike) -> str:
     """Return a file's name for messages and messages' fields: as given, valid UTF-8 also where the name is not."""
     return os.fsencode(path).decode("utf-8", "replace")
 
@@ -45,8 +47,8 @@ def read_bytes(path: Path, limit: int) -> bytes:
     try:
         with path.open("rb") as file:
             size = os.fstat(file.fileno()).st_size
-            # What says its size is refused by it; what does not (a pipe, a device) is read up to the limit, in pieces:
-            # Python takes memory for all that it is asked to read before it reads.
+            # What states its size is refused by it; what does not (a pipe, a device) is read up to the limit, in
+            # pieces: Python takes memory for all that it is asked to read before it reads.
             pieces = [file.read(size)] if size <= limit else []
             left = limit + 1 - (size if size > limit else len(pieces[0]))
             while left > 0 and (piece := file.read(min(left, PIECE_BYTES))):
@@ -64,7 +66,7 @@ def read_text(path: Path, limit: int) -> str:
     return decode_utf8(read_bytes(path, limit), path)
 
 
-def read_checked_text(path: Path, limit: int) -> str:
+def read_checked_text(file: PathLike, limit: int) -> str:
     """Return the content of a UTF-8 file whose hash is checked where `<file>.sha256` lies beside it.
 
     Raises
@@ -72,6 +74,7 @@ def read_checked_text(path: Path, limit: int) -> str:
     InputError
         As `read_text`; if the file beside it cannot be read, or its first word is not the hash of the content.
     """
+    path = Path(file)
     content = read_bytes(path, limit)
     hash_file = beside(path, SHA256_SUFFIX)
     if hash_file.exists():
@@ -100,7 +103,7 @@ def decode_utf8(content: bytes, path: Path) -> str:
 
 
 def first_line(error: Exception) -> str:
-    """Return the first line of what an error of a library says, its name where it says nothing."""
+    """Return the first line of the message of a library's error, its name where that is empty."""
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 

@@ -34,7 +34,7 @@ COMMAS: Final = "write numbers with a decimal point, not a comma"
 
 
 def kind_of(content: bytes) -> str:
-    """Return what a file is by its first bytes, with what to do, "" where they tell nothing."""
+    """Return what a file is by its first bytes, with what to do, "" where they show nothing."""
     return next((what for first, what in _SIGNATURES if content.startswith(first)), "")
 
 
@@ -42,7 +42,7 @@ def encoding_hint(content: bytes) -> str:
     """Return what to do about a text that is no UTF-8; content is not empty.
 
     With a byte order mark or a zero byte beside each letter it is UTF-16, with bytes that no text has it is none; else
-    it is what a Western spreadsheet writes, which is said as what it is: a guess.
+    it is what a Western spreadsheet writes, which is reported as a guess.
     """
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return convert_from("utf-16")
@@ -85,7 +85,7 @@ def header_hint(names: Sequence[str]) -> str:
 
 
 def oddities(head: str, wanted: Sequence[str]) -> list[tuple[str, str]]:
-    """Return all that keeps a text from being a table, as its first rows tell, for who wants to convert it only once.
+    """Return all that keeps a text from being a table, as its first rows show, for who wants to convert it only once.
 
     Parameters
     ----------
@@ -119,14 +119,14 @@ def oddities(head: str, wanted: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def fields_hint(row: str, expected: int) -> str:
-    """Return why a row has so many fields, "" where nothing tells."""
+    """Return why a row has so many fields, "" where nothing shows it."""
     fields = row.rstrip("\r\n").split(",")
     cut = expected < len(fields) <= 2 * expected and all(_WHOLE.fullmatch(field) for field in fields)
     return f"are these decimal commas? If so, {COMMAS}" if cut else ""
 
 
 def number_hint(text: str) -> str:
-    """Return what to do about a text that should be a number, "" where nothing tells."""
+    """Return what to do about a text that should be a number, "" where nothing shows it."""
     if _COMMA_NUMBER.fullmatch(text):
         return COMMAS
     if _DATE.fullmatch(text):

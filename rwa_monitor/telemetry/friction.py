@@ -23,8 +23,10 @@ from rwa_monitor.wheel.torque_balance import (
     friction_torque,
     half_width,
     inertia_of,
+    mended_friction,
     rounding_error,
     torque_per_ampere,
+    without_motor,
 )
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -55,6 +57,32 @@ def source_of(samples: Samples, wheel: Wheel) -> Source:
     )
 
 
+def motor_torque(samples: Samples, wheel: Wheel) -> FloatArray | None:
+    """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
+    if samples.motor_torque_Nm is not None:
+        return samples.motor_torque_Nm
+    if samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
+        return torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
+    return None
+
+
+def friction_of(samples: Samples, wheel: Wheel) -> FloatArray:
+    """Return the friction torque of a whole table, float64 (n,) [N m], given or derived; roughly around gaps then.
+
+    Raises
+    ------
+    InputError
+        If friction is neither given nor can be derived.
+    """
+    samples = without_motor(samples, wheel)
+    source_of(samples, wheel)
+    if samples.friction_torque_Nm is not None:
+        return samples.friction_torque_Nm
+    torque = motor_torque(samples, wheel)
+    assert torque is not None, "there is a source"
+    return mended_friction(samples.speed_rad_s, torque, wheel)
+
+
 class FrictionSource:
     """Turns the slots of a ring buffer into friction torque, in order, from the beginning of an epoch on.
 
@@ -78,7 +106,7 @@ class FrictionSource:
     channel
         Judges derived friction, with the effects still in it: slots where it stands out are masked.
     angle_rad, last_speed_rad_s, memories
-        What the effects remember of the slots so far.
+        What the effects keep of the slots so far.
     at_corners, at_limit
         Samples masked since this process began: where the speed bends too sharply for friction to be derived, and with
         the current at its limit.
@@ -112,7 +140,7 @@ class FrictionSource:
             return samples.friction_torque_Nm
         if self.source == "motor_torque_Nm":
             return samples.motor_torque_Nm
-        torque, limit_A = self.motor_torque(samples), self.wheel.limits.max_current_A
+        torque, limit_A = motor_torque(samples, self.wheel), self.wheel.limits.max_current_A
         if torque is None or samples.motor_current_A is None:
             return None
         # At its limit the current is saturated, and the torque that would be needed is not known.
@@ -121,15 +149,6 @@ class FrictionSource:
         saturated = np.abs(samples.motor_current_A) >= limit_A
         self.at_limit += int(np.count_nonzero(saturated))
         return np.where(saturated, np.nan, torque)
-
-    def motor_torque(self, samples: Samples) -> FloatArray | None:
-        """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
-        if samples.motor_torque_Nm is not None:
-            return samples.motor_torque_Nm
-        if samples.motor_current_A is not None and self.wheel.torque_constant_Nm_A is not None:
-            current_A = samples.motor_current_A
-            return torque_per_ampere(current_A, samples.speed_rad_s, self.wheel) * current_A
-        return None
 
     # ---- slots → friction ----------------------------------------------------------------------------------------
 
@@ -152,7 +171,7 @@ class FrictionSource:
         torque
             float64 (stop - start,) [N m], NaN where it is not known, stands out, or a corner of the speed hides it.
         masked
-            Slots where it was known and is not believed.
+            Slots where it was known and is not valid.
         faults
             One for each time that derived friction stands out.
         """
@@ -180,7 +199,7 @@ class FrictionSource:
     def _mask_what_stands_out(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray
     ) -> tuple[int, list[Fault]]:
-        """Judge the derived friction of the slots [start, stop), mask in it what is not believed; return as `friction`.
+        """Judge the derived friction of the slots [start, stop), mask in it what is not valid; return as `friction`.
 
         The last slot of a block is judged by the one after it, whose acceleration may not be known yet, but is nearly
         the same. What stands out is masked from the beginning of its block on at most: slots before may be gone.

@@ -128,7 +128,7 @@ def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> s
     recording
         The file that its samples are in.
     **provenance
-        What else the JSON shall say: how to make the recording again.
+        What else the JSON shall hold: how to make the recording again.
     """
     document = {**truth_document(window), **provenance}
     write_text(beside(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")

@@ -1,6 +1,6 @@
 """Parquet sample tables: the same columns as in CSV, as numbers; null is a value that was not measured (NaN).
 
-What a file says of its sizes and types is compared with limits before anything in it is unpacked.
+What a file states of its sizes and types is compared with limits before anything in it is unpacked.
 """
 
 from __future__ import annotations
@@ -51,16 +51,15 @@ def read_parquet(path: Path) -> SampleTable:
             thrift_container_size_limit=MAX_FOOTER_ENTRIES,
         ) as file:
             layout = lay_out(file.schema_arrow.names, source)
-            ((time_name, _),) = layout.time.items()
-            _check_footer(file, (time_name, *layout.channels), source)
-            table = _read_columns(file, [time_name, *layout.channels], source)
+            _check_footer(file, (layout.time, *layout.channels), source)
+            table = _read_columns(file, [layout.time, *layout.channels], source)
     except (pa.ArrowException, EOFError, UnicodeDecodeError) as error:
         raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
     except OSError as error:  # Arrow reports damaged pages so, with a text and without a code
         if error.errno is not None:
             raise unreadable(path, error) from error
         raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
-    time_ns = _nanoseconds(table[time_name], time_name, source)
+    time_ns = _nanoseconds(table[layout.time], layout.time, source)
     channels = {name: _numbers(table[name]) for name in layout.channels}
     return table_of(time_ns, channels, layout, source, FIRST_ROW)
 
@@ -92,12 +91,12 @@ def _read_columns(file: Any, names: list[str], source: str) -> Any:
             break
         batches.append(batch)
     if rows != promised:
-        raise InputError(source, f"holds {'more' if rows > promised else 'fewer'} rows than its footer says")
+        raise InputError(source, f"holds {'more' if rows > promised else 'fewer'} rows than its footer states")
     return pa.Table.from_batches(batches)
 
 
 def _is_number(kind: Any) -> bool:
-    """Tell whether a column's values are numbers; a column without any value is one of NaN."""
+    """Return whether a column's values are numbers; a column without any value is one of NaN."""
     types = pa.types
     return bool(types.is_null(kind) or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
 

@@ -21,7 +21,7 @@ SPREADS: Final = 6.0  # robust standard deviations of the steps about the usual 
 LEAST_OFF: Final = 0.02  # of the usual step: less is no pulse too many, but a time that is off
 MOST_OFF: Final = 0.25  # of the usual step: halfway between a regular one and half of one
 MAD_OF_NORMAL: Final = 0.6745  # median distance from the median, in standard deviations
-LEAST_REGULAR: Final = 0.8  # of the steps: where fewer are, missed pulses and phantoms cannot be told
+LEAST_REGULAR: Final = 0.8  # of the steps: where fewer are, missed pulses and phantoms cannot be distinguished
 MOST_MISSED: Final = 10.0  # pulses in a row: longer the speed is not known well enough to count them
 
 
@@ -73,7 +73,7 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
     Raises
     ------
     InputError
-        If there are less than two turns, or pulses come too unevenly to tell which are missing.
+        If there are less than two turns, or pulses come too unevenly to determine which are missing.
     """
     time = (pulses.time_ns - pulses.time_ns[0]) / NANOSECONDS_PER_SECOND
     if time.size < 2 * pulses_per_turn + 1:
@@ -88,7 +88,7 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
         raise InputError(
             source,
             f"only {100.0 * float(np.mean(regular)):.0f} % of the steps between pulses are like those around: pulses"
-            " that are missing cannot be told from pulses too many; give a table of time_s and speed_rad_s",
+            " that are missing cannot be distinguished from pulses too many; give a table of time_s and speed_rad_s",
         )
     sure = np.flatnonzero(np.append(regular, False) | np.append(False, regular))
     came = np.diff(sure)

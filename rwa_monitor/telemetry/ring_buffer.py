@@ -65,7 +65,7 @@ class RingBuffer:
         return self._filled.nbytes + sum(values.nbytes for values in self._values.values())
 
     def clear(self, begin: int = 0) -> None:
-        """Forget all slots and begin again at slot `begin`."""
+        """Drop all slots and begin again at slot `begin`."""
         if self.end > self._first:
             self._filled[:] = 0
         self.end = self._first = begin

@@ -1,10 +1,10 @@
 """ROS 2 bags in MCAP: messages of any type (CDR by ros2msg), of which a telemetry map names topics and fields.
 
-The wheel's samples come when its speed does. What another topic says is taken over for `hold_s` at most, then NaN.
-Messages carry no units: they are SI, as ROS demands (REP 103), unless the map says another.
+The wheel's samples come when its speed does. The value of another topic is held for `hold_s` at most, then NaN.
+Messages carry no units: they are SI, as ROS demands (REP 103), unless the map gives another.
 
-A bag is read record by record, and what it says of its sizes is compared with limits before anything is unpacked. Only
-the topics of the map are decoded, by `mcap_ros2`; what could make that work without end is refused before.
+A bag is read record by record, and what it states of its sizes is compared with limits before anything is unpacked.
+Only the topics of the map are decoded, by `mcap_ros2`; what could make that work without end is refused before.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ from rwa_monitor.telemetry.files import display_name, first_line, unreadable
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
 from rwa_monitor.telemetry.telemetry_map import (
     SI_UNITS,
+    UNITS,
     TopicChannel,
     TopicWheel,
     check_time,
@@ -52,11 +53,11 @@ MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictu
 MAX_SCHEMAS_BYTES: Final = 64 * 2**20  # of all that are kept; a bag of hundreds of types has some
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
 MAX_CHANNELS: Final = 1_000  # of the topics of the map
-MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be told
+MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be listed
 MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
-MAX_JOINTS_TOLD: Final = 8  # of a topic, where the map names another
+MAX_JOINTS_LISTED: Final = 8  # of a topic, where the map names another
 
-# What the decoder raises where a message is not as its schema says; it checks little itself.
+# What the decoder raises where a message is not as in its schema; it checks little itself.
 _DECODER_ERRORS: Final = (
     ArithmeticError,
     AttributeError,
@@ -85,7 +86,7 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
     """
     source = display_name(path)
     if decoding.map is None:
-        raise InputError(source, "is a ROS 2 bag: --map says which topics are which channels")
+        raise InputError(source, "is a ROS 2 bag: --map gives which topics are which channels")
     wheels = [_Wheel(wheel, decoding.map.source) for wheel in wheels_of(decoding.map, TopicWheel)]
     bag = _Bag(source, wheels)
     try:
@@ -110,7 +111,7 @@ class _Series:
         self.times = array("q")
         self.values = array("d")
         self._others: dict[str, None] = {}  # joints that messages without this one hold, an ordered set
-        self._factor, self._offset = conversion(channel, spec.unit or SI_UNITS[channel], source, place)
+        self._factor, self._offset = conversion(UNITS[channel], spec.unit or SI_UNITS[channel], channel, source, place)
 
     def take(self, message: Any, logged: Message) -> None:
         """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
@@ -118,8 +119,8 @@ class _Series:
         if self.spec.joint is not None:
             names = list(_field(message, "name"))
             if self.spec.joint not in names:
-                if len(self._others) < MAX_JOINTS_TOLD:
-                    self._others.update(dict.fromkeys(map(str, names[:MAX_JOINTS_TOLD])))
+                if len(self._others) < MAX_JOINTS_LISTED:
+                    self._others.update(dict.fromkeys(map(str, names[:MAX_JOINTS_LISTED])))
                 return
             at = names.index(self.spec.joint)
         value = _field(message, self.spec.field)
@@ -133,25 +134,23 @@ class _Series:
         self.values.append(float(value) * self._factor + self._offset)
 
     def absent_joint(self) -> str:
-        """Say which joints there are instead, where no message holds this one; "" otherwise."""
+        """Report which joints there are instead, where no message holds this one; "" otherwise."""
         if self.times or not self._others:
             return ""
         hint = did_you_mean(str(self.spec.joint), self._others)
         return f"{self.spec.topic} has no joint {self.spec.joint}; there are {', '.join(self._others)}{hint}"
 
     def _time_of(self, message: Any, logged: Message) -> int:
-        if self.spec.time == "log":
-            return int(logged.log_time)
-        if self.spec.time == "publish":
-            return int(logged.publish_time)
+        if self.spec.time != "header":
+            return int(logged.log_time if self.spec.time == "log" else logged.publish_time)
         if not hasattr(message, "header"):
-            raise ValueError('it has no header: say time = "log" or "publish" in the map')
+            raise ValueError('it has no header: set time = "log" or "publish" in the map')
         stamp = _field(message, "header.stamp")
         return int(stamp.sec) * NANOSECONDS_PER_SECOND + int(stamp.nanosec)
 
 
 class _Wheel:
-    """A wheel of the map, and what the bag says of it."""
+    """A wheel of the map, and what the bag holds of it."""
 
     def __init__(self, wheel: TopicWheel, source: str) -> None:
         self.wheel = wheel
@@ -237,7 +236,7 @@ class _Bag:
         self._first_refused = ""
 
     def problems(self) -> list[str]:
-        """Say what could not be read."""
+        """Report what could not be read."""
         found = list(self._lost)
         if self._undescribed:
             found.append(f"{counted(self._undescribed, 'message')} of topics whose description cannot be read")
@@ -308,13 +307,13 @@ class _Bag:
         return messages
 
     def _unpacked(self, chunk: Chunk) -> bytes:
-        """Return the content of a chunk; raises ValueError where it is another than the chunk says."""
+        """Return the content of a chunk; raises ValueError where it is another than the chunk states."""
         self._work_bytes += chunk.uncompressed_size
         if self._work_bytes > MAX_WORK_BYTES:
             raise InputError(self._source, f"asks for more than {MAX_WORK_BYTES:,} bytes to be unpacked")
         data = _unpacked(chunk)
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-            raise ValueError("it has another checksum than it says")
+            raise ValueError("it has another checksum than it states")
         return data
 
     def _keep_channel(self, channel: Channel) -> None:
@@ -344,7 +343,7 @@ class _Bag:
             raise InputError(self._source, f"has more than {MAX_CHANNELS:,} channels of the map's topics", place)
         definition = checked_definition(schema.name, schema.data, self._source, place)
         try:
-            with redirect_stderr(StringIO()):  # the parser tells there what it also raises
+            with redirect_stderr(StringIO()):  # the parser prints there what it also raises
                 decode = self._factory.decoder_for("cdr", replace(schema, data=definition))
                 assert decode is not None
         except _schema_errors() as error:
@@ -375,17 +374,17 @@ def _schema_errors() -> tuple[type[Exception], ...]:
 
 
 def _unpacked(chunk: Chunk) -> bytes:
-    """Return the content of a chunk; raises ValueError where it is more than the chunk says, before it is unpacked."""
+    """Return the content of a chunk; raises ValueError where it is more than stated, before it is unpacked."""
     size = chunk.uncompressed_size
     if size > MAX_CHUNK_BYTES:
         raise ValueError(f"it unpacks to {size:,} bytes; the limit is {MAX_CHUNK_BYTES:,}")
     if chunk.compression == "":
         data = chunk.data
     elif chunk.compression == "zstd":
-        # The decompressor believes the frame, not its caller.
+        # The decompressor goes by the frame, not by its caller.
         stated = zstandard.get_frame_parameters(chunk.data).content_size
         if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise ValueError(f"its frame says {stated:,} bytes, it itself {size:,}")
+            raise ValueError(f"its frame states {stated:,} bytes, it itself {size:,}")
         data = zstandard.decompress(chunk.data, size)
     elif chunk.compression == "lz4":
         from lz4.frame import LZ4FrameDecompressor
@@ -394,13 +393,13 @@ def _unpacked(chunk: Chunk) -> bytes:
     else:
         raise ValueError(f"its compression {chunk.compression[:20]!r} is not known")
     if len(data) != size:
-        raise ValueError(f"it unpacks to another size than the {size:,} bytes it says")
+        raise ValueError(f"it unpacks to another size than the {size:,} bytes it states")
     return bytes(data)
 
 
 # ---- what the definition of a type may hold, checked before `mcap_ros2` takes it -------------------------------------
-# The decoder believes its types, and its parser has expressions that some text keeps busy without end. So a type is
-# checked line by line for what either would take longer over than the bytes are worth: names of constants that the
+# The decoder does not check its types, and its parser has expressions that some text keeps busy without end. So types
+# are checked line by line for what either would take longer over than the bytes are worth: names of constants that the
 # parser tries in all ways (24 letters: half a minute, and six times as long with two more), fields that need no bytes,
 # more objects than bytes.
 
@@ -426,7 +425,7 @@ _BYTES: Final = {
     **dict.fromkeys(("int64", "uint64", "float64"), 8),
 }
 _LENGTH_BYTES: Final = 4  # of a list of any length
-_TIMES: Final = ("builtin_interfaces/Time", "builtin_interfaces/Duration")  # which the decoder knows
+_TIMES: Final = ("builtin_interfaces/Time", "builtin_interfaces/Duration")  # which the decoder has built in
 _CONSTANT: Final = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*")  # as ROS has it, in an expression without two ways
 
 
@@ -485,7 +484,7 @@ class _Size(NamedTuple):
 
 
 class _Field(NamedTuple):
-    """A field: its type, how often it is there at least, and the bytes that say how often."""
+    """A field: its type, how often it is there at least, and the bytes that state how often."""
 
     kind: str
     times: int

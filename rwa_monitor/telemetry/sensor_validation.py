@@ -1,4 +1,4 @@
-"""Screens a wheel's slots for what a broken sensor shows and no wheel does: they are masked, counted and told.
+"""Sensor validation: slots that show what a broken sensor does and no wheel can are masked, counted and reported.
 
     hangs        a channel that was restless repeats one value, bit for bit, in slot after slot
     stands out   a few slots differ from those before and after them by more than a wheel can do and undo in that time
@@ -31,7 +31,7 @@ LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
 SPEED: Final = "speed_rad_s"
 TORQUE: Final = "torque_Nm"
 
-# What is remembered of a channel:
+# The memory of a channel:
 MEMORY: Final = (
     "last",  # the last value that was not missing
     "step",  # the last first difference
@@ -79,7 +79,7 @@ class Channel:
 
     @classmethod
     def of(cls, recent: FloatArray, memory: FloatArray) -> Channel:
-        """Return a channel that has seen these values and remembers this."""
+        """Return a channel after these values, with this memory."""
         return cls(np.concatenate([recent, memory]))
 
     @property
@@ -89,7 +89,7 @@ class Channel:
 
     @property
     def memory(self) -> FloatArray:
-        """What is remembered of those before, float64 (8,), in the order of `MEMORY`."""
+        """The memory of those before, float64 (8,), in the order of `MEMORY`."""
         return self.state[OUTSTANDING_SLOTS:]
 
     def judge(self, values: FloatArray, after: FloatArray, limit: float) -> tuple[NDArray[np.int8], IntArray] | None:
@@ -133,8 +133,8 @@ def friction_limit(wheel: Wheel) -> float:
 
 
 @dataclass(slots=True)
-class Screen:
-    """Screens the channels of a wheel's ring buffer as they were measured, from the beginning of an epoch on.
+class SensorValidation:
+    """Validates the channels of a wheel's ring buffer as they were measured, from the beginning of an epoch on.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """The sample table: telemetry of one wheel as CSV or Parquet, with fixed column names and units.
 
 A table is read whole or refused: with its file, row, column and reason. Columns that are not known are left out and
-returned by name, so that whoever asked can say so. Values that are not finite stay as they are: they are masked
+returned by name, to be reported. Values that are not finite stay as they are: they are masked
 later, where they are also counted.
 """
 
@@ -61,7 +61,7 @@ def file_format(path: Path) -> FileFormat:
     Raises
     ------
     InputError
-        If the file cannot be read, is empty, or is not what its suffix says.
+        If the file cannot be read, is empty, or has another format than its suffix.
     """
     try:
         with path.open("rb") as file:

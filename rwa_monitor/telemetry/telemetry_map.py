@@ -37,7 +37,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, key_of, split_key
-from rwa_monitor.samples import MAX_TIME_NS, NANOSECONDS_PER_SECOND, Samples
+from rwa_monitor.samples import MAX_TIME_NS, NANOSECONDS_PER_SECOND, ChannelName, Samples
 from rwa_monitor.telemetry.reader import MAX_MAP_BYTES, SampleBatch, TelemetryFile, TextFile, WheelTelemetry
 from rwa_monitor.wheel.toml import Strict, parse_toml
 
@@ -45,14 +45,6 @@ MAX_WHEELS: Final = 4_096
 MAX_APID: Final = 2_046  # 11 bits; 2,047 are idle packets (CCSDS 133.0-B-2, 4.1.3.3.4.4)
 
 Name = Annotated[str, Field(min_length=1, max_length=500)]
-ChannelName = Literal[
-    "speed_rad_s",
-    "friction_torque_Nm",
-    "motor_current_A",
-    "motor_torque_Nm",
-    "motor_voltage_V",
-    "bearing_temperature_degC",
-]
 
 # Unit → (factor, offset) to the unit of the channel's name; written without spaces, dots and stars (`_plain`).
 _TORQUE: Final = {"Nm": (1.0, 0.0), "mNm": (1e-3, 0.0), "uNm": (1e-6, 0.0)}
@@ -78,7 +70,7 @@ UNITS: Final[dict[str, dict[str, tuple[float, float]]]] = {
         "Kelvin": (1.0, -273.15),
     },
 }
-# What the values of a channel are in where nobody says so: the unit of its name.
+# What the values of a channel are in where no unit is given: the unit of its name.
 SI_UNITS: Final = {name: next(iter(units)) for name, units in UNITS.items()}
 # Unit of time → nanoseconds; the words are those of XTCE's Encoding.
 TIME_UNITS: Final[dict[str, Fraction]] = {
@@ -103,7 +95,7 @@ class PacketChannel(Strict):
     parameter
         Its name in the XTCE definition.
     unit
-        Of its calibrated value; None for what the definition says.
+        Of its calibrated value; None for that of the definition.
     valid
         Name of a parameter that is 0 where the value was not measured.
     """
@@ -125,7 +117,7 @@ class TopicChannel(Strict):
     joint
         Where the field is an array: the entry that stands where `name` holds this, as in sensor_msgs/JointState.
     unit
-        Of the value; the unit in the channel's name unless told, as ROS uses SI units (REP 103).
+        Of the value; the unit in the channel's name by default, as ROS uses SI units (REP 103).
     time
         What the sample's time is: the stamp in the message's header, or when the message was logged or published.
     """
@@ -150,22 +142,18 @@ class WheelMap(Strict):
         return key_of(SamplesMessage, self.spacecraft, self.wheel)
 
     @model_validator(mode="after")
-    def _plain_names(self) -> WheelMap:
+    def _complete(self) -> WheelMap:
         try:
             split_key(self.key)
         except InputError as error:
             raise ValueError(f"{error.source} {error.reason}") from error
-        return self
-
-    @model_validator(mode="after")
-    def _with_speed(self) -> WheelMap:
         if "speed_rad_s" not in self.channels:
             raise ValueError("channels.speed_rad_s is missing")
         return self
 
 
 def _in_full(channel: Any) -> Any:
-    """Take a parameter's name for a channel that says no more."""
+    """Take a parameter's name for a channel with nothing else."""
     return {"parameter": channel} if isinstance(channel, str) else channel
 
 
@@ -186,11 +174,12 @@ class TopicWheel(WheelMap):
     @model_validator(mode="after")
     def _hold_where_needed(self) -> TopicWheel:
         if self.hold_s is None and len({channel.topic for channel in self.channels.values()}) > 1:
-            raise ValueError("more than one topic: hold_s must say how old a value beside a speed may be")
+            raise ValueError("more than one topic: hold_s must give how old a value beside a speed may be")
         return self
 
 
 OneWheel = TypeVar("OneWheel", bound=WheelMap)
+Size = TypeVar("Size", tuple[float, float], Fraction)
 
 
 def wheels_of(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
@@ -264,28 +253,18 @@ def check_time(time_ns: int) -> None:
         raise ValueError(f"a time of {time_ns / NANOSECONDS_PER_SECOND:.3g} s; the bus takes 0 to {latest_s:.0e} s")
 
 
-def conversion(channel: str, unit: str | None, source: str, place: str) -> tuple[float, float]:
-    """Return (factor, offset) that bring a value of this unit to the unit in the channel's name.
+def conversion(units: Mapping[str, Size], unit: str | None, quantity: str, source: str, place: str) -> Size:
+    """Return what one unit of a quantity is in our own: of a channel's `UNITS`, or of `TIME_UNITS`.
 
     Raises
     ------
     InputError
-        If there is no unit, or none of this channel's quantity.
+        If there is no unit, or none of this quantity.
     """
-    known = UNITS[channel]
-    found = known.get(_plain(unit)) if unit is not None else None
+    found = units.get(_plain(unit)) if unit is not None else None
     if found is None:
-        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of {channel}"
-        raise InputError(source, f"{what}; known are {', '.join(known)}", place)
-    return found
-
-
-def time_conversion(unit: str | None, source: str, place: str) -> Fraction:
-    """Return the nanoseconds of one unit of time; raises InputError where it is none."""
-    found = TIME_UNITS.get(unit.strip()) if unit is not None else None
-    if found is None:
-        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of time"
-        raise InputError(source, f"{what}; known are {', '.join(TIME_UNITS)}", place)
+        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of {quantity}"
+        raise InputError(source, f"{what}; known are {', '.join(units)}", place)
     return found
 
 

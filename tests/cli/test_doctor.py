@@ -73,9 +73,9 @@ def test_who_is_on_the_bus_is_told() -> None:
         finally:
             stop.set()
             thread.join()
-    assert "1 peer connected; in 2 s heard telemetry of 1 wheel (sat/rw1), monitors of 1 wheel (sat/rw2)" in told
+    assert "1 peer connected; in 2 s received telemetry of 1 wheel (sat/rw1), monitors of 1 wheel (sat/rw2)" in told
     assert "; nobody monitors sat/rw1" in told
-    assert told.endswith("; wheel files of wheels that were not heard: sat/rw3")
+    assert told.endswith("; wheel files of wheels without messages: sat/rw3")
 
 
 def test_the_model_is_not_judged_by_a_wheel_file_that_cannot_be_read(tmp_path: Path) -> None:

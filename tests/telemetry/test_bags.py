@@ -134,7 +134,7 @@ def test_a_damaged_chunk_is_left_out_and_told(tmp_path: Path) -> None:
 
 def test_without_a_map_it_is_said_that_one_is_needed(tmp_path: Path) -> None:
     path = bags.write_topic(tmp_path / "b.mcap", "/t", "std_msgs/msg/Float64", [(1, {"data": 1.0})])
-    with pytest.raises(InputError, match="is a ROS 2 bag: --map says which topics are which channels"):
+    with pytest.raises(InputError, match="is a ROS 2 bag: --map gives which topics are which channels"):
         read_bag(path, Decoding())
 
 
@@ -153,7 +153,7 @@ BAD_MAPS = {
     "a time that is none": (bags.SHORT_MAP.replace("joint =", 'time = "now", joint ='), "time"),
     "two topics, no hold": (
         bags.SHORT_MAP + 'motor_current_A = { topic = "/x", field = "data" }\n',
-        "hold_s must say how old",
+        "hold_s must give how old",
     ),
     "parameters of packets": (bags.SHORT_MAP.replace("joint =", 'parameter = "X", joint ='), "parameter: wheel 1:"),
 }  # fmt: skip
@@ -261,7 +261,7 @@ def lz4_of(data: bytes) -> bytes:
 
 BOMBS: dict[str, Any] = {
     "zstd that says too much": (lambda n: (zstandard.compress(bytes(n)), MAX_CHUNK_BYTES + 1, b"zstd"), "unpacks to"),
-    "zstd that says little": (lambda n: (zstandard.compress(bytes(n)), 100, b"zstd"), "its frame says"),
+    "zstd that says little": (lambda n: (zstandard.compress(bytes(n)), 100, b"zstd"), "its frame states"),
     "lz4 that says little": (lambda n: (lz4_of(bytes(n)), 100, b"lz4"), "to another size"),
     "another compression": (lambda n: (bytes(10), 10, b"rar"), "'rar' is not known"),
     "no compression, another size": (lambda n: (bytes(10), 9, b""), "to another size"),

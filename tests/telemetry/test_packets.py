@@ -299,7 +299,9 @@ def test_containers_that_hold_each_other_twice_are_refused_before_a_packet_is_re
 
 def test_without_a_map_or_a_definition_it_is_said_what_is_missing() -> None:
     for decoding in (Decoding(), Decoding(made.decoding().map), Decoding(None, made.decoding().xtce)):
-        with pytest.raises(InputError, match="--xtce says what is in them, and --map what of it is which channel"):
+        with pytest.raises(
+            InputError, match="--xtce gives their definition, and --map which parameter is which channel"
+        ):
             decoder(decoding)
 
 
