@@ -37,7 +37,7 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
 
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.monitor.bus import BusNews, BusWatch, endpoints, open_session
+    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
@@ -54,7 +54,8 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
             stack.callback(publisher.close)
         bridge = Bridge(decoder, publishers, batch)
         log(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
-        run_bridge(bridge, receiver, stop, log, BusNews(BusWatch(session, endpoints(bus)), log).look)
+        watch = BusWatch(session, endpoints(bus))
+        run_bridge(bridge, receiver, stop, log, lambda now_s: watch.log_changes(now_s, log))
         stop.clear()
         stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))

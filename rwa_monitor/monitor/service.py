@@ -23,7 +23,7 @@ import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.bus import BusNews, BusWatch, MonitorBus, check_wheels, endpoints, open_session
+from rwa_monitor.monitor.bus import BusWatch, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import FolderLock, Recorder
@@ -96,10 +96,10 @@ def run(
         if options.log_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
             log(wait)
         supervisor.ready(doing)
-        news = BusNews(BusWatch(session, endpoints(options.bus)), log)
+        watch = BusWatch(session, endpoints(options.bus))
         while not stop.is_set():
             supervisor.alive(clock.monotonic_s())
-            news.look(clock.monotonic_s())
+            watch.log_changes(clock.monotonic_s(), log)
             monitor.step()
         supervisor.stopping()
 

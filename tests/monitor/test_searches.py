@@ -20,7 +20,6 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Discrepancy, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import publish
 from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import HAND_OVER, Searches, SearchJob, search_message
@@ -33,6 +32,7 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, Window, built_in_wheel
 from tests.monitor.processes import wait_for
+from tests.monitor.support import publish
 
 SLOTS = 8_000
 # A search of 8,000 slots takes about 5 s on an idle machine, and where all cores are busy ten times its share of them:
