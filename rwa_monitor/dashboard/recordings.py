@@ -32,7 +32,7 @@ from rwa_monitor.monitor.recording.reader import (
     read_recording,
     time_span,
 )
-from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
+from rwa_monitor.monitor.setup import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
