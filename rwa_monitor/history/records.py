@@ -189,8 +189,9 @@ def _record(coefficient: CoefficientTrend, own: Sequence[EstimateRecord], policy
         p_value=trend.p_value,
         slope_per_day=trend.slope * SECONDS_PER_DAY,
         slope_std_per_day=trend.slope_std * SECONDS_PER_DAY,
-        reach=reach
-        and ReachRecord(
+        reach=None
+        if reach is None
+        else ReachRecord(
             limit=reach.limit,
             level=above[0][1],
             median_s=after_s(reach.time_s),

@@ -82,7 +82,15 @@ def run(
             recovered = recover_state(options.record, setup, stop, log, starting)
             if stop.is_set():
                 return
-            recorder = _recorder(options, options.record, recovered, clock)
+            recorder = Recorder(
+                options.record,
+                attachments=setup.attachments(),
+                settings={**options.settings(), "build": build()},
+                predecessor=recovered.predecessor,
+                wall_ns=clock.wall_ns,
+                max_file_bytes=options.max_file_bytes,
+                max_total_bytes=options.max_record_bytes,
+            )
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))
@@ -102,19 +110,6 @@ def run(
             watch.log_changes(clock.monotonic_s(), log)
             monitor.step()
         supervisor.stopping()
-
-
-def _recorder(options: RunOptions, folder: Path, recovered: RecoveredState, clock: Clock) -> Recorder:
-    """Return what records, in a folder, after what lies there."""
-    return Recorder(
-        folder,
-        attachments=options.setup().attachments(),
-        settings={**options.settings(), "build": build()},
-        predecessor=recovered.predecessor,
-        wall_ns=clock.wall_ns,
-        max_file_bytes=options.max_file_bytes,
-        max_total_bytes=options.max_record_bytes,
-    )
 
 
 def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
