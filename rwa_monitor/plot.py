@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.monitor.trends import CoefficientTrend, WindowFriction, wheel_trends
+from rwa_monitor.monitor.trends import CoefficientTrend, wheel_trends, window_friction
 from rwa_monitor.reporting.figures import gains_picture as gains
 from rwa_monitor.reporting.figures import overlay as discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
@@ -141,7 +141,7 @@ def trend(diagnoses: Sequence[Diagnosis], limits: Mapping[str, float] | None = N
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     for axis, name, label in zip(axes, ("dry", "viscous"), ("base dry", "viscous"), strict=True):
-        estimates = [WindowFriction.of(diagnosis).by_name[name] for diagnosis in diagnoses]
+        estimates = [window_friction(diagnosis)[name] for diagnosis in diagnoses]
         values = np.array([np.nan if e.value is None else e.value for e in estimates])
         std = np.array([np.nan if e.std is None else e.std for e in estimates])
         axis.errorbar(hours, values, 2.0 * std, fmt="o", ms=3, lw=1, color=COLOURS[0], label="estimate, ± 2 std")

@@ -38,7 +38,7 @@ def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int,
 
     from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.monitor.bus import BusNews, BusWatch, endpoints, open_session
+    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
     from rwa_monitor.telemetry.reader import read_decoding
@@ -56,7 +56,8 @@ def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int,
             stack.callback(publisher.close)
         bridge = Bridge(decoder, publishers, batch)
         log(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
-        run_bridge(bridge, receiver, stop, log, BusNews(BusWatch(session, endpoints(bus)), log).look)
+        watch = BusWatch(session, endpoints(bus))
+        run_bridge(bridge, receiver, stop, log, lambda now_s: watch.log_changes(now_s, log))
         stop.clear()
         stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))

@@ -70,7 +70,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.monitor import RunOptions
-    from rwa_monitor.monitor.publisher import publish
+    from rwa_monitor.monitor.publisher import SamplesPublisher, send
     from rwa_monitor.monitor.service import run
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
@@ -95,8 +95,9 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         view = DemoView(session, spacecraft, satellite.start_ns)
         ended = Event()
         monitor = workers.submit(run, options, ended, session=session, log=log)
+        publishers = {key: SamplesPublisher(session, key) for key in satellite.telemetry}
         sender = workers.submit(
-            publish, satellite.telemetry, session, speed=satellite.speed, batch_samples=BATCH_SAMPLES, stop=ended
+            send, satellite.telemetry, publishers, speed=satellite.speed, batch_samples=BATCH_SAMPLES, stop=ended
         )
         monitor.add_done_callback(lambda _: stop.set())
         sender.add_done_callback(lambda worker: stop.set() if worker.exception() else None)

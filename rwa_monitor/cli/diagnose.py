@@ -55,7 +55,7 @@ def command(
     will leave the nominal range; not with --json.
     """
     from rwa_monitor.batch.tasks import Diagnose
-    from rwa_monitor.monitor.trends import WindowFriction
+    from rwa_monitor.monitor.trends import window_friction
     from rwa_monitor.reporting.diagnosis_text import has_too_few_samples, render
     from rwa_monitor.telemetry.configuration import read_model, read_wheel
     from rwa_monitor.words import counted
@@ -77,7 +77,7 @@ def command(
             click.echo(diagnosis.to_json())
         else:
             console.print(render(diagnosis), "")
-            by_wheel[diagnosis.spacecraft, diagnosis.wheel].append(WindowFriction.of(diagnosis))
+            by_wheel[diagnosis.spacecraft, diagnosis.wheel].append(window_friction(diagnosis))
     _print_trends(by_wheel)
     if not_judged:
         log(f"{len(not_judged)} of {counted(windows, 'window')} could not be judged, the last: {not_judged[-1]}")
@@ -123,7 +123,7 @@ def _print_trends(by_wheel: dict[tuple[str, str], list[WindowFriction]]) -> None
     from rwa_monitor.monitor.trends import wheel_trends
 
     for (spacecraft, wheel), windows in by_wheel.items():
-        starts = [window.window_start_ns for window in windows]
+        starts = [window["dry"].window_start_ns for window in windows]
         if any(later <= earlier for earlier, later in pairwise(starts)):
             continue  # several files of the same time: other wheels, or the same one twice, but not one history
         for trend in wheel_trends(windows).values():

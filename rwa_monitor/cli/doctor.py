@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     import zenoh
 
     from rwa_monitor.monitor.bus import BusOptions
-    from rwa_monitor.monitor.state_recovery import Setup
-    from rwa_monitor.monitor.wheel_set import WheelKey
+    from rwa_monitor.monitor.setup import Setup, WheelKey
 
 CONNECT_S: Final = 3.0  # how long a router or peer has to answer
 LISTEN_S: Final = 2.0  # how long the doctor subscribes to the bus: a monitor publishes every second
@@ -49,8 +48,7 @@ def command(
 
     def setup() -> Setup:
         """Return what a monitor with these options would diagnose with."""
-        from rwa_monitor.monitor.state_recovery import Setup
-        from rwa_monitor.monitor.wheel_set import WheelSet
+        from rwa_monitor.monitor.setup import Setup, WheelSet
         from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
         own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
@@ -272,7 +270,7 @@ def _stale(last: Path, setup: Setup) -> str:
     """Return of which wheels a recording was made with something else than now, "" where of none."""
     from rwa_monitor.messages import SamplesMessage, split_key
     from rwa_monitor.monitor.recording.reader import read_recording
-    from rwa_monitor.monitor.state_recovery import Setup
+    from rwa_monitor.monitor.setup import Setup
     from rwa_monitor.words import first_few
 
     try:

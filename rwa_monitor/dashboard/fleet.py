@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 from rwa_monitor.dashboard.telemetry import DecimatedSamples, DerivedFriction, Evidence, OpenWindow, Rhythm
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
-from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 from rwa_monitor.wheel.wheel import built_in_wheel

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Container, Iterable, Sequence
-from typing import Final
+from typing import Final, get_args
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_latest
@@ -17,13 +17,11 @@ from prometheus_client.registry import Collector
 from rwa_monitor.build import build
 from rwa_monitor.dashboard.fleet import Fleet, Wheel
 from rwa_monitor.history.records import AlarmRecord
-from rwa_monitor.messages import Diagnosis, Status
+from rwa_monitor.messages import AlarmLevel, Diagnosis, Status, Verdict
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
 
 CONTENT_TYPE: Final = CONTENT_TYPE_PLAIN_0_0_4
-VERDICTS: Final = ("nominal", "anomalous", "inconclusive")
-LEVELS: Final = ("normal", "watch", "warning", "distress", "critical")
 SAMPLES: Final = ("used", "masked", "late", "duplicate", "rejected")
 MESSAGES: Final = ("missed", "dropped", "rejected")
 WHEEL: Final = ("spacecraft", "wheel")
@@ -52,7 +50,7 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
             if (spacecraft, wheel) not in retired:
                 _add_wheel(found, known, (spacecraft, wheel))
     alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in retired]
-    for level in LEVELS:
+    for level in get_args(AlarmLevel):
         for phase in ("active", "acknowledged", "returned"):
             count = sum(alarm.level == level and alarm.phase == phase for alarm in alarms)
             found.alarms.add_metric((level, phase), count)
@@ -126,7 +124,7 @@ def _add_wheel(families: _Metrics, known: Wheel, wheel: Labels) -> None:
 
 
 def _add_diagnosis(families: _Metrics, window: Diagnosis, wheel: Labels) -> None:
-    for verdict in VERDICTS:
+    for verdict in get_args(Verdict):
         _add(families.verdict, (*wheel, verdict), window.verdict == verdict)
     _add(families.adequate, wheel, window.model_adequate)
     _add(families.coverage, wheel, window.coverage)

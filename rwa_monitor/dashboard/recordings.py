@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.dashboard.fleet import Received, VerdictHistory
-from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, samples_of, thinned_json
+from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
@@ -31,7 +32,7 @@ from rwa_monitor.monitor.recording.reader import (
     read_recording,
     time_span,
 )
-from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
+from rwa_monitor.monitor.setup import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
@@ -100,13 +101,6 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     return b'{"problems":' + problems + b',"entries":[' + b",".join(entries) + b"]}"
 
 
-def wheels_of(recording: Recording) -> WheelSet:
-    """Return the constants that a recording was made with; those of the built-in wheel where it holds none."""
-    if COMMON not in recording.attachments:
-        return WheelSet(built_in_wheel())
-    return WheelSet.of_recording(recording)
-
-
 def latest_wheels(folder: Path | None) -> WheelSet | None:
     """Return the constants in the latest recording of a folder that has some; None where there is none."""
     for entry in list_recordings(folder):
@@ -114,7 +108,7 @@ def latest_wheels(folder: Path | None) -> WheelSet | None:
             try:
                 recording = read_recording(folder / entry.name)
                 if COMMON in recording.attachments:
-                    return wheels_of(recording)
+                    return WheelSet.of_recording(recording)
             except InputError:  # damaged: an earlier one serves as well
                 continue
     return None
@@ -125,12 +119,13 @@ class _Replay:
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
-        self.wheels = wheels_of(recording)
-        self._counts: dict[str, int] = {}
+        made_with = COMMON in recording.attachments
+        self.wheels = WheelSet.of_recording(recording) if made_with else WheelSet(built_in_wheel())
+        self._counts: Counter[str] = Counter()
         for message in recording.messages:
             if message.schema == SamplesMessage.schema_name():
-                known = len(samples_of(message.data, message.topic))
-                self._counts[message.topic] = self._counts.get(message.topic, 0) + known
+                known = len(SamplesMessage.parse(message.data, message.topic).time_ns)
+                self._counts[message.topic] += known
         self._phases: dict[str, int] = dict.fromkeys(self._counts, 0)
         self._derived = {topic: DerivedFriction(self.wheels.of(*split_key(topic)[:2])) for topic in self._counts}
         self._verdicts: dict[str, VerdictHistory] = {}
@@ -153,7 +148,7 @@ class _Replay:
 
     def _samples(self, message: RecordedMessage) -> bytes | None:
         topic = message.topic
-        samples = self._derived[topic].add(samples_of(message.data, topic))
+        samples = self._derived[topic].add(SamplesMessage.parse(message.data, topic).samples())
         self._open[topic].add(samples)
         stride = -(-self._counts[topic] // POINTS_PER_WHEEL)
         picked = samples[self._phases[topic] :: stride]
@@ -209,14 +204,9 @@ def import_recordings(history: History, path: Path) -> Imported:
     problems: list[str] = []
     for recording in read_chain(path):
         problems += [f"{recording.path.name}: {problem}" for problem in recording.problems]
-        diagnoses = [
-            Diagnosis.parse(message.data, f"{recording.path}: {message.topic}")
-            for message in recording.messages
-            if message.schema == Diagnosis.schema_name()
-        ]
-        for message in recording.messages:
-            if message.schema == Discrepancy.schema_name():
-                history.add_discrepancy(Discrepancy.parse(message.data, f"{recording.path}: {message.topic}"))
+        diagnoses = recording.parsed(Diagnosis)
+        for found in recording.parsed(Discrepancy):
+            history.add_discrepancy(found)
         windows += len(diagnoses)
         for begin in range(0, len(diagnoses), BATCH_WINDOWS):
             new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])

@@ -23,7 +23,7 @@ from rwa_monitor.dashboard.listener import SILENT_S, Listener
 from rwa_monitor.dashboard.recordings import latest_wheels
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.store import History, Retention
-from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.wheel.wheel import Wheel
 
 if TYPE_CHECKING:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from rwa_monitor.changepoints.evidence_curve import evidence_curve
-from rwa_monitor.messages import Diagnosis, Message, Number, SamplesMessage, TimeNs, dump_json
+from rwa_monitor.messages import Diagnosis, Message, Number, TimeNs, dump_json
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
 from rwa_monitor.wheel.torque_balance import half_width, mended_friction, torque_per_ampere
 from rwa_monitor.wheel.wheel import Wheel
@@ -71,7 +71,9 @@ class DerivedFriction:
         if np.any(np.diff(slot) <= 0) or slot[-1] >= SPARSEST * len(joined):
             self._tail = None
             return samples
-        friction = self._derive(joined, slot)
+        assert joined.motor_torque_Nm is not None  # given above, in both parts
+        speed, torque = _on_grid(slot, joined.speed_rad_s), _on_grid(slot, joined.motor_torque_Nm)
+        friction = mended_friction(speed, torque, self.wheel)[slot]
         end = int(slot[-1]) - self._half
         self._tail = joined[slot > end - self._half]
         ready = (slot <= end) & (joined.time_ns > self._left_ns)
@@ -79,35 +81,33 @@ class DerivedFriction:
             self._left_ns = int(joined.time_ns[ready][-1])
         return Samples(joined.time_ns[ready], joined.speed_rad_s[ready], friction[ready])
 
-    def _derive(self, samples: Samples, slot: IntArray) -> FloatArray:
-        speed, torque = np.full(int(slot[-1]) + 1, np.nan), np.full(int(slot[-1]) + 1, np.nan)
-        speed[slot], torque[slot] = samples.speed_rad_s, samples.motor_torque_Nm
-        return mended_friction(speed, torque, self.wheel)[slot]
+
+def _on_grid(slots: IntArray, values: NDArray[np.floating[Any]]) -> FloatArray:
+    """Return values at their slots, NaN where there is none between."""
+    grid = np.full(int(slots.max()) + 1, np.nan)
+    grid[slots] = values
+    return grid
 
 
 @dataclass(slots=True)
 class OpenWindow:
     """The samples since the last window's end, in half the memory: 16 bytes each."""
 
-    _time_ns: list[IntArray] = field(default_factory=list)
-    _speed: list[NDArray[np.float32]] = field(default_factory=list)
-    _friction: list[NDArray[np.float32]] = field(default_factory=list)
+    _messages: deque[tuple[IntArray, NDArray[np.float32], NDArray[np.float32]]] = field(default_factory=deque)
     count: int = 0
 
     def add(self, samples: Samples) -> None:
-        """Keep samples; those without friction do not count here."""
-        if samples.friction_torque_Nm is not None and len(samples):
-            self._time_ns.append(samples.time_ns)
-            self._speed.append(samples.speed_rad_s.astype(np.float32))
-            self._friction.append(samples.friction_torque_Nm.astype(np.float32))
+        """Keep time, speed and friction of samples; those without friction do not count here."""
+        friction = samples.friction_torque_Nm
+        if friction is not None and len(samples):
+            speed = samples.speed_rad_s.astype(np.float32)
+            self._messages.append((samples.time_ns, speed, friction.astype(np.float32)))
             self.count += len(samples)
 
     def keep_from(self, time_ns: int) -> None:
         """Drop what is older than a time; whole messages only, so that a few samples more may stay."""
-        while self._time_ns and self._time_ns[0][-1] < time_ns:
-            self.count -= self._time_ns[0].size
-            for arrays in (self._time_ns, self._speed, self._friction):
-                del arrays[0]
+        while self._messages and self._messages[0][0][-1] < time_ns:
+            self.count -= self._messages.popleft()[0].size
 
     def clear(self) -> None:
         """Drop everything."""
@@ -127,9 +127,9 @@ class OpenWindow:
 
     def evidence_so_far(self, last: Diagnosis | None, wheel: Wheel) -> Evidence | None:
         """Return the curve of the window that is still open, with the slope of the last one."""
-        if not self._time_ns:
+        if not self._messages:
             return None
-        start_ns = int(self._time_ns[0][0]) if last is None else last.window_end_ns
+        start_ns = int(self._messages[0][0][0]) if last is None else last.window_end_ns
         slope = last.friction.viscous.value if last else None
         if slope is None:
             slope = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
@@ -138,16 +138,14 @@ class OpenWindow:
     def _evidence(
         self, start_ns: int, end_ns: int | None, period_ns: int, slope: float | None, wheel: Wheel, *, least: int
     ) -> Evidence | None:
-        if slope is None or period_ns <= 0 or not self._time_ns:
+        if slope is None or period_ns <= 0 or not self._messages:
             return None
-        time_ns = np.concatenate(self._time_ns)
+        time_ns, *values = (np.concatenate(parts) for parts in zip(*self._messages, strict=True))
         inside = (time_ns >= start_ns) & (time_ns < (np.iinfo(np.int64).max if end_ns is None else end_ns))
         slots = SlotGrid(start_ns, period_ns).slot_of(time_ns[inside])
         if slots.size < max(least, 1) or int(slots.max()) >= SPARSEST * slots.size:
             return None
-        speed, friction = np.full(int(slots.max()) + 1, np.nan), np.full(int(slots.max()) + 1, np.nan)
-        speed[slots] = np.concatenate(self._speed)[inside]
-        friction[slots] = np.concatenate(self._friction)[inside]
+        speed, friction = (_on_grid(slots, value[inside]) for value in values)
         used = np.isfinite(friction) & (np.abs(speed) > (wheel.window.dead_band_rad_s or 0.0))
         curve = evidence_curve(speed, friction, used, slope, EVIDENCE_POINTS)
         if curve is None:
@@ -220,56 +218,48 @@ class DecimatedSamples:
     def __init__(self) -> None:
         self.stride = 1
         self._phase = 0  # samples to skip before the next one that is picked
-        self._time_ns: IntArray = np.zeros(0, dtype=np.int64)
-        self._speed: FloatArray = np.zeros(0)
-        self._friction: FloatArray = np.zeros(0)
+        self._kept = Samples(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
 
     def add(self, samples: Samples) -> Samples:
         """Take samples in; returns those that were picked."""
         picked = samples[self._phase :: self.stride]
         self._phase = (self._phase - len(samples)) % self.stride
-        friction = picked.friction_torque_Nm
-        self._time_ns = np.concatenate([self._time_ns, picked.time_ns])
-        self._speed = np.concatenate([self._speed, picked.speed_rad_s])
-        self._friction = np.concatenate(
-            [self._friction, np.full(len(picked), np.nan) if friction is None else friction]
-        )
-        if self._time_ns.size > MAX_POINTS:
+        self._kept = concatenate([self._kept, Samples(picked.time_ns, picked.speed_rad_s, _friction(picked))])
+        if len(self._kept) > MAX_POINTS:
             self._thin()
         return picked
 
     def keep_from(self, time_ns: int) -> None:
         """Drop what is older than a time; the stride is small again where there is room for it."""
-        keep = self._time_ns >= time_ns
-        self._time_ns, self._speed, self._friction = self._time_ns[keep], self._speed[keep], self._friction[keep]
-        if self._time_ns.size > MAX_POINTS // 2:
+        self._kept = self._kept[self._kept.time_ns >= time_ns]
+        if len(self._kept) > MAX_POINTS // 2:
             self._thin()
 
     def _thin(self) -> None:
         self.stride *= 2
         self._phase = 0
-        self._time_ns, self._speed, self._friction = self._time_ns[::2], self._speed[::2], self._friction[::2]
+        self._kept = self._kept[::2]
 
     def message(self) -> bytes:
         """Return the samples as the JSON of a `SamplesMessage`, "null" where it is empty."""
-        return thinned_json(Samples(self._time_ns, self._speed, self._friction)) if self._time_ns.size else b"null"
+        return thinned_json(self._kept) if len(self._kept) else b"null"
 
 
 def thinned_json(samples: Samples) -> bytes:
     """Return time, speed and friction of samples as the JSON of a `SamplesMessage`."""
-    friction = samples.friction_torque_Nm
     return dump_json(
         {
             "time_ns": samples.time_ns.tolist(),
             "speed_rad_s": _readings(samples.speed_rad_s),
-            "friction_torque_Nm": _readings(np.full(len(samples), np.nan) if friction is None else friction),
+            "friction_torque_Nm": _readings(_friction(samples)),
         }
     )
 
 
-def samples_of(payload: bytes, key: str) -> Samples:
-    """Read a samples message; raises InputError where it is none."""
-    return SamplesMessage.parse(payload, key).samples()
+def _friction(samples: Samples) -> FloatArray:
+    """Return the friction of samples, NaN where it was not measured."""
+    friction = samples.friction_torque_Nm
+    return np.full(len(samples), np.nan) if friction is None else friction
 
 
 def _readings(values: FloatArray) -> list[float | None]:

@@ -190,8 +190,17 @@ def _url(place: Path | str | None) -> URL:
 
 def _open_engine(url: URL) -> Engine:
     """Open the database and make its tables where they are missing."""
+    options: dict[str, Any]
+    if url.get_backend_name() == "postgresql":
+        # A connection that the server has closed meanwhile is replaced by a new one.
+        options = {"pool_pre_ping": True, "connect_args": {"connect_timeout": int(BUSY_TIMEOUT_S)}}
+    else:
+        # A connection is used by one thread at a time, as the pool ensures; the keeper by the thread that puts it back.
+        options = {"connect_args": {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}}
+        if url.database is None:
+            options["poolclass"] = StaticPool
     try:
-        engine = _engine(url)
+        engine = create_engine(url, **options)
     except ModuleNotFoundError as error:
         raise InputError(url.render_as_string(), f"{error.name} is missing: {POSTGRESQL}") from error
     if engine.dialect.name == "sqlite":
@@ -205,16 +214,6 @@ def _open_engine(url: URL) -> Engine:
         engine.dispose()
         raise
     return engine
-
-
-def _engine(url: URL) -> Engine:
-    if url.get_backend_name() == "postgresql":
-        # A connection that the server has closed meanwhile is replaced by a new one.
-        return create_engine(url, pool_pre_ping=True, connect_args={"connect_timeout": int(BUSY_TIMEOUT_S)})
-    if url.database is None:
-        return create_engine(url, poolclass=StaticPool, connect_args={"check_same_thread": False})
-    # A connection is used by one thread at a time, as the pool sees to; the keeper by whoever puts it back.
-    return create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_S, "check_same_thread": False})
 
 
 def _set_up_connection(connection: Any, record: object) -> None:

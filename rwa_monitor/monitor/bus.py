@@ -341,6 +341,8 @@ class BusWatch:
     def __init__(self, session: zenoh.Session, connect: Sequence[str]) -> None:
         self._session = session
         self._where = connect
+        self._logged = ""
+        self._due_s = 0.0
 
     def trouble(self) -> str:
         """Return in words what is wrong, "" where nothing is."""
@@ -354,32 +356,15 @@ class BusWatch:
         where = " or ".join(self._where)
         return "" if connected else f"The bus is gone: there is no connection to {where}. Trying again."
 
-
-class BusNews:
-    """Logs once that the bus is gone, and once that it is there again.
-
-    Parameters
-    ----------
-    watch
-        Looks at the connections.
-    log
-        Takes a line of the log.
-    """
-
-    def __init__(self, watch: BusWatch, log: Callable[[str], None]) -> None:
-        self._watch, self._log = watch, log
-        self._reported = ""
-        self._due_s = 0.0
-
-    def look(self, now_s: float) -> None:
-        """Look whether it is time to, and log what changed."""
+    def log_changes(self, now_s: float, log: Callable[[str], None]) -> None:
+        """Look whether it is time to, and log once that the bus is gone, and once that it is there again."""
         if now_s < self._due_s:
             return
         self._due_s = now_s + LOOK_PERIOD_S
-        trouble = self._watch.trouble()
-        if trouble != self._reported:
-            self._log(trouble or "connected to the bus again")
-        self._reported = trouble
+        trouble = self.trouble()
+        if trouble != self._logged:
+            log(trouble or "connected to the bus again")
+        self._logged = trouble
 
 
 # ---- a subscription with a thread of its own -------------------------------------------------------------------------

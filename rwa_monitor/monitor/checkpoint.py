@@ -9,6 +9,7 @@ times the work.
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
+from collections.abc import Sequence
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
@@ -17,11 +18,11 @@ from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidat
 from rwa_monitor.changepoints.evidence import Gathered
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, samples_json
-from rwa_monitor.monitor.ingest.sequencer import Batch
+from rwa_monitor.monitor.ingest.sequencer import Batch, Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import Rows
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.friction import Source
+from rwa_monitor.telemetry.friction import FrictionSource, Source
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import MEMORY, Channel, SensorValidation
 
@@ -50,6 +51,10 @@ class HeldBatch(_Part):
         return Batch(self.message.publisher, self.number, self.message.samples())
 
 
+# What a sequencer's state holds as the sequencer does.
+_SEQUENCE: Final = ("current", "expected", "takeover_uncertain", "largest", "replaced", "latest_ns")
+
+
 class SequencerState(_Part):
     """State of `sequencer.Sequencer`; in the file a takeover is called a challenge."""
 
@@ -64,6 +69,24 @@ class SequencerState(_Part):
     largest: Slot
     replaced: list[str]
     latest_ns: int | None
+
+    @classmethod
+    def of(cls, sequencer: Sequencer) -> Self:
+        """Keep what waits in a sequencer, and what it has counted to."""
+        return cls(
+            held=[HeldBatch.of(batch) for batch in sequencer.held.values()],
+            skipped=list(sequencer.skipped),
+            takeover=[HeldBatch.of(batch) for batch in sequencer.takeover],
+            **{name: getattr(sequencer, name) for name in _SEQUENCE},
+        )
+
+    def restore(self, sequencer: Sequencer) -> None:
+        """Let a new sequencer go on from here."""
+        for name in _SEQUENCE:
+            setattr(sequencer, name, getattr(self, name))
+        sequencer.held = {held.number: held.batch() for held in self.held if held.number is not None}
+        sequencer.skipped = dict.fromkeys(self.skipped)
+        sequencer.takeover = [held.batch() for held in self.takeover]
 
 
 class GridState(_Part):
@@ -173,6 +196,22 @@ class EffectsState(_Part):
     last_speed_rad_s: float
     memories: list[list[float] | None]
 
+    @classmethod
+    def of(cls, friction: FrictionSource) -> Self:
+        """Keep what the effects remember."""
+        return cls(
+            angle_rad=friction.angle_rad,
+            last_speed_rad_s=friction.last_speed_rad_s,
+            friction=ChannelState.of(friction.channel),
+            memories=[None if memory is None else memory.tolist() for memory in friction.memories],
+        )
+
+    def restore(self, friction: FrictionSource) -> None:
+        """Let the friction of the same wheel go on from here."""
+        friction.angle_rad, friction.last_speed_rad_s = self.angle_rad, self.last_speed_rad_s
+        friction.channel = self.friction.channel()
+        friction.memories = [None if memory is None else _with_nan(memory) for memory in self.memories]
+
 
 def _floats(value: object) -> FloatArray:
     """Return an array, float64 (n,), or the base64 of one in little-endian float64, as an array."""
@@ -242,9 +281,8 @@ class Checkpoint(_Part):
 
     def to_json(self) -> bytes:
         """Write the checkpoint; the same state always gives the same bytes."""
-        return self.model_dump_json(
-            by_alias=True
-        ).encode()  # every number is finite; json.dumps takes thirteen times as long
+        # Every number is finite; json.dumps takes thirteen times as long.
+        return self.model_dump_json(by_alias=True).encode()
 
     @classmethod
     def from_json(cls, data: bytes, source: str) -> Self:
@@ -264,7 +302,7 @@ def _with_null(values: FloatArray) -> list[float | None]:
     return listed
 
 
-def _with_nan(values: list[float | None]) -> FloatArray:
+def _with_nan(values: Sequence[float | None]) -> FloatArray:
     return np.array(values, dtype=np.float64)
 
 

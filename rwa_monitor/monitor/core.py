@@ -18,13 +18,7 @@ import numpy as np
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.checkpoint import (
-    Checkpoint,
-    GridState,
-    HeldBatch,
-    SequencerState,
-    WaitingSample,
-)
+from rwa_monitor.monitor.checkpoint import Checkpoint, GridState, SequencerState, WaitingSample
 from rwa_monitor.monitor.events import (
     ChannelMissing,
     EpochStarted,
@@ -226,34 +220,20 @@ class WheelCore:
 
     def checkpoint(self) -> Checkpoint:
         """Return the whole state of the core; `resume` makes an equal core of it."""
-        sequencer, assignment, windows = self._sequencer, self._assignment, self._windows
+        grid = self._assignment.grid
         return Checkpoint(
             source=self._source,
             said_missing=self._reported_missing,
             counts=asdict(self.counts),
             carried=self.carried,
-            sequencer=SequencerState(
-                current=sequencer.current,
-                expected=sequencer.expected,
-                held=[HeldBatch.of(batch) for batch in sequencer.held.values()],
-                skipped=list(sequencer.skipped),
-                takeover=[HeldBatch.of(batch) for batch in sequencer.takeover],
-                takeover_uncertain=sequencer.takeover_uncertain,
-                largest=sequencer.largest,
-                replaced=list(sequencer.replaced),
-                latest_ns=sequencer.latest_ns,
-            ),
+            sequencer=SequencerState.of(self._sequencer),
             waiting=None if self._waiting is None else WaitingSample.of(self._waiting),
-            epoch_origin_ns=windows.grid.origin_ns,
             grid=GridState(
-                origin_ns=assignment.grid.origin_ns if assignment.grid else None,
-                frontier=assignment.frontier,
-                last_ns=assignment.last_ns,
+                origin_ns=grid.origin_ns if grid else None,
+                frontier=self._assignment.frontier,
+                last_ns=self._assignment.last_ns,
             ),
-            slots=windows.slots_state(),
-            screen=windows.screen_state(),
-            effects=windows.effects_state(),
-            windows=windows.windows_state(),
+            **self._windows.states(),
         )
 
     @classmethod
@@ -275,27 +255,16 @@ class WheelCore:
             raise InputError("checkpoint", f"{min(unknown)[:40]!r} is nothing that is counted", "counts")
         for name, count in checkpoint.counts.items():  # the sequencer and the slot assignment count in the same place
             setattr(core.counts, name, count)
-        core._resume_order(checkpoint)
-        core._windows.resume(checkpoint.slots, checkpoint.screen, checkpoint.effects, checkpoint.windows)
+        checkpoint.sequencer.restore(core._sequencer)
+        state, assignment = checkpoint.grid, core._assignment
+        assignment.grid = None if state.origin_ns is None else SlotGrid(state.origin_ns, wheel.period_ns)
+        assignment.frontier, assignment.last_ns = state.frontier, state.last_ns
+        if checkpoint.waiting is not None:
+            if set(checkpoint.waiting.values) != set(core._windows.ring.channels):
+                raise InputError("checkpoint", f"does not fit the wheel {wheel.name}")
+            core._waiting = checkpoint.waiting.rows()
+        core._windows.resume(checkpoint)
         return core
-
-    def _resume_order(self, checkpoint: Checkpoint) -> None:
-        state, grid = checkpoint.sequencer, checkpoint.grid
-        sequencer, assignment = self._sequencer, self._assignment
-        sequencer.current, sequencer.expected = state.current, state.expected
-        sequencer.held = {held.number: held.batch() for held in state.held if held.number is not None}
-        sequencer.skipped = dict.fromkeys(state.skipped)
-        sequencer.takeover = [held.batch() for held in state.takeover]
-        sequencer.takeover_uncertain = state.takeover_uncertain
-        sequencer.largest, sequencer.replaced = state.largest, list(state.replaced)
-        sequencer.latest_ns = state.latest_ns
-        assignment.grid = None if grid.origin_ns is None else SlotGrid(grid.origin_ns, self.wheel.period_ns)
-        assignment.frontier, assignment.last_ns = grid.frontier, grid.last_ns
-        self._windows.grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
-        waiting = checkpoint.waiting
-        if waiting is not None and set(waiting.values) != set(self._windows.ring.channels):
-            raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
-        self._waiting = None if waiting is None else waiting.rows()
 
 
 def diagnose_samples(

@@ -6,7 +6,7 @@ One thread does everything in this order, so that what is on the disk is always 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
@@ -45,8 +45,8 @@ from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
 from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
-from rwa_monitor.monitor.state_recovery import RecoveredState, Setup
-from rwa_monitor.monitor.wheel_set import WheelKey, WheelSet
+from rwa_monitor.monitor.setup import Setup, WheelKey, WheelSet
+from rwa_monitor.monitor.state_recovery import RecoveredState
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import counted, time_text
@@ -120,12 +120,12 @@ class RunOptions:
 class _Served:
     """What the monitor keeps of one wheel besides its core; `core` is None while no message could be read."""
 
+    key: WheelKey
     core: WheelCore | None = None
     messages_rejected: int = 0
     last_error: str | None = None
     last_sample_ns: int | None = None
     publisher: str = ""
-    diagnosis: Output | None = None
     verdict: tuple[str, ...] = ()  # and what is anomalous, as it was logged last
     health: Output | None = None
     windows: int = 0
@@ -133,6 +133,11 @@ class _Served:
     reported: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
     status_due_s: float = 0.0
     status_recorded_s: float = float("-inf")
+
+    @property
+    def name(self) -> str:
+        """Spacecraft and wheel, as the log has them."""
+        return "/".join(self.key)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +203,7 @@ class Monitor:
         self.recorder = recorder
         self.log = log
         self.clock = clock
-        self._served: dict[tuple[str, str], _Served] = {}
+        self._served: dict[WheelKey, _Served] = {}
         self._setup = options.setup()
         self.searches = Searches(self._setup.wheels, options.record, log)
         self._model_sha256 = options.model.sha256() if options.model else ""
@@ -216,7 +221,7 @@ class Monitor:
             Called for each wheel whose state is written, for a supervisor that waits.
         """
         for key, core in recovered.cores.items():
-            self._served[key] = _Served(core=core)
+            self._served[key] = _Served(key, core)
         if self.recorder is not None:
             inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in recovered.unrecorded]
             if len(recovered.cores) >= MANY_WHEELS:  # some 6 ms each
@@ -252,22 +257,15 @@ class Monitor:
         """Write the last status of each wheel and the end of the recording."""
         windows = sum(served.windows for served in self._served.values())
         self.log(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
-        unused = [
-            f"{key[0]}/{key[1]}"
-            for key in self.options.own_wheels
-            if self._is_ours(*key) and not self._has_samples(key)
-        ]
-        if unused:
+        with_samples = {key for key, served in self._served.items() if served.core is not None}
+        own = self.options.own_wheels
+        if unused := ["/".join(key) for key in own if self._is_ours(*key) and key not in with_samples]:
             self.log(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
         self.searches.close()
-        for key, served in self._served.items():
-            self._status(key, served, record=True)
+        for served in self._served.values():
+            self._status(served, record=True)
         if self.recorder is not None:
             self.recorder.close(self.clock.monotonic_s())
-
-    def _has_samples(self, key: tuple[str, str]) -> bool:
-        """Return whether samples of a wheel have come, in this run or before it."""
-        return key in self._served and self._served[key].core is not None
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
@@ -313,12 +311,11 @@ class Monitor:
         served.last_sample_ns = core.last_sample_ns
         if any(isinstance(event, WindowDiagnosed) for event in events):
             served.diagnosis_s = self.clock.monotonic_s() - begin_s
-        self._handle(served, spacecraft, wheel, events)
+        self._handle(served, events)
         return True
 
-    def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[Event]) -> None:
+    def _handle(self, served: _Served, events: list[Event]) -> None:
         """Record what the core reports, bring a diagnosis to the disk, then publish."""
-        events = list(events)
         for event in events:
             trouble = trouble_in(event)
             if trouble is None:
@@ -328,9 +325,9 @@ class Monitor:
                 if (event.channel, event.hangs) in served.reported:
                     continue
                 served.reported.add((event.channel, event.hangs))
-            self.log(f"{spacecraft}/{wheel}: {trouble}")
-        outputs = outputs_of(events, spacecraft, wheel)
-        closed = any(isinstance(event, WindowDiagnosed) for event in events)
+            self.log(f"{served.name}: {trouble}")
+        outputs = outputs_of(events, *served.key)
+        closed = [event for event in events if isinstance(event, WindowDiagnosed)]
         for output in outputs:
             self._record(output)
         if closed and self.recorder is not None:
@@ -339,21 +336,20 @@ class Monitor:
             self._publish(output)
         if closed:
             served.reported.clear()
-            served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
-            self._status((spacecraft, wheel), served, record=True)
-        for event in events:
-            if isinstance(event, WindowDiagnosed):
-                self._log_verdict(served, spacecraft, wheel, event)
-            if isinstance(event, WindowDiagnosed) and not event.partial:
-                self.searches.take_diagnosis(spacecraft, wheel, adequate=event.diagnosis.model_adequate)
+            served.windows += len(closed)
+            self._status(served, record=True)
+        for event in closed:
+            self._log_verdict(served, event)
+            if not event.partial:
+                self.searches.take_diagnosis(*served.key, adequate=event.diagnosis.model_adequate)
 
-    def _log_verdict(self, served: _Served, spacecraft: str, wheel: str, event: WindowDiagnosed) -> None:
-        """Log what a window amounts to where that is news; a line for each window of a fleet would hide it."""
+    def _log_verdict(self, served: _Served, event: WindowDiagnosed) -> None:
+        """Log what a window amounts to where the verdict changes; a line for each window of a fleet would hide it."""
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
         if verdict != served.verdict and self.options.log_verdicts:
             until = time_text(event.end_ns)
-            self.log(f"{spacecraft}/{wheel}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
+            self.log(f"{served.name}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
         served.verdict = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
@@ -371,7 +367,7 @@ class Monitor:
         if meant := misspelt(payload):
             text = f"{text}; {meant}"
         if served.last_error != text:
-            self.log(f"{spacecraft}/{wheel}: a message was refused: {text}")
+            self.log(f"{served.name}: a message was refused: {text}")
         served.last_error = text
 
     def _is_ours(self, spacecraft: str, wheel: str) -> bool:
@@ -381,11 +377,12 @@ class Monitor:
         return int.from_bytes(digest, "big") % of == share - 1
 
     def _serve(self, spacecraft: str, wheel: str) -> _Served:
-        if (spacecraft, wheel) not in self._served:
+        key = spacecraft, wheel
+        if key not in self._served:
             if len(self._served) >= MAX_WHEELS:
-                raise InputError(f"{spacecraft}/{wheel}", f"is one wheel more than the {MAX_WHEELS} of a process")
-            self._served[spacecraft, wheel] = _Served()
-        return self._served[spacecraft, wheel]
+                raise InputError("/".join(key), f"is one wheel more than the {MAX_WHEELS} of a process")
+            self._served[key] = _Served(key)
+        return self._served[key]
 
     # ---- out -----------------------------------------------------------------------------------------------------
 
@@ -398,8 +395,6 @@ class Monitor:
             return
         spacecraft, wheel, _ = split_key(output.key)
         served = self._served.get((spacecraft, wheel))
-        if served is not None and output.message is Diagnosis:
-            served.diagnosis = output
         if served is not None and output.message is Health:
             served.health = output
         try:
@@ -415,22 +410,22 @@ class Monitor:
             self._record(found)
             self._publish(found)
         self.bus.answer(Health.encoding(), self._latest_health)
-        for key, served in self._served.items():
+        for served in self._served.values():
             if now_s >= served.status_due_s:
                 served.status_due_s = now_s + self.options.status_period_s
                 record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
                 if record:
                     served.status_recorded_s = now_s
-                self._status(key, served, record=record)
+                self._status(served, record=record)
 
     def _latest_health(self) -> dict[str, bytes]:
         return {
             served.health.key: served.health.payload for served in self._served.values() if served.health is not None
         }
 
-    def _status(self, key: tuple[str, str], served: _Served, *, record: bool) -> None:
+    def _status(self, served: _Served, *, record: bool) -> None:
         """Publish how a wheel's monitor is doing."""
-        spacecraft, wheel = key
+        spacecraft, wheel = served.key
         core = served.core
         recording = self.recorder.path if self.recorder else None
         last_error = served.last_error
@@ -476,11 +471,7 @@ class Monitor:
             on_progress()
             return core.checkpoint().to_json()
 
-        return {
-            f"{spacecraft}/{wheel}": partial(write, served.core)
-            for (spacecraft, wheel), served in self._served.items()
-            if served.core is not None
-        }
+        return {served.name: partial(write, served.core) for served in self._served.values() if served.core is not None}
 
     def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:

@@ -86,24 +86,24 @@ class SamplesPublisher:
         self._publisher.close()
 
 
-def publish(
+def send(
     telemetry: Mapping[str, Samples],
-    session: zenoh.Session,
+    sinks: Mapping[str, SamplesSink],
     *,
     speed: float = 1.0,
     batch_samples: int = 256,
     linger_s: float = LINGER_S,
     stop: Event | None = None,
-    on_batch: Callable[[str, int], None] | None = None,
+    on_batch: Callable[[str, int], None] = lambda _key, _sent: None,
 ) -> int:
-    """Publish samples of one or more wheels in the pace of their own time.
+    """Send samples of one or more wheels in the pace of their own time, and close the sinks.
 
     Parameters
     ----------
     telemetry
         Samples by bus key ("rwa/<spacecraft>/<wheel>/samples").
-    session
-        An open Zenoh session (`bus.open_session`).
+    sinks
+        Where those of each wheel go, such as its `SamplesPublisher`.
     speed
         Times faster than real time; `math.inf` for as fast as the bus takes it.
     batch_samples
@@ -120,23 +120,6 @@ def publish(
     int
         Samples sent.
     """
-    sinks = {key: SamplesPublisher(session, key) for key in telemetry}
-    return send(
-        telemetry, sinks, speed=speed, batch_samples=batch_samples, linger_s=linger_s, stop=stop, on_batch=on_batch
-    )
-
-
-def send(
-    telemetry: Mapping[str, Samples],
-    sinks: Mapping[str, SamplesSink],
-    *,
-    speed: float,
-    batch_samples: int,
-    linger_s: float,
-    stop: Event | None = None,
-    on_batch: Callable[[str, int], None] | None = None,
-) -> int:
-    """Send samples to the sinks of their wheels in the pace of their own time, and close these; see `publish`."""
     stop = Event() if stop is None else stop
     sent = dict.fromkeys(telemetry, 0)
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
@@ -144,8 +127,7 @@ def send(
         for key, batch in _paced(_batches(telemetry, batch_samples), speed, stop, first_ns):
             sinks[key].put(batch)
             sent[key] += len(batch)
-            if on_batch is not None:
-                on_batch(key, sent[key])
+            on_batch(key, sent[key])
         stop.wait(linger_s)
     finally:
         for sink in sinks.values():

@@ -15,7 +15,6 @@ from threading import Event
 from typing import Any, Final
 
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
-from rwa_monitor.monitor import state_recovery
 from rwa_monitor.monitor.recording.reader import (
     SOME_CHECKPOINTS,
     Attached,
@@ -26,9 +25,9 @@ from rwa_monitor.monitor.recording.reader import (
     recorded_inputs,
     recordings_of,
 )
-from rwa_monitor.monitor.searches import jobs_of, search_message
-from rwa_monitor.monitor.state_recovery import Comparable
-from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.monitor.searches import jobs_of, search
+from rwa_monitor.monitor.setup import Setup, WheelSet
+from rwa_monitor.monitor.state_recovery import Comparable, run_recording, split_outputs
 from rwa_monitor.words import counted
 
 MAX_LISTED: Final = 20  # fields in the short report
@@ -41,6 +40,7 @@ HASHES_OF_WHAT_IS_COMPARED: Final = {
     "provenance.prior_sha256": "the state that it hashes is compared as rwa.Carried",
     "sha256": "the state beside it in rwa.Carried is compared",
 }
+ABSENT: Final = object()  # stands for a field that one of two messages lacks
 MAX_DIFFERENCES: Final = 10_000  # listed one by one; the rest is counted
 
 
@@ -60,8 +60,7 @@ class Difference:
     @property
     def field(self) -> str:
         """The place without positions in lists, so that like differences count together."""
-        parts = [part for part in self.path.split(".") if not part.isdigit()]
-        return ".".join(parts)
+        return ".".join(part for part in self.path.split(".") if not part.isdigit())
 
 
 @dataclass(slots=True)
@@ -126,7 +125,7 @@ def differences(left: Any, right: Any, path: str = "") -> Iterator[tuple[str, An
             if key in left and key in right:
                 yield from differences(left[key], right[key], inner)
             else:
-                yield inner, left.get(key, _ABSENT), right.get(key, _ABSENT)
+                yield inner, left.get(key, ABSENT), right.get(key, ABSENT)
     elif isinstance(left, list) and isinstance(right, list):
         if len(left) != len(right):
             yield f"{path}.length" if path else "length", len(left), len(right)
@@ -154,16 +153,8 @@ def _parse(payload: bytes) -> Any:
 
 
 def _short(value: Any) -> str:
-    text = value if isinstance(value, _Absent) else json.dumps(value, ensure_ascii=False)
-    return str(text) if len(str(text)) <= 80 else f"{str(text)[:77]}..."
-
-
-class _Absent:
-    def __repr__(self) -> str:
-        return "nothing"
-
-
-_ABSENT: Final = _Absent()
+    text = "nothing" if value is ABSENT else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 # ---- the replay ------------------------------------------------------------------------------------------------------
@@ -284,9 +275,8 @@ class _Chain:
             if on_message is not None:
                 on_message(gone_through)
 
-        run = state_recovery.run_recording(passing, Event(), count)
-        recording = passing.recording
-        settings, setup = recording.settings(), state_recovery.Setup.of(recording)
+        run, recording = run_recording(passing, Event(), count), passing.recording
+        settings, setup = recording.settings(), Setup.of(recording)
         self._check_link(recording, settings)
         self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
         self.messages += [
@@ -295,7 +285,7 @@ class _Chain:
             if output.published and (self.from_ns is None or (output.time_ns or 0) >= self.from_ns)
         ]
 
-        inherited, own = state_recovery.split_outputs(recording)
+        inherited, own = split_outputs(recording)
         replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
@@ -320,10 +310,11 @@ class _Chain:
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
         reports = [m for m in recording.messages if m.schema == Discrepancy.schema_name()]
-        parsed = [Discrepancy.parse(message.data, message.topic) for message in reports]
+        parsed = recording.parsed(Discrepancy)
         jobs = jobs_of(parsed, self._inputs_of(parsed, recording.path), wheels)
         for message, job in zip(reports, jobs, strict=True):
-            again = search_message(job)
+            again = search(job).message
+            assert again is not None  # else it raises
             entry = (message.topic, message.schema)
             self.comparison.add_all(compare([(*entry, message.data)], [(*entry, again.to_json())]))
 
@@ -338,16 +329,14 @@ class _Chain:
 
     def report(self) -> Report:
         """Return what was found."""
-        differences = [*self.broken, *(str(difference) for difference in self.comparison.differences)]
-        fields = Counter(difference.field for difference in self.comparison.differences)
-        if self.broken:
-            fields["chain"] += len(self.broken)
+        found = self.comparison
+        fields = Counter(difference.field for difference in found.differences) + Counter(chain=len(self.broken))
         return Report(
             files=tuple(self.files),
-            compared=dict(self.comparison.compared),
-            differences=tuple(differences),
+            compared=dict(found.compared),
+            differences=(*self.broken, *map(str, found.differences)),
             fields=dict(fields),
-            bytes_equal=self.comparison.bytes_equal and not self.broken,
+            bytes_equal=found.bytes_equal and not self.broken,
             unreadable=tuple(self.unreadable),
             notes=tuple(self.notes),
             messages=tuple(self.messages),

@@ -23,8 +23,8 @@ import numpy as np
 
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import Discrepancy, SamplesMessage, key_of
-from rwa_monitor.monitor.events import Output
-from rwa_monitor.monitor.wheel_set import WheelKey, WheelSet
+from rwa_monitor.monitor.events import Output, output_of
+from rwa_monitor.monitor.setup import WheelKey, WheelSet
 from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text
 from rwa_monitor.wheel.wheel import Wheel
@@ -52,51 +52,39 @@ class SearchAnswer:
     """What a search gives: the message, and the files of its report; or what went wrong, in words."""
 
     job: SearchJob
-    message: bytes = b""
-    end_ns: int = 0
+    message: Discrepancy | None = None
     report: dict[str, str] = field(default_factory=dict)
     problem: str = ""
 
 
-def search_message(job: SearchJob) -> Discrepancy:
-    """Run a search and return its message; the same job always gives the same message.
+def search(job: SearchJob, *, with_report: bool = False) -> SearchAnswer:
+    """Run a search; the same job always gives the same message, which a report may go with.
 
     Raises
     ------
     InputError
         If the samples cannot be searched.
     """
-    return _search(job)[0]
-
-
-def _search(job: SearchJob, *, with_report: bool = False) -> tuple[Discrepancy, dict[str, str]]:
     from rwa_monitor.discrepancy.find import find_discrepancy  # noqa: PLC0415 - the monitor starts without the search
 
-    messages = [SamplesMessage.parse(payload, job.wheel) for payload in job.payloads]
-    samples = concatenate([message.samples() for message in messages])
-    _, first = np.unique(samples.time_ns, return_index=True)
-    samples = samples[first]
-    wheel = Wheel.from_toml(job.wheel_toml, job.wheel)
-    search = find_discrepancy([(f"{job.spacecraft}/{job.wheel}", samples)], wheel)
-    message = Discrepancy.model_validate(
-        {
-            "spacecraft": job.spacecraft,
-            "wheel": job.wheel,
-            "start_ns": int(samples.time_ns[0]),
-            "end_ns": int(samples.time_ns[-1]),
-            **search.result.to_json(),
-        }
-    )
-    if not with_report:
-        return message, {}
-    from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
-    from rwa_monitor.reporting.discrepancy_report import html  # noqa: PLC0415
-
-    report = {
-        "report.html": html(search, [f"{job.spacecraft}/{job.wheel}, live"]),
-        "extended_wheel.toml": extend(search).to_toml(),
+    name = f"{job.spacecraft}/{job.wheel}"
+    samples = concatenate([SamplesMessage.parse(payload, job.wheel).samples() for payload in job.payloads])
+    samples = samples[np.unique(samples.time_ns, return_index=True)[1]]
+    found = find_discrepancy([(name, samples)], Wheel.from_toml(job.wheel_toml, job.wheel))
+    content = {
+        "spacecraft": job.spacecraft,
+        "wheel": job.wheel,
+        "start_ns": int(samples.time_ns[0]),
+        "end_ns": int(samples.time_ns[-1]),
+        **found.result.to_json(),
     }
-    return message, report
+    report = {}
+    if with_report:
+        from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
+        from rwa_monitor.reporting.discrepancy_report import html  # noqa: PLC0415
+
+        report = {"report.html": html(found, [f"{name}, live"]), "extended_wheel.toml": extend(found).to_toml()}
+    return SearchAnswer(job, Discrepancy.model_validate(content), report)
 
 
 def _child(connection: Connection) -> None:
@@ -104,8 +92,7 @@ def _child(connection: Connection) -> None:
     os.nice(NICENESS)
     job: SearchJob = connection.recv()
     try:
-        message, report = _search(job, with_report=True)
-        connection.send(SearchAnswer(job, message.to_json(), message.end_ns, report))
+        connection.send(search(job, with_report=True))
     except RwaMonitorError as error:
         connection.send(SearchAnswer(job, problem=str(error)))
     finally:
@@ -242,13 +229,12 @@ class Searches:
     def _outputs(self, answer: SearchAnswer) -> list[Output]:
         job = answer.job
         name = f"{job.spacecraft}/{job.wheel}"
-        if answer.problem:
+        if answer.message is None:
             self.log(f"{name}: the discrepancy search could not be made: {answer.problem}")
             return []
         if self.folder is not None:
             self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, answer.report)
-        key = key_of(Discrepancy, job.spacecraft, job.wheel)
-        return [Output(key, Discrepancy, answer.message, answer.end_ns)]
+        return [output_of(answer.message, answer.message.end_ns, job.spacecraft, job.wheel)]
 
     def _write_report(self, folder: Path, report: dict[str, str]) -> None:
         """Write the report's files; a disk that refuses costs the report, not the monitor."""

@@ -23,7 +23,7 @@ import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.bus import BusNews, BusWatch, MonitorBus, check_wheels, endpoints, open_session
+from rwa_monitor.monitor.bus import BusWatch, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import FolderLock, Recorder
@@ -82,7 +82,15 @@ def run(
             recovered = recover_state(options.record, setup, stop, log, starting)
             if stop.is_set():
                 return
-            recorder = _recorder(options, options.record, recovered, clock)
+            recorder = Recorder(
+                options.record,
+                attachments=setup.attachments(),
+                settings={**options.settings(), "build": build()},
+                predecessor=recovered.predecessor,
+                wall_ns=clock.wall_ns,
+                max_file_bytes=options.max_file_bytes,
+                max_total_bytes=options.max_record_bytes,
+            )
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))
@@ -96,25 +104,12 @@ def run(
         if options.log_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
             log(wait)
         supervisor.ready(doing)
-        news = BusNews(BusWatch(session, endpoints(options.bus)), log)
+        watch = BusWatch(session, endpoints(options.bus))
         while not stop.is_set():
             supervisor.alive(clock.monotonic_s())
-            news.look(clock.monotonic_s())
+            watch.log_changes(clock.monotonic_s(), log)
             monitor.step()
         supervisor.stopping()
-
-
-def _recorder(options: RunOptions, folder: Path, recovered: RecoveredState, clock: Clock) -> Recorder:
-    """Return what records, in a folder, after what lies there."""
-    return Recorder(
-        folder,
-        attachments=options.setup().attachments(),
-        settings={**options.settings(), "build": build()},
-        predecessor=recovered.predecessor,
-        wall_ns=clock.wall_ns,
-        max_file_bytes=options.max_file_bytes,
-        max_total_bytes=options.max_record_bytes,
-    )
 
 
 def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:

@@ -12,10 +12,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from threading import Event
-from typing import Final, get_args
+from typing import Final
 
-from rwa_monitor.changepoints.stage_results import Method
-from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, SamplesMessage, split_key
 from rwa_monitor.monitor.checkpoint import Checkpoint
@@ -32,7 +30,7 @@ from rwa_monitor.monitor.recording.reader import (
     last_settings,
 )
 from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
-from rwa_monitor.monitor.wheel_set import MODEL, WheelSet, key_of_name
+from rwa_monitor.monitor.setup import Setup, key_of_name
 from rwa_monitor.words import counted, first_few
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
@@ -40,40 +38,6 @@ COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), 
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
 Comparable = tuple[str, str, bytes]  # topic, schema, JSON
 MAX_KEPT_BYTES: Final = 2**30  # of messages of these, of a recording
-
-
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """What a recording was made with: the constants of its wheels, what was learned, and how jumps are assigned."""
-
-    wheels: WheelSet
-    model: Model | None
-    method: Method
-
-    @classmethod
-    def of(cls, recording: Recording) -> Setup:
-        """Read the setup from a recording's attachments; raises InputError where one is missing or damaged."""
-        source = str(recording.path)
-        settings = recording.settings()
-        method: Method | None = settings.get("method")
-        if method is None or method not in get_args(Method):
-            raise InputError(source, f"{method!r} is none of {', '.join(get_args(Method))}", "settings.json: method")
-        wheels = WheelSet.of_recording(recording)
-        model_text = recording.text(MODEL)
-        model = Model.from_json(model_text, f"{source}: {MODEL}") if model_text else None
-        return cls(wheels, model, method)
-
-    def attachments(self) -> dict[str, bytes]:
-        """Return the setup as attachments of a recording, by name, as `of` reads them."""
-        return {**self.wheels.attachments(), MODEL: self.model.to_json().encode() if self.model else b""}
-
-    def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
-        """Return the core of a wheel of which nothing is known yet."""
-        return WheelCore(self.wheels.of(spacecraft, wheel), self.model, method=self.method)
-
-    def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str, Method]:
-        """Return what the diagnoses of a wheel depend on: the hashes of its constants and the model, and the method."""
-        return self.wheels.of(spacecraft, wheel).sha256(), self.model.sha256() if self.model else "", self.method
 
 
 @dataclass(slots=True)

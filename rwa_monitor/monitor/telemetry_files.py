@@ -10,7 +10,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, split_key
 from rwa_monitor.monitor.recording.reader import Recording, read_recording
-from rwa_monitor.monitor.wheel_set import COMMON, MODEL, WheelSet
+from rwa_monitor.monitor.setup import COMMON, MODEL, WheelSet
 from rwa_monitor.telemetry.ccsds_packets import read_packets
 from rwa_monitor.telemetry.columns import unknown_columns
 from rwa_monitor.telemetry.files import display_name

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
 from rwa_monitor.diagnosis.explanation import quantity, title
 from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
-from rwa_monitor.messages import Diagnosis, Message, Number
+from rwa_monitor.messages import Diagnosis, Message, Number, Quantity
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
 SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is given in hours
@@ -36,29 +36,26 @@ class FrictionEstimate(Message):
     unit: str
 
 
-@dataclass(frozen=True, slots=True)
-class WindowFriction:
-    """Base dry and viscous friction of one window: what is left of a diagnosis that is kept for its trend only."""
+WindowFriction = Mapping[str, FrictionEstimate]  # of one window: base dry and viscous friction by name
 
-    window_start_ns: int
-    by_name: Mapping[str, FrictionEstimate]
 
-    @classmethod
-    def of(cls, diagnosis: Diagnosis) -> Self:
-        """Return the friction of a diagnosis."""
-        by_name = {}
-        for name, quantity_ in (("dry", diagnosis.friction.base_dry), ("viscous", diagnosis.friction.viscous)):
-            known = diagnosis.anomalies.get(name)
-            by_name[name] = FrictionEstimate(
-                window_start_ns=diagnosis.window_start_ns,
-                window_end_ns=diagnosis.window_end_ns,
-                value=quantity_.value,
-                std=quantity_.std,
-                nominal_low=known.nominal_low if known else None,
-                nominal_high=known.nominal_high if known else None,
-                unit=quantity_.unit,
-            )
-        return cls(diagnosis.window_start_ns, by_name)
+def window_friction(diagnosis: Diagnosis) -> WindowFriction:
+    """Return what is kept of a diagnosis for the trend of its friction."""
+
+    def estimate(name: str, found: Quantity) -> FrictionEstimate:
+        known = diagnosis.anomalies.get(name)
+        return FrictionEstimate(
+            window_start_ns=diagnosis.window_start_ns,
+            window_end_ns=diagnosis.window_end_ns,
+            value=found.value,
+            std=found.std,
+            nominal_low=known.nominal_low if known else None,
+            nominal_high=known.nominal_high if known else None,
+            unit=found.unit,
+        )
+
+    friction = diagnosis.friction
+    return {"dry": estimate("dry", friction.base_dry), "viscous": estimate("viscous", friction.viscous)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,11 +188,11 @@ def wheel_trends(
     -------
     By coefficient; one that too few windows show is not in it.
     """
-    frictions = [window if isinstance(window, WindowFriction) else WindowFriction.of(window) for window in windows]
-    frictions.sort(key=lambda friction: friction.window_start_ns)
+    frictions = [window_friction(window) if isinstance(window, Diagnosis) else window for window in windows]
     found = {}
     for name in ("dry", "viscous"):
-        trend = coefficient_trend(name, [friction.by_name[name] for friction in frictions], (limits or {}).get(name))
+        estimates = sorted((friction[name] for friction in frictions), key=lambda estimate: estimate.window_start_ns)
+        trend = coefficient_trend(name, estimates, (limits or {}).get(name))
         if trend is not None:
             found[name] = trend
     return found

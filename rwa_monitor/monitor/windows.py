@@ -8,7 +8,7 @@ Pure, as the core is. Work is done in blocks that end at fixed slots of the grid
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ProvisionalJump
 from rwa_monitor.monitor.checkpoint import (
-    ChannelState,
+    Checkpoint,
     EffectsState,
     GatheredState,
     ScreenState,
@@ -255,44 +255,33 @@ class Windows:
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 
-    def slots_state(self) -> SlotsState:
-        """Return the slots that are still needed."""
+    def states(self) -> dict[str, Any]:
+        """Return what a checkpoint holds of the slots that are still needed, and of what works on them, by its name."""
         needed = min([self._done, *(window.start for window in self._open)])
         around = 2 * self.friction.reach + BLOCK_SLOTS + LAG_SLOTS
-        return SlotsState.of(self.ring, needed - around, self._done - around)
+        return {
+            "epoch_origin_ns": self.grid.origin_ns,
+            "slots": SlotsState.of(self.ring, needed - around, self._done - around),
+            "screen": ScreenState.of(self.screen),
+            "effects": EffectsState.of(self.friction),
+            "windows": WindowsState(
+                done=self._done,
+                next_start=self._next_start,
+                last_end=self._last_end,
+                open=[window.start for window in self._open],
+                gathered=[GatheredState.of(window.accumulator.gathered()) for window in self._open],
+            ),
+        }
 
-    def screen_state(self) -> ScreenState:
-        """Return the state of the sensor validation."""
-        return ScreenState.of(self.screen)
-
-    def effects_state(self) -> EffectsState:
-        """Return what the wheel's effects remember."""
-        friction = self.friction
-        return EffectsState(
-            angle_rad=friction.angle_rad,
-            last_speed_rad_s=friction.last_speed_rad_s,
-            friction=ChannelState.of(friction.channel),
-            memories=[None if memory is None else memory.tolist() for memory in friction.memories],
-        )
-
-    def windows_state(self) -> WindowsState:
-        """Return where the windows stand and what the open ones have gathered."""
-        return WindowsState(
-            done=self._done,
-            next_start=self._next_start,
-            last_end=self._last_end,
-            open=[window.start for window in self._open],
-            gathered=[GatheredState.of(window.accumulator.gathered()) for window in self._open],
-        )
-
-    def resume(self, slots: SlotsState, screen: ScreenState, effects: EffectsState, windows: WindowsState) -> None:
-        """Go on from the states of other windows of the same wheel, friction from the same source.
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Go on from the state of other windows of the same wheel, friction from the same source.
 
         Raises
         ------
         InputError
-            If they do not fit the wheel.
+            If it does not fit the wheel.
         """
+        slots, effects, windows = checkpoint.slots, checkpoint.effects, checkpoint.windows
         fits = (
             0 <= slots.end - slots.begin <= self.ring.capacity
             and slots.consistent
@@ -304,12 +293,10 @@ class Windows:
         )
         if not fits:
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
+        self.grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
         slots.restore(self.ring)
-        screen.restore(self.screen)
-        self.friction.angle_rad = effects.angle_rad
-        self.friction.last_speed_rad_s = effects.last_speed_rad_s
-        self.friction.channel = effects.friction.channel()
-        self.friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]
+        checkpoint.screen.restore(self.screen)
+        effects.restore(self.friction)
         self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
         for start, gathered in zip(windows.open, windows.gathered, strict=True):
             accumulator = WindowAccumulator(self.wheel)

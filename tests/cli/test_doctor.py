@@ -14,8 +14,7 @@ from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.recording.recorder import FolderLock
-from rwa_monitor.monitor.state_recovery import Setup
-from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.monitor.setup import Setup, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.monitor.support import free_port
 from tests.program import run

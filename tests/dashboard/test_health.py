@@ -15,7 +15,6 @@ from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import publish
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
@@ -23,6 +22,7 @@ from tests.dashboard.support import START_S, acknowledge, send_windows
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
+from tests.monitor.support import publish
 
 WINDOW = 2_000
 

@@ -14,7 +14,7 @@ from rwa_monitor.dashboard import fleet
 from rwa_monitor.dashboard.fleet import Fleet, Received, VerdictHistory
 from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, OpenWindow, Rhythm, thinned_json
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND as SECOND
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.torque_balance import mended_friction

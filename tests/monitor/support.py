@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import socket
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from itertools import pairwise
@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zenoh
 
 from benchmarks.references import reference_wheel
 from rwa_monitor.diagnosis.model import Model, built_in_model
@@ -19,6 +20,7 @@ from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, outputs_of
 from rwa_monitor.monitor.ingest.sequencer import Counts
+from rwa_monitor.monitor.publisher import SamplesPublisher, send
 from rwa_monitor.monitor.recording.reader import read_chain
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
@@ -78,6 +80,11 @@ def pieces(samples: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
 def run_core(core: WheelCore, parts: Sequence[Samples], publisher: str = "p", first: int = 0) -> list[Event]:
     """Feed parts as numbered messages."""
     return [event for number, part in enumerate(parts) for event in core.feed(part, publisher, first + number)]
+
+
+def publish(telemetry_of: Mapping[str, Samples], session: zenoh.Session, **options: Any) -> int:
+    """Publish samples on the bus by key, as `send` has it."""
+    return send(telemetry_of, {key: SamplesPublisher(session, key) for key in telemetry_of}, **options)
 
 
 def messages_of(events: Sequence[Event]) -> list[tuple[str, bytes]]:

@@ -20,12 +20,11 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Discrepancy, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import publish
 from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.searches import HAND_OVER, Searches, SearchJob, search_message
+from rwa_monitor.monitor.searches import HAND_OVER, Searches, SearchJob, search
 from rwa_monitor.monitor.service import run
-from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.simulation.motion import SpeedProfile
@@ -33,6 +32,7 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, Window, built_in_wheel
 from tests.monitor.processes import wait_for
+from tests.monitor.support import publish
 
 SLOTS = 8_000
 # A search of 8,000 slots takes about 5 s on an idle machine, and where all cores are busy ten times its share of them:
@@ -164,7 +164,9 @@ def test_a_search_whose_process_is_killed_is_reported(searches: Searches, log_li
 @pytest.mark.slow
 def test_the_same_job_gives_the_same_message() -> None:
     job = SearchJob("sat", "a", small_wheel().to_toml(), tuple(batches(telemetry(1))))
-    assert search_message(job).to_json() == search_message(job).to_json()
+    first, again = search(job).message, search(job).message
+    assert first is not None
+    assert first == again
 
 
 def test_live_search_is_published_recorded_and_verified(tmp_path: Path) -> None:

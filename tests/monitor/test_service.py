@@ -26,7 +26,7 @@ from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.ingest.backfill import Arrival, arrival_of
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher, publish, replay_to_bus
+from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher, replay_to_bus
 from rwa_monitor.monitor.recording.reader import read_chain
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.service import run
@@ -41,6 +41,7 @@ from tests.monitor.support import (
     batch_diagnoses,
     free_port,
     model,
+    publish,
     recorded,
     spoiled,
     telemetry,

@@ -18,7 +18,7 @@ from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.reader import Recording, recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import jobs_of
-from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
+from rwa_monitor.monitor.setup import COMMON, WheelSet
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.configuration import read_wheel_folder, write_wheel
 from rwa_monitor.wheel.wheel import Wheel

@@ -12,7 +12,7 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.state_recovery import Setup
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.wheel.wheel import built_in_wheel

@@ -21,7 +21,7 @@ from errno import EIO
 from hashlib import sha256
 from io import SEEK_END, BytesIO, FileIO
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple
+from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -30,10 +30,11 @@ from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.messages import Message, SamplesMessage
 from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
 from rwa_monitor.words import counted, time_text
 
+Parsed = TypeVar("Parsed", bound=Message)
 RECORDING_SUFFIX: Final = ".mcap"
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
@@ -130,6 +131,14 @@ class Recording:
         except (ValueError, RecursionError) as error:
             raise InputError(str(self.path), f"is no JSON that can be used: {error}", SETTINGS_ATTACHMENT) from error
         return content
+
+    def parsed(self, kind: type[Parsed]) -> list[Parsed]:
+        """Return the messages of a kind, in order; raises InputError where one cannot be read."""
+        return [
+            kind.parse(message.data, f"{self.path}: {message.topic}")
+            for message in self.messages
+            if message.schema == kind.schema_name()
+        ]
 
 
 class PassingRecording:
