@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.estimation import SlopePrior
+from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
 from rwa_monitor.changepoints.stage_results import Assignment, Components
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import FloatArray, IntArray
@@ -111,12 +111,12 @@ class FeaturesOfPath:
 
 def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
     """Return the features of a window from the results of stage 3."""
-    nominal_viscous = normalised_nominal_viscous(wheel)
+    unit = normalised_nominal_viscous(wheel)
     features = Features(
         base_dry=components.base_dry,
         base_dry_std=components.base_dry_std,
-        viscous=components.viscous / nominal_viscous,
-        viscous_std=components.viscous_std / nominal_viscous,
+        viscous=components.viscous / unit,
+        viscous_std=components.viscous_std / unit,
         systems=_systems(components, assignment.configurations, assignment, wheel),
     )
     if not components.by_path:
@@ -139,9 +139,7 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
 
 def normalised_nominal_viscous(wheel: Wheel) -> float:
     """Return the nominal viscous friction in the stages' units, dry torque over nominal speed; 1 without one."""
-    if wheel.nominal is None or wheel.nominal.viscous_Nm_s_rad == 0:
-        return 1.0
-    return wheel.nominal.viscous_Nm_s_rad * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
+    return nominal_viscous(wheel) or 1.0
 
 
 def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) -> Features:
