@@ -135,17 +135,27 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True)
-class Visit:
+class Sojourn:
+    """A sojourn in one configuration: its slots in the record, and whether it began and ended there."""
+
+    slots: int
+    began: bool
+    ended: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether the record cuts nothing of it."""
+        return self.began and self.ended
+
+
+@dataclass(frozen=True, slots=True)
+class Visit(Sojourn):
     """A sojourn of one system in one record.
 
     Attributes
     ----------
     configuration
         q.
-    slots
-        Of it in the record.
-    began, ended
-        In the record, or not.
     friction, std
         Above the base, and its standard deviation [N m]; 0 in the lowest configuration.
     record
@@ -155,13 +165,15 @@ class Visit:
     """
 
     configuration: int
-    slots: int
-    began: bool
-    ended: bool
     friction: float
     std: float
     record: int
     begin: int
+
+
+def ways_up(visits: Sequence[Visit], q: int) -> list[bool]:
+    """Return of each transition from configuration q whether it goes up."""
+    return [b.configuration > q for a, b in pairwise(visits) if a.configuration == q and a.record == b.record]
 
 
 @dataclass(frozen=True, slots=True)
@@ -460,10 +472,10 @@ def _visits(
                 q = int(path.configurations[begin, i])
                 of_all[i].append(
                     Visit(
-                        q,
                         int(one.at[end] - one.at[begin]),
                         begin > 0,
                         end < one.level.size,
+                        q,
                         friction[i][k] if q else 0.0,
                         std[i][k] if q else 0.0,
                         number,
@@ -520,7 +532,7 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
             if q:
                 size[i, q], spread[i, q] = _size(seen, chains.size[i, q])
         for q in range(1, count - 1):
-            ways = [b.configuration > q for a, b in pairwise(of_one) if a.configuration == q and a.record == b.record]
+            ways = ways_up(of_one, q)
             up[i, q] = (sum(ways) + 1.0) / (len(ways) + 2.0)
     level = np.array([base for base, _ in bases])
     weight = np.array([slots + 1.0 for _, slots in bases])
@@ -532,13 +544,9 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
 def _law(seen: Sequence[Visit], before: float) -> tuple[float, float]:
     """Return location and width of the log of the slots; sojourns that were cut last somewhat longer than was seen."""
     logs = np.array(
-        [
-            np.log(visit.slots) if visit.began and visit.ended else max(np.log(visit.slots) + CUT_BY, before)
-            for visit in seen
-        ]
+        [np.log(visit.slots) if visit.whole else max(np.log(visit.slots) + CUT_BY, before) for visit in seen]
     )
-    whole = np.array([visit.began and visit.ended for visit in seen], dtype=bool)
-    if not whole.any():
+    if not any(visit.whole for visit in seen):
         return (float(np.mean(logs)) if logs.size else before), START_SIGMA
     middle = float(np.mean(logs))
     squares = float(np.sum((logs - middle) ** 2)) + PRIOR_SOJOURNS * PRIOR_SIGMA**2
