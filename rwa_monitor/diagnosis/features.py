@@ -172,12 +172,6 @@ def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) ->
     return replace(features, viscous=float(viscous), viscous_std=float(viscous_std), by_path=by_path)
 
 
-def _jump_std(assignment: Assignment, s: int) -> float:
-    """Return the mean standard deviation of a system's jumps; 0 for one without jumps."""
-    own = assignment.jump_std[assignment.system == s]
-    return float(own.mean()) if own.size else 0.0
-
-
 def _systems(
     parts: Components, configurations: tuple[IntArray, ...], assignment: Assignment, wheel: Wheel
 ) -> tuple[SystemFeatures, ...]:
@@ -186,6 +180,9 @@ def _systems(
         rests = not configuration.all()
         # What stage 3 gives of a system that never rests includes the offset that all sojourns share; the differences
         # come from the jumps.
-        std = parts.fss_friction_std[s] if rests else np.full(configuration.size, _jump_std(assignment, s))
+        std = parts.fss_friction_std[s]
+        if not rests:
+            own = assignment.jump_std[assignment.system == s]
+            std = np.full(configuration.size, float(own.mean()) if own.size else 0.0)
         found.append(SystemFeatures(system.name, configuration, parts.fss_friction[s], std, rests))
     return tuple(found)

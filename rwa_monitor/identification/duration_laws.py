@@ -32,7 +32,7 @@ from pydantic import BaseModel
 from scipy import special
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.duration_likelihoods import broad_survival
+from rwa_monitor.switching.duration_likelihoods import broad_pmf
 from rwa_monitor.switching.jump_attribution import Sojourn
 from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
 
@@ -174,8 +174,9 @@ def _log_likelihood(
     """
     log_mean = np.log(nodes.mean)
     with np.errstate(divide="ignore"):
-        broad = broad_survival(whole, nodes.mean[:, None]) - broad_survival(whole + 1.0, nodes.mean[:, None])
-        total: FloatArray = np.log((1.0 - STRAY_SHARE) * nodes.laws.pmf(whole) + STRAY_SHARE * broad).sum(axis=1)
+        total: FloatArray = np.log(
+            (1.0 - STRAY_SHARE) * nodes.laws.pmf(whole) + STRAY_SHARE * broad_pmf(whole, nodes.mean[:, None])
+        ).sum(axis=1)
         total += np.log(nodes.laws.survival(begun)).sum(axis=1)
         total += np.log(nodes.laws.survival(found)).sum(axis=1) - found.size * log_mean
         for length in throughout:
