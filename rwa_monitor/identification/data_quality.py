@@ -80,12 +80,13 @@ def with_temperature(problem: Problem, fitted: Fit, base: float) -> list[str]:
     if criterion(problem, fitted) - criterion(problem, follows) < ACCEPT_GAIN or falls < SMALLEST_SWING * base:
         return []
     share = 100.0 * slope / max(viscous, 1e-300)
-    note = (
-        f"viscous friction follows the bearing's temperature ({share:+.2g} % a kelvin), which makes jumps that are no"
-        " switching system's: name the effect with `rwa-monitor discrepancy`, and learn once more from the wheel file"
-        " that it writes (`identify --wheel extended_wheel.toml`)"
-    )
-    return [note]
+    return [
+        (
+            f"viscous friction follows the bearing's temperature ({share:+.2g} % a kelvin), which makes jumps that are no"
+            " switching system's: name the effect with `rwa-monitor discrepancy`, and learn once more from the wheel file"
+            " that it writes (`identify --wheel extended_wheel.toml`)"
+        )
+    ]
 
 
 def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:
@@ -106,26 +107,28 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
     certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
     if not certain or abs(over_all) < LARGEST_DRIFT * base:
         return []
-    note = (
-        f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
-        f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
-        " failing wheel calls the failure nominal"
-    )
-    return [note]
+    return [
+        (
+            f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
+            f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
+            " failing wheel calls the failure nominal"
+        )
+    ]
 
 
 def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> list[str]:
-    """Say what base dry friction may hold where no system is learned."""
-    inside = np.setdiff1d(jumps, problem.starts).size
+    """Return what base dry friction may hold where no system is learned."""
     if systems:
         return []
+    inside = np.setdiff1d(jumps, problem.starts).size
     if not inside:
         return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
-    note = (
-        f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level and"
-        " not judged in windows that hold such jumps"
-    )
-    return [note]
+    return [
+        (
+            f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level and"
+            " not judged in windows that hold such jumps"
+        )
+    ]
 
 
 def check_distinguished(attribution: JumpAttribution, base: float, hours: float) -> None:
