@@ -116,7 +116,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     records = _segments(problem, fitted.jumps, fitted.level + fitted.residual)
     base, base_std = _lowest_level(records)
     warming = with_temperature(problem, fitted, base)
-    drift = [*warming, *drift_in_words(problem, fitted.jumps, fitted.residual, base)]
+    drifting = drift_in_words(problem, fitted.jumps, fitted.residual, base)
+    drift = [note for note in (warming, drifting) if note]
     if warming and systems:
         reason = "; ".join((*drift, "--no-systems (systems=False) learns friction and noise as they are"))
         raise InputError(names, reason)
@@ -160,7 +161,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    warnings = [*drift, *unnamed_jumps(problem, fitted.jumps, blocks), *(why for why in (law, motion) if why)]
+    warnings = [*drift, *(why for why in (unnamed_jumps(problem, fitted.jumps, blocks), law, motion) if why)]
     if start.nominal is not None:
         asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
         warnings += [asked] if asked else []

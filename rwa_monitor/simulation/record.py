@@ -23,8 +23,8 @@ from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.noise_base import NoiseEffect
 from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
-from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, SwitchingEffect
-from rwa_monitor.wheel.switching_systems import FrictionFactor, Realisation, simulate_system
+from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
+from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
 __all__ = ["VISIBLE_INFORMATION", "Changepoints", "Telemetry", "Truth", "cut", "simulate"]
@@ -210,7 +210,12 @@ def _systems(
     for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
         for effect in effects:
             system = effect.change_system(system)
-        factor = _factor_by_slot(scenario.anomalies.get(system.name, _NO_ANOMALY), clock, wheel.sample_period_s)
+        anomaly = scenario.anomalies.get(system.name, _NO_ANOMALY)
+
+        def factor(slot: int, anomaly: Anomaly = anomaly) -> float:
+            slot_in_record = slot if clock is None else clock.slot_in_record(slot)
+            return anomaly.factor_at(slot_in_record * wheel.sample_period_s)
+
         realisation = simulate_system(system, slots, stream, factor)
         systems[system.name] = realisation if clock is None else clock.read(realisation)
     for effect, stream in zip(effects, streams.extra_systems.spawn(len(effects)), strict=True):
@@ -221,13 +226,6 @@ def _systems(
             configuration = (level != 0.0).astype(np.int64)
             systems[effect.name] = Realisation(configuration, level / wheel.torque_unit_Nm, jump_index)
     return systems
-
-
-def _factor_by_slot(anomaly: Anomaly, clock: JumpClock | None, period_s: float) -> FrictionFactor:
-    """Return an anomaly's factor as a function of the slot on the switching systems' clock."""
-    if clock is None:
-        return lambda slot: anomaly.factor_at(slot * period_s)
-    return lambda slot: anomaly.factor_at(clock.slot_in_record(slot) * period_s)
 
 
 def _jumps_of(systems: dict[str, Realisation], torque_unit_Nm: float) -> Jumps:

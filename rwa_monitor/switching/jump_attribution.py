@@ -134,6 +134,9 @@ class Path:
     log_likelihood: float
 
 
+_Description = tuple[float, Chains, list[Path]]  # criterion or log-likelihood, the systems, the path of each record
+
+
 @dataclass(frozen=True, slots=True)
 class Sojourn:
     """A sojourn in one configuration: its slots in the record, and whether it began and ended there."""
@@ -241,30 +244,27 @@ def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:
     return first
 
 
-def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...], tuple[float, Chains, list[Path]]]:
+def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...], _Description]:
     """Describe the records by each number of systems and configurations, simple ones first while more is worth more.
 
     Returns the criterion, the systems and the paths by the numbers of configurations.
     """
     jumps = sum(one.level.size - 1 for one in records)
-    known: dict[tuple[int, ...], tuple[float, Chains, list[Path]]] = {}
+    known: dict[tuple[int, ...], _Description] = {}
     for tier in TIERS:
         before = max((value[0] for value in known.values()), default=-np.inf)
         for counts in tier:
             worth, chains, paths = _best_of(records, counts, base)
-            price = 0.5 * _parameters(counts) * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
+            # Size and spread above the lowest configuration, two of each law, ways up in between.
+            parameters = sum(2 * (count - 1) + 2 * count + (count - 2) for count in counts)
+            price = 0.5 * parameters * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
             known[counts] = worth - price, chains, paths
         if max(value[0] for value in known.values()) <= before:
             break
     return known
 
 
-def _parameters(counts: tuple[int, ...]) -> int:
-    """Count what is estimated: size and spread above the lowest, two of each law, ways up in between."""
-    return sum(2 * (count - 1) + 2 * count + (count - 2) for count in counts)
-
-
-def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> tuple[float, Chains, list[Path]]:
+def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> _Description:
     """Return the best of the starts."""
     tried = [_alternate(records, start, FIRST_PASSES, FIRST_BEAM) for start in _starts(records, counts, base)]
     tried.sort(key=lambda one: -one[0])
@@ -272,9 +272,9 @@ def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) 
     return max(finished, key=lambda one: one[0])
 
 
-def _alternate(records: Sequence[Segments], chains: Chains, passes: int, beam: int) -> tuple[float, Chains, list[Path]]:
+def _alternate(records: Sequence[Segments], chains: Chains, passes: int, beam: int) -> _Description:
     """Alternate paths and estimates; return the best log-likelihood with what gave it."""
-    best: tuple[float, Chains, list[Path]] | None = None
+    best: _Description | None = None
     for _ in range(passes):
         paths = [decode(one, chains, beam) for one in records]
         worth = sum(path.log_likelihood for path in paths)
