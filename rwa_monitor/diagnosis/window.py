@@ -136,12 +136,11 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
         measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0), normalised_nominal_viscous(wheel))
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
     if inputs.with_model_error and not fits.adequate:
-        uncertainty, unit = (
-            uncertainty_of(evidence, estimate, assignment, components, wheel),
-            normalised_nominal_viscous(wheel),
-        )
-        features, measured = uncertainty.widen_features(features, unit), uncertainty.widen_features(measured, unit)
-        components = uncertainty.widen(components)
+        uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
+        unit = normalised_nominal_viscous(wheel)
+        features, measured = uncertainty.widen(features, unit), uncertainty.widen(measured, unit)
+        wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
+        components = replace(components, viscous_std=wide)
     return Stages(assignment, estimate, components, features, measured, fits)
 
 
