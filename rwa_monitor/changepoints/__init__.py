@@ -3,6 +3,6 @@
 In: speed and friction, block by block. Out: `Evidence` with running sums, noise and candidates; levels and slope.
 
 Read `stage_results.py` first: what the stages hand to each other. Then `running_sums.py`, `noise.py`,
-`candidates.py`; `evidence.py` runs them sample by sample; `estimation.py` is stage 2; `tuning.py` and
-`evidence_curve.py` are for people. "Errata 9" and the like are rows of the table in docs/theory.md.
+`candidates.py`; `evidence.py` runs them sample by sample; `estimation.py` is stage 2; `tuning.py` is for people.
+"Errata 9" and the like are rows of the table in docs/theory.md.
 """

@@ -187,10 +187,9 @@ def choose(
         What is known of the slope before the window, or None.
     """
     known = np.isfinite(variances)
-    peaks = join(evidence.candidates, peaks_behind_gaps(evidence.sums))
+    peaks = in_turn(evidence.candidates, peaks_behind_gaps(evidence.sums))
     if len(peaks) == 0 or not known.any():
         return evidence.candidates
-    peaks = in_turn(peaks)
     table = variance_table(scales[known], variances[known])
     noise = evidence.noise
     index, scale, statistic, jump, read = kernel.choose(
@@ -217,20 +216,14 @@ def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
     return np.exp(np.interp(_LOG_USED, np.log(scales), np.log(variances)))
 
 
-def join(first: Candidates, second: Candidates) -> Candidates:
-    """Return the peaks of both lists, in any order."""
-    return Candidates(
-        index=np.concatenate([first.index, second.index]),
-        scale=np.concatenate([first.scale, second.scale]),
-        statistic=np.concatenate([first.statistic, second.statistic]),
-        jump=np.concatenate([first.jump, second.jump]),
-    )
-
-
-def in_turn(peaks: Candidates) -> Candidates:
+def in_turn(*peaks: Candidates) -> Candidates:
     """Return the peaks in the order in which they are tried: narrow scales and large statistics first."""
-    order = np.lexsort((peaks.index, -peaks.statistic, peaks.scale))
-    return Candidates(peaks.index[order], peaks.scale[order], peaks.statistic[order], peaks.jump[order])
+    index = np.concatenate([one.index for one in peaks])
+    scale = np.concatenate([one.scale for one in peaks])
+    statistic = np.concatenate([one.statistic for one in peaks])
+    order = np.lexsort((index, -statistic, scale))
+    jump = np.concatenate([one.jump for one in peaks])
+    return Candidates(index[order], scale[order], statistic[order], jump[order])
 
 
 def peaks_behind_gaps(sums: RunningSums) -> Candidates:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.running_sums import SufficientStatistics
-from rwa_monitor.changepoints.stage_results import Estimate, Evidence, NoiseEstimate
+from rwa_monitor.changepoints.stage_results import Estimate, Evidence
 from rwa_monitor.kernels.adequacy import cut
 from rwa_monitor.kernels.estimation import slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -77,14 +77,21 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = Non
     known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
     variance = noise.std**2 * noise.long_run_factor
     slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *known)
-    sums = _of_intervals(evidence, index)
-    level, level_std, squared_error = _levels(sums, slope, slope_std, noise)
+    sums, seen, n, mean_variance = _of_intervals(evidence, index)
+    x_mean, z_mean = sums.x / n, sums.z / n
+    sxx, sxz = np.maximum(sums.xx - sums.x * x_mean, 0.0), sums.xz - sums.x * z_mean
+    errors = np.maximum(sums.zz - sums.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
+    level = np.where(seen, z_mean - slope * x_mean, np.nan)
+    # An interval at zero speed does not feel the slope, however unknown.
+    felt = np.where(x_mean != 0.0, slope_std, 0.0)
+    # An interval without samples has the level of the last seen one before it, or of the first.
+    place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     total = float(sums.n.sum())
-    rmse = float(np.sqrt(max(squared_error, 0.0) / total)) if total else 0.0
+    rmse = float(np.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total)) if total else 0.0
     return Estimate(
         index=index,
-        level=level,
-        level_std=level_std,
+        level=level[place] if seen.any() else np.zeros(n.size),
+        level_std=np.where(seen, np.sqrt(noise.std**2 * mean_variance + x_mean * x_mean * felt * felt), np.inf),
         viscous=slope,
         viscous_std=slope_std,
         rmse=rmse,
@@ -92,29 +99,14 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = Non
     )
 
 
-def _of_intervals(evidence: Evidence, index: IntArray) -> SufficientStatistics:
-    """Return the sufficient statistics of the intervals between changepoints."""
+def _of_intervals(
+    evidence: Evidence, index: IntArray
+) -> tuple[SufficientStatistics, BoolArray, FloatArray, FloatArray]:
+    """Return the sums of the intervals between changepoints; which have samples, how many, and Var(mean) / σ²."""
     edges = np.concatenate(([0], index, [evidence.slots]))
-    return evidence.sums.between(edges[:-1], edges[1:])
-
-
-def _levels(
-    sums: SufficientStatistics, slope: float, slope_std: float, noise: NoiseEstimate
-) -> tuple[FloatArray, FloatArray, float]:
-    """Return level and standard deviation of each interval, and the sum of squared residuals."""
-    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
-    x_mean, z_mean = sums.x / n, sums.z / n
-    sxx, sxz = np.maximum(sums.xx - sums.x * x_mean, 0.0), sums.xz - sums.x * z_mean
-    errors = np.maximum(sums.zz - sums.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
-    level = np.where(seen, z_mean - slope * x_mean, np.nan)
-    # An interval at zero speed does not feel the slope, however unknown.
-    felt = np.where(x_mean != 0.0, slope_std, 0.0)
-    own = noise.std**2 * mean_variance_factor(noise, n) / n
-    level_std = np.where(seen, np.sqrt(own + x_mean * x_mean * felt * felt), np.inf)
-    # An interval without samples has the level of the last seen one before it, or of the first.
-    place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
-    level = level[place] if seen.any() else np.zeros(n.size)
-    return level, level_std, float(np.cumsum(errors)[-1])
+    sums = evidence.sums.between(edges[:-1], edges[1:])
+    n = np.maximum(sums.n, 1.0)
+    return sums, sums.n > 0.0, n, mean_variance_factor(evidence.noise, n) / n
 
 
 def jump_std(evidence: Evidence, estimate_: Estimate) -> FloatArray:
@@ -125,11 +117,10 @@ def jump_std(evidence: Evidence, estimate_: Estimate) -> FloatArray:
     evidence, estimate_
         The window and its estimate.
     """
-    sums, noise = _of_intervals(evidence, estimate_.index), evidence.noise
-    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
-    step, mean_variance = np.diff(sums.x / n), mean_variance_factor(noise, n) / n
+    sums, seen, n, mean_variance = _of_intervals(evidence, estimate_.index)
+    step = np.diff(sums.x / n)
     shared = step * step * np.where(step != 0.0, estimate_.viscous_std, 0.0) ** 2  # however unknown the slope
-    std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
+    std = np.sqrt(evidence.noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
     return np.where(seen[:-1] & seen[1:], std, np.inf)
 
 

@@ -19,8 +19,14 @@ from scipy import special
 
 from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanState, choose, threshold_for
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
-from rwa_monitor.changepoints.noise import OutlierModel, estimate_noise, estimate_outliers, gaussian_outlier
-from rwa_monitor.changepoints.running_sums import RunningSums, StructureArrays, StructureSums, SumArrays
+from rwa_monitor.changepoints.noise import (
+    OutlierModel,
+    chi_variance,
+    estimate_noise,
+    estimate_outliers,
+    gaussian_outlier,
+)
+from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Evidence
 from rwa_monitor.kernels.evidence import (
     ALL_DONE,
@@ -33,8 +39,8 @@ from rwa_monitor.kernels.evidence import (
     gather,
     learn_noise,
 )
-from rwa_monitor.kernels.noise import BLOCK, LAGS
-from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP
+from rwa_monitor.kernels.noise import BLOCK, LAGS, SMALLEST_STD, lean
+from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP, wglr
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -105,50 +111,8 @@ class Learned(NamedTuple):
     numbers: FloatArray
 
 
-def nothing_learned(scales: int, slope: float) -> Learned:
-    """Return what is known of a window before its first sample: a centre for its slope."""
-    announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
-    announced[STEP] = 0
-    return Learned(
-        thresholds=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
-        announced=announced,
-        numbers=np.array([slope, np.nan, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
-    )
-
-
-class WindowArrays(NamedTuple):
-    """What a window's slots go into, in the order in which `Window` takes it.
-
-    Attributes
-    ----------
-    x, z, good, used
-        (slots,), the samples, normalised; which are good, and which of those are used.
-    sums, running
-        See `RunningSums`.
-    structure, state, learned
-        See their classes.
-    block_sums, block_pairs
-        float64 (B, LAGS), see `block_differences`.
-    scales
-        int64 (S,), half-widths of the scales [slots].
-    """
-
-    x: FloatArray
-    z: FloatArray
-    good: BoolArray
-    used: BoolArray
-    sums: SumArrays
-    running: FloatArray
-    structure: StructureArrays
-    block_sums: FloatArray
-    block_pairs: FloatArray
-    state: ScanState
-    scales: IntArray
-    learned: Learned
-
-
 class WindowSettings(NamedTuple):
-    """How a window's slots are taken. What is not known is NaN.
+    """How a window's slots are taken, as kernels take it. What is not known is NaN.
 
     Attributes
     ----------
@@ -171,7 +135,7 @@ class WindowSettings(NamedTuple):
     chunk_peaks
         As for `scan`.
     runs
-        Keep the maximum of each contiguous run instead of the maxima within ±w; False.
+        Keep the maximum of each contiguous run instead of the maxima within ±w.
     """
 
     speed_unit: float
@@ -186,7 +150,7 @@ class WindowSettings(NamedTuple):
     nominal_slope: float
     outlier: float
     chunk_peaks: int
-    runs: bool
+    runs: bool = False
 
 
 class WindowAccumulator:
@@ -236,7 +200,14 @@ class WindowAccumulator:
         scales = SCALES if self.slope_prior is not None else SCALES[1:]
         self._scales: IntArray = np.array(scales, dtype=np.int64)
         self._peaks = PeakList(self._scales)
-        self._learned = nothing_learned(len(scales), 0.0 if self.slope_prior is None else self.slope_prior.mean)
+        announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
+        announced[STEP] = 0
+        slope = 0.0 if self.slope_prior is None else self.slope_prior.mean
+        self._learned = Learned(
+            thresholds=np.repeat([[np.nan], [np.inf], [np.inf]], len(scales), axis=1),
+            announced=announced,
+            numbers=np.array([slope, np.nan, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
+        )
         self._state = ScanState(
             prefix=np.empty((PREFIXES, HISTORY + CHUNK + 1)),
             histogram=np.empty((self._scales.size, BINS), dtype=np.int64),
@@ -247,26 +218,22 @@ class WindowAccumulator:
         blocks = max(0, (self.slots - BLOCK - LAGS) // self._hop + 1)
         self._block_sums: FloatArray = np.empty((blocks, LAGS))
         self._block_pairs: FloatArray = np.empty((blocks, LAGS))
-        self._arrays = WindowArrays(
-            x=self._x,
-            z=self._z,
-            good=self._good,
-            used=used,
-            sums=self._sums.arrays,
-            running=self._sums.running,
-            structure=self._structure.arrays,
-            block_sums=self._block_sums,
-            block_pairs=self._block_pairs,
-            state=self._state,
-            scales=self._scales,
-            learned=self._learned,
+        self._arrays = (
+            self._x,
+            self._z,
+            self._good,
+            used,
+            self._sums.arrays,
+            self._sums.running,
+            self._structure.arrays,
+            self._block_sums,
+            self._block_pairs,
+            self._state,
+            self._scales,
+            self._learned,
         )
-        self._settings = self._window_settings()
-        self._window = Window(self._arrays, self._settings, self._peaks.arrays)
-
-    def _window_settings(self) -> WindowSettings:
-        wheel, prior, band = self.wheel, self.slope_prior, self.wheel.window.dead_band_rad_s
-        return WindowSettings(
+        prior, band = self.slope_prior, wheel.window.dead_band_rad_s
+        self._settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
             dead_band=math.nan if band is None else band / wheel.speed_unit_rad_s,
@@ -276,11 +243,11 @@ class WindowAccumulator:
             start_std=math.nan if self._start_std is None else self._start_std,
             prior_mean=prior.mean if prior else math.nan,
             prior_std=prior.std if prior else math.nan,
-            nominal_slope=prior.mean if prior else 0.0,
+            nominal_slope=slope,
             outlier=gaussian_outlier(self.slots),
             chunk_peaks=self._peaks.chunk_peaks,
-            runs=False,
         )
+        self._window = Window(self._arrays, self._settings, self._peaks.arrays)
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 
@@ -407,10 +374,81 @@ class WindowAccumulator:
 
     def _announced(self, reported: int) -> list[ConfirmedCandidate]:
         """Return the reported peaks as events."""
-        index, (jump, std, normalised) = (
-            self._peaks.arrays.reported[:reported],
-            self._peaks.arrays.reported_values[:, :reported],
-        )
+        peaks = self._peaks.arrays
+        index, (jump, std, normalised) = peaks.reported[:reported], peaks.reported_values[:, :reported]
         chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
         columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
         return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+# ---- the evidence slot by slot, for a person to look at --------------------------------------------------------------
+
+# The slope is the window's own, known: W_b so large against any window's Σ(x - x̄)² that it is not estimated again.
+KNOWN_SLOPE: Final = 1e12
+# Most tests of a window, and so most peaks by chance, are those of one or two samples; what they alone see is a spike.
+SHOWN_SCALES: Final = tuple(scale for scale in SCALES if scale >= 4)
+LEAST_USED: Final = 64  # slots below which no variance can be estimated
+
+
+@dataclass(frozen=True, slots=True)
+class EvidenceCurve:
+    """The wGLR of a window as one curve for a person, thinned so that no peak is lost.
+
+    A slot above the threshold is no jump yet: near a large jump the curve has side lobes (errata 4), and of so many
+    slots and scales some rise above it by chance.
+
+    Attributes
+    ----------
+    index
+        int64 (m,), slots within the window, ascending: the largest of each of m equal stretches.
+    statistic
+        float64 (m,), wGLR there, the largest of all scales, in variances of its noise; about χ² with one degree of
+        freedom where nothing jumps.
+    threshold
+        What a candidate must clear.
+    """
+
+    index: IntArray
+    statistic: FloatArray
+    threshold: float
+
+
+def evidence_curve(
+    speed: FloatArray, friction: FloatArray, used: BoolArray, slope: float, points: int
+) -> EvidenceCurve | None:
+    """Return the curve of a window, None where it has too few samples.
+
+    The kernel of the detection at its wider scales; at each slot the largest, each in units of the variance of its own
+    contrast (errata 17).
+
+    Parameters
+    ----------
+    speed, friction
+        float64 (n,), speed and resisting friction torque of the window's slots, each in a unit of its own choice;
+        anything where not used.
+    used
+        bool (n,), slots with a good sample, outside the dead band.
+    slope
+        The window's viscous coefficient, in those units.
+    points
+        How many points the curve has at most.
+    """
+    if np.count_nonzero(used) < LEAST_USED:
+        return None
+    x = np.where(used, np.abs(speed), 0.0)
+    z = np.where(used, np.sign(speed) * friction, 0.0)
+    # So that what is small is small whatever the units.
+    speed_unit, unit = float(x.max()) or 1.0, float(np.ptp(z[used])) or 1.0
+    largest, variance = np.zeros(x.size), 0.0
+    for scale in SHOWN_SCALES:
+        statistic, _ = wglr(x / speed_unit, z / unit, used, scale, KNOWN_SLOPE, slope * speed_unit / unit)
+        known = np.isfinite(statistic)
+        if np.count_nonzero(known) >= LEAST_USED:
+            measured = max(chi_variance(statistic[known]), SMALLEST_STD**2)
+            variance = lean(measured, variance or measured, np.count_nonzero(known) / scale)
+            largest = np.fmax(largest, statistic / variance)
+    stretch = -(-x.size // points)
+    starts = np.arange(0, x.size, stretch)
+    index = np.array([s + int(np.argmax(largest[s : s + stretch])) for s in starts.tolist()], dtype=np.int64)
+    tests = TESTS_PER_SLOT * int(np.count_nonzero(used))
+    return EvidenceCurve(index, largest[index], max(threshold_for(FALSE_CANDIDATES, tests), KEPT_STATISTIC))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rwa_monitor.changepoints.evidence_curve import evidence_curve
+from rwa_monitor.changepoints.evidence import evidence_curve
 from rwa_monitor.messages import Diagnosis, Message, Number, TimeNs, dump_json
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
 from rwa_monitor.wheel.torque_balance import half_width, mended_friction, torque_per_ampere

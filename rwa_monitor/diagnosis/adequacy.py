@@ -359,24 +359,19 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
         χ² with one degree of freedom for each lag, for noise that does not reach as far; and the root mean square of
         what persists [torque]. 0 with too few blocks.
     """
-    expected = _ar_agreements(correlation, blocks.size)
+    lags = range(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
+    expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in lags])
     significance, mean_product = lasting(
         blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected, PERSISTENCE_LAGS[0]
     )
     return significance, math.sqrt(mean_product / blocks.size)
 
 
-def _ar_agreements(correlation: float, size: int) -> FloatArray:
-    """Return `_ar_agreement` at each of PERSISTENCE_LAGS, float64 (lags,)."""
-    lags = range(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
-    if correlation <= 0.0:
-        return np.zeros(len(lags))
-    return np.array([_ar_agreement(correlation, size, lag) for lag in lags])
-
-
 def _ar_agreement(correlation: float, size: int, lag: int) -> float:
-    """Return the correlation of the means of two blocks of AR(1) noise of positive φ, `lag` blocks apart."""
+    """Return the correlation of the means of two blocks of AR(1) noise, `lag` blocks apart; 0 unless φ is positive."""
     phi = correlation
+    if phi <= 0.0:
+        return 0.0
     apart = phi ** ((lag - 1) * size + 1) * ((1.0 - phi**size) / (1.0 - phi)) ** 2
     within = (size * (1.0 - phi**2) - 2.0 * phi * (1.0 - phi**size)) / (1.0 - phi) ** 2
     return float(apart / within)

@@ -20,8 +20,8 @@ from typing import Final, TypeGuard
 import numpy as np
 from scipy import special
 
+from rwa_monitor.diagnosis.coefficient import INFORMATIVE_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
-from rwa_monitor.diagnosis.history import INFORMATIVE_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.model import AnomalyModel, Model, stray_probabilities, system_evidence
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray

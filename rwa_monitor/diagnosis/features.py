@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.estimation import SlopePrior
+from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
 from rwa_monitor.changepoints.stage_results import Assignment, Components
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import FloatArray, IntArray
@@ -111,12 +111,12 @@ class FeaturesOfPath:
 
 def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
     """Return the features of a window from the results of stage 3."""
-    nominal_viscous = normalised_nominal_viscous(wheel)
+    unit = normalised_nominal_viscous(wheel)
     features = Features(
         base_dry=components.base_dry,
         base_dry_std=components.base_dry_std,
-        viscous=components.viscous / nominal_viscous,
-        viscous_std=components.viscous_std / nominal_viscous,
+        viscous=components.viscous / unit,
+        viscous_std=components.viscous_std / unit,
         systems=_systems(components, assignment.configurations, assignment, wheel),
     )
     if not components.by_path:
@@ -139,9 +139,7 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
 
 def normalised_nominal_viscous(wheel: Wheel) -> float:
     """Return the nominal viscous friction in the stages' units, dry torque over nominal speed; 1 without one."""
-    if wheel.nominal is None or wheel.nominal.viscous_Nm_s_rad == 0:
-        return 1.0
-    return wheel.nominal.viscous_Nm_s_rad * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
+    return nominal_viscous(wheel) or 1.0
 
 
 def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) -> Features:
@@ -174,12 +172,6 @@ def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) ->
     return replace(features, viscous=float(viscous), viscous_std=float(viscous_std), by_path=by_path)
 
 
-def _jump_std(assignment: Assignment, s: int) -> float:
-    """Return the mean standard deviation of a system's jumps; 0 for one without jumps."""
-    own = assignment.jump_std[assignment.system == s]
-    return float(own.mean()) if own.size else 0.0
-
-
 def _systems(
     parts: Components, configurations: tuple[IntArray, ...], assignment: Assignment, wheel: Wheel
 ) -> tuple[SystemFeatures, ...]:
@@ -188,6 +180,9 @@ def _systems(
         rests = not configuration.all()
         # What stage 3 gives of a system that never rests includes the offset that all sojourns share; the differences
         # come from the jumps.
-        std = parts.fss_friction_std[s] if rests else np.full(configuration.size, _jump_std(assignment, s))
+        std = parts.fss_friction_std[s]
+        if not rests:
+            own = assignment.jump_std[assignment.system == s]
+            std = np.full(configuration.size, float(own.mean()) if own.size else 0.0)
         found.append(SystemFeatures(system.name, configuration, parts.fss_friction[s], std, rests))
     return tuple(found)

@@ -55,19 +55,7 @@ class ModelErrorUncertainty:
     viscous: float
     systems: float
 
-    def widen(self, components: Components) -> Components:
-        """Return the components with standard deviations that hold this uncertainty."""
-        return replace(
-            components,
-            base_dry_std=float(np.hypot(components.base_dry_std, self.base_dry)),
-            viscous_std=float(np.hypot(components.viscous_std, self.viscous)),
-            fss_friction_std=tuple(
-                np.where(friction != 0.0, np.hypot(std, self.systems), std)
-                for friction, std in zip(components.fss_friction, components.fss_friction_std, strict=True)
-            ),
-        )
-
-    def widen_features(self, features: Features, nominal_viscous: float) -> Features:
+    def widen(self, features: Features, nominal_viscous: float) -> Features:
         """Return the features with standard deviations that hold this uncertainty.
 
         Parameters
@@ -77,13 +65,15 @@ class ModelErrorUncertainty:
         nominal_viscous
             The unit of their viscous friction, see `features.normalised_nominal_viscous`.
         """
+        systems = []
+        for system in features.systems:
+            wide = np.where(system.configuration > 0, np.hypot(system.friction_std, self.systems), system.friction_std)
+            systems.append(replace(system, friction_std=wide))
         return replace(
             features,
             base_dry_std=float(np.hypot(features.base_dry_std, self.base_dry)),
             viscous_std=float(np.hypot(features.viscous_std, self.viscous / nominal_viscous)),
-            systems=tuple(
-                replace(system, friction_std=np.hypot(system.friction_std, self.systems)) for system in features.systems
-            ),
+            systems=tuple(systems),
             by_path=(),  # what a missing effect did to the samples must not decide between paths
         )
 

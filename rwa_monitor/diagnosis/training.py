@@ -62,32 +62,24 @@ def train(windows: Sequence[LabelledFeatures], wheel: Wheel, source: str, comman
         If a label is missing, or no window is without anomalies of a kind (then nothing nominal can be learned).
     """
     names = wheel.anomalies
-    labels = {name: np.array([_label(window, name, source) for window in windows], dtype=bool) for name in names}
+    labels = {}
     for name in names:
+        if any(name not in window.labels for window in windows):
+            raise InputError(source, "has no label for this anomaly of the wheel", name)
+        labels[name] = np.array([window.labels[name] for window in windows], dtype=bool)
         if not (~labels[name]).any():
             raise InputError(source, "has no window without this anomaly: nothing nominal can be learned", name)
+    at_once = np.bincount(sum(labels.values()), minlength=len(names) + 1)  # windows with 0, 1, 2, … anomalies
+    smoothed = at_once + PSEUDO_WINDOWS + PSEUDO_SHARE * len(windows)
     anomalies = tuple(_train_anomaly(windows, wheel, name, a, labels[name]) for a, name in enumerate(names))
     return Model(
         trained=Provenance(
             wheel=wheel.name, wheel_sha256=wheel.sha256(), windows=len(windows), source=source, command=command
         ),
         anomalies=anomalies,
-        simultaneous=_simultaneous(np.stack([labels[name] for name in names])),
+        simultaneous=tuple(float(share) for share in smoothed / smoothed.sum()),
         undecided=UNDECIDED,
     )
-
-
-def _label(window: LabelledFeatures, name: str, source: str) -> bool:
-    if name not in window.labels:
-        raise InputError(source, "has no label for this anomaly of the wheel", name)
-    return window.labels[name]
-
-
-def _simultaneous(labels: BoolArray) -> tuple[float, ...]:
-    """Return the smoothed share of windows with 0, 1, 2, … anomalies at once."""
-    counts = np.bincount(labels.sum(axis=0), minlength=len(labels) + 1) + PSEUDO_WINDOWS
-    counts += PSEUDO_SHARE * labels.shape[1]
-    return tuple(float(share) for share in counts / counts.sum())
 
 
 def _train_anomaly(

@@ -9,7 +9,7 @@ model and the carried state, of nothing else.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -44,7 +44,6 @@ from rwa_monitor.diagnosis.window_diagnosis import (
     value_of,
     viscous_unit,
 )
-from rwa_monitor.samples import IntArray
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
 from rwa_monitor.switching.components import split
@@ -106,7 +105,7 @@ def diagnose_window(
         return too_few(inputs), carried
     stages = _run_stages(inputs)
     judgement = _judge(inputs, stages)
-    if _differ(judgement.configurations, stages.assignment.configurations):
+    if not all(map(np.array_equal, judgement.configurations, stages.assignment.configurations)):
         # What was learned makes another interpretation of the same jumps likelier than the wheel's broad laws do.
         relabelled = replace(stages.assignment, configurations=judgement.configurations)
         stages = _run_stages(inputs, (relabelled, stages.estimate))
@@ -126,10 +125,6 @@ def diagnose_window(
     return diagnosis, state
 
 
-def _differ(first: Sequence[IntArray], second: Sequence[IntArray]) -> bool:
-    return not all(np.array_equal(one, other) for one, other in zip(first, second, strict=True))
-
-
 def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | None = None) -> Stages:
     """Run the stages after detection; with an assignment `given`, those after the assignment."""
     evidence, wheel = inputs.evidence, inputs.wheel
@@ -141,12 +136,11 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
         measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0), normalised_nominal_viscous(wheel))
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
     if inputs.with_model_error and not fits.adequate:
-        uncertainty, unit = (
-            uncertainty_of(evidence, estimate, assignment, components, wheel),
-            normalised_nominal_viscous(wheel),
-        )
-        features, measured = uncertainty.widen_features(features, unit), uncertainty.widen_features(measured, unit)
-        components = uncertainty.widen(components)
+        uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
+        unit = normalised_nominal_viscous(wheel)
+        features, measured = uncertainty.widen(features, unit), uncertainty.widen(measured, unit)
+        wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
+        components = replace(components, viscous_std=wide)
     return Stages(assignment, estimate, components, features, measured, fits)
 
 

@@ -62,15 +62,15 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
         )
 
 
-def with_temperature(problem: Problem, fitted: Fit, base: float) -> list[str]:
-    """Say whether viscous friction follows the bearing's temperature, where that was recorded: nothing if not.
+def with_temperature(problem: Problem, fitted: Fit, base: float) -> str:
+    """Report whether viscous friction follows the bearing's temperature, where that was recorded: "" if not.
 
     What it changes from one moment to the next makes jumps that are no system's.
     """
     recorded = [record.channels.bearing_temperature_degC for record in problem.records]
     known = [temperature for temperature in recorded if temperature is not None]
     if len(known) < len(recorded):
-        return []
+        return ""
     temperature = problem.gather(known)
     temperature = np.nan_to_num(temperature - np.nanmean(temperature))
     follows = fit(problem, (problem.speed * temperature)[:, None])
@@ -78,18 +78,17 @@ def with_temperature(problem: Problem, fitted: Fit, base: float) -> list[str]:
     # Lubricants get thinner when they get warmer.
     falls = -slope * float(np.std(problem.speed * temperature))
     if criterion(problem, fitted) - criterion(problem, follows) < ACCEPT_GAIN or falls < SMALLEST_SWING * base:
-        return []
+        return ""
     share = 100.0 * slope / max(viscous, 1e-300)
-    note = (
+    return (
         f"viscous friction follows the bearing's temperature ({share:+.2g} % a kelvin), which makes jumps that are no"
         " switching system's: name the effect with `rwa-monitor discrepancy`, and learn once more from the wheel file"
         " that it writes (`identify --wheel extended_wheel.toml`)"
     )
-    return [note]
 
 
-def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:
-    """Report whether friction drifts between jumps, where a healthy wheel's stays: nothing if not.
+def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> str:
+    """Report whether friction drifts between jumps, where a healthy wheel's stays: "" if not.
 
     The common slope in time of what levels and viscous friction leave, each interval taken by itself.
     """
@@ -100,32 +99,30 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
     time -= (np.bincount(interval, time) / count)[interval]
     spread = float(time @ time)
     if not spread > 0.0:
-        return []
+        return ""
     per_slot = float(time @ residual) / spread
     over_all = per_slot * sum(record.used.size for record in problem.records)
     certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
     if not certain or abs(over_all) < LARGEST_DRIFT * base:
-        return []
-    note = (
+        return ""
+    return (
         f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
         f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
         " failing wheel calls the failure nominal"
     )
-    return [note]
 
 
-def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> list[str]:
-    """Say what base dry friction may hold where no system is learned."""
-    inside = np.setdiff1d(jumps, problem.starts).size
+def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> str:
+    """Return what base dry friction may hold where no system is learned; "" where one is."""
     if systems:
-        return []
+        return ""
+    inside = np.setdiff1d(jumps, problem.starts).size
     if not inside:
-        return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
-    note = (
+        return "no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"
+    return (
         f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level and"
         " not judged in windows that hold such jumps"
     )
-    return [note]
 
 
 def check_distinguished(attribution: JumpAttribution, base: float, hours: float) -> None:

@@ -24,7 +24,7 @@ Leaving the cut ones out would learn too short durations: the longest are cut th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -32,7 +32,8 @@ from pydantic import BaseModel
 from scipy import special
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.duration_likelihoods import broad_survival
+from rwa_monitor.switching.duration_likelihoods import broad_pmf
+from rwa_monitor.switching.jump_attribution import Sojourn
 from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
 
 NODES: Final = 41  # of each parameter over its posterior
@@ -52,62 +53,6 @@ EDGES: Final = (
     *(0.9995, 0.998, 0.99, 0.97, 0.93, 0.85, 0.75, 0.65, 0.5),
     *(0.35, 0.25, 0.15, 0.07, 0.03, 0.01, 0.002, 0.0005),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Sojourns:
-    """The sojourns seen in one configuration, in slots, by what the records cut of them.
-
-    Attributes
-    ----------
-    complete
-        From their begin to their end.
-    begun
-        Cut by the end of the record: at least as long.
-    found
-        There when the record began: what was left of them.
-    throughout
-        There when the record began and when it ended.
-    """
-
-    complete: list[int] = field(default_factory=list)
-    begun: list[int] = field(default_factory=list)
-    found: list[int] = field(default_factory=list)
-    throughout: list[int] = field(default_factory=list)
-
-    @property
-    def cut(self) -> list[int]:
-        """Those that a record cut."""
-        return self.begun + self.found + self.throughout
-
-    @property
-    def seen(self) -> int:
-        """Count all of them."""
-        return len(self.complete) + len(self.cut)
-
-    @property
-    def longest(self) -> int:
-        """The longest of all; 0 without any."""
-        return max(self.complete + self.cut, default=0)
-
-    def add(self, slots: int, *, began: bool, ended: bool) -> None:
-        """Add a sojourn that began, and ended, in the record or not."""
-        kinds = {
-            (True, True): self.complete,
-            (True, False): self.begun,
-            (False, True): self.found,
-            (False, False): self.throughout,
-        }
-        kinds[began, ended].append(slots)
-
-    def joined(self, other: Sojourns) -> Sojourns:
-        """Return the sojourns of two configurations as of one."""
-        return Sojourns(
-            self.complete + other.complete,
-            self.begun + other.begun,
-            self.found + other.found,
-            self.throughout + other.throughout,
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +97,7 @@ class _Group:
     posterior: tuple[FloatArray, ...]
 
 
-def learn_laws(sojourns: Sequence[Sojourns]) -> list[LearnedLaw]:
+def learn_laws(sojourns: Sequence[Sequence[Sojourn]]) -> list[LearnedLaw]:
     """Learn the laws of a system's configurations.
 
     Parameters
@@ -165,24 +110,24 @@ def learn_laws(sojourns: Sequence[Sojourns]) -> list[LearnedLaw]:
     ValueError
         If a configuration was never seen.
     """
+    if not all(sojourns):
+        raise ValueError("a configuration without a sojourn has no law to learn")
     groups: dict[tuple[int, ...], _Group] = {}
     weighted = []
     for partition in _partitions(tuple(range(len(sojourns)))):
         for group in partition:
             if group not in groups:
-                together = Sojourns()
-                for q in group:
-                    together = together.joined(sojourns[q])
-                groups[group] = _learn(together)
+                groups[group] = _learn([one for q in group for one in sojourns[q]])
         weighted.append((partition, sum(groups[group].log_evidence for group in partition)))
     weights = special.softmax([evidence for _, evidence in weighted])
+    longest = max(one.slots for seen in sojourns for one in seen)
     return [
         _mixture(
             [
                 (float(weight), next(groups[group] for group in partition if q in group))
                 for weight, (partition, _) in zip(weights, weighted, strict=True)
             ],
-            FARTHEST * max(one.longest for one in sojourns),
+            FARTHEST * longest,
         )
         for q in range(len(sojourns))
     ]
@@ -203,31 +148,38 @@ def _partitions(items: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], ...]]
 # ---- one law for some sojourns ---------------------------------------------------------------------------------------
 
 
-def _learn(sojourns: Sojourns) -> _Group:
+def _learn(sojourns: Sequence[Sojourn]) -> _Group:
     """Weigh all laws by what was seen."""
-    seen = np.array(sojourns.complete or sojourns.cut, dtype=np.float64)
-    if seen.size == 0:
-        raise ValueError("a configuration without a sojourn has no law to learn")
-    families = tuple(make(seen, sojourns) for make in FAMILIES.values())
-    log_posterior = [nodes.log_weight + _log_likelihood(nodes, sojourns) - np.log(SCALES) for nodes in families]
+    slots = np.array([one.slots for one in sojourns], dtype=np.float64)
+    began, ended = np.array([(one.began, one.ended) for one in sojourns]).T
+    whole = began & ended
+    typical = slots[whole] if whole.any() else slots
+    families = tuple(make(typical, slots) for make in FAMILIES.values())
+    log_posterior = [
+        nodes.log_weight
+        + _log_likelihood(nodes, slots[whole], slots[began & ~ended], slots[~began & ended], slots[~began & ~ended])
+        - np.log(SCALES)
+        for nodes in families
+    ]
     everything = float(special.logsumexp(np.concatenate(log_posterior)))
     return _Group(everything, families, tuple(np.exp(part - everything) for part in log_posterior))
 
 
-def _log_likelihood(nodes: _Nodes, sojourns: Sojourns) -> FloatArray:
-    """Return the log-likelihood of the sojourns at each node, float64 (nodes,)."""
-    total = np.zeros(nodes.mean.size)
+def _log_likelihood(
+    nodes: _Nodes, whole: FloatArray, begun: FloatArray, found: FloatArray, throughout: FloatArray
+) -> FloatArray:
+    """Return the log-likelihood at each node, float64 (nodes,), of sojourns by what the records cut of them.
+
+    `whole` from begin to end; `begun`, cut by the end of the record; `found` there when it began; `throughout` both.
+    """
     log_mean = np.log(nodes.mean)
     with np.errstate(divide="ignore"):
-        if sojourns.complete:
-            slots = np.array(sojourns.complete, dtype=np.float64)
-            broad = broad_survival(slots, nodes.mean[:, None]) - broad_survival(slots + 1.0, nodes.mean[:, None])
-            total += np.log((1.0 - STRAY_SHARE) * nodes.laws.pmf(slots) + STRAY_SHARE * broad).sum(axis=1)
-        if sojourns.begun:
-            total += np.log(nodes.laws.survival(np.array(sojourns.begun))).sum(axis=1)
-        if sojourns.found:
-            total += np.log(nodes.laws.survival(np.array(sojourns.found))).sum(axis=1) - len(sojourns.found) * log_mean
-        for length in sojourns.throughout:
+        total: FloatArray = np.log(
+            (1.0 - STRAY_SHARE) * nodes.laws.pmf(whole) + STRAY_SHARE * broad_pmf(whole, nodes.mean[:, None])
+        ).sum(axis=1)
+        total += np.log(nodes.laws.survival(begun)).sum(axis=1)
+        total += np.log(nodes.laws.survival(found)).sum(axis=1) - found.size * log_mean
+        for length in throughout:
             at = np.geomspace(length, FARTHEST * length, BEYOND)
             total += np.log(np.trapezoid(nodes.laws.survival(at), at, axis=1)) - log_mean
     return total
@@ -241,21 +193,21 @@ def _laws_at(family: type[BaseModel], **parameters: Any) -> Any:
     return family.model_construct(**{name: values[:, None] for name, values in parameters.items()})
 
 
-def _geometric(seen: FloatArray, sojourns: Sojourns) -> _Nodes:
-    count = seen.size
+def _geometric(typical: FloatArray, slots: FloatArray) -> _Nodes:
+    count = typical.size
     z = np.linspace(*REACH, NODES)
-    mean = np.maximum(sum(sojourns.complete + sojourns.cut) / count * np.exp(z / np.sqrt(count)), 1.0)
+    mean = np.maximum(slots.sum() / count * np.exp(z / np.sqrt(count)), 1.0)
     return _Nodes(_laws_at(Geometric, mean_slots=mean), np.full(NODES, np.log((z[1] - z[0]) / np.sqrt(count))), mean)
 
 
-def _uniform(seen: FloatArray, sojourns: Sojourns) -> _Nodes:
+def _uniform(typical: FloatArray, slots: FloatArray) -> _Nodes:
     """Nodes beyond the ends of the sample, spaced as the posterior of n sojourns falls off: by a power of n."""
-    power = max(0.5 * seen.size, 1.0)
+    power = max(0.5 * typical.size, 1.0)
     share = (np.arange(NODES) + 0.5) / NODES
     width = 1.0 / (NODES * share * power)  # of a node, in the logarithm of an end
     low, high = (
         values.ravel()
-        for values in np.meshgrid(seen.min() * share ** (1.0 / power), sojourns.longest * share ** (-1.0 / power))
+        for values in np.meshgrid(typical.min() * share ** (1.0 / power), slots.max() * share ** (-1.0 / power))
     )
     of_low, of_high = (values.ravel() for values in np.meshgrid(width, width))
     log_weight = np.log(of_low * low / high * of_high)  # low/high is uniform on [0, 1]
@@ -263,17 +215,17 @@ def _uniform(seen: FloatArray, sojourns: Sojourns) -> _Nodes:
     return _Nodes(_laws_at(Uniform, low=low, high=high), log_weight, 0.5 * (low + high))
 
 
-def _lognormal(seen: FloatArray, _: Sojourns) -> _Nodes:
-    sigma, z, log_weight = _shape_and_scale(SIGMAS, seen.size)
-    mu = float(np.log(seen).mean()) + sigma * z
+def _lognormal(typical: FloatArray, _: FloatArray) -> _Nodes:
+    sigma, z, log_weight = _shape_and_scale(SIGMAS, typical.size)
+    mu = float(np.log(typical).mean()) + sigma * z
     mean = np.exp(np.minimum(mu + 0.5 * sigma**2, np.log(LONGEST)))
     return _Nodes(_laws_at(Lognormal, mu=mu, sigma=sigma), log_weight + np.log(sigma), mean)
 
 
-def _weibull(seen: FloatArray, _: Sojourns) -> _Nodes:
-    shape, z, log_weight = _shape_and_scale(SHAPES, seen.size)
+def _weibull(typical: FloatArray, _: FloatArray) -> _Nodes:
+    shape, z, log_weight = _shape_and_scale(SHAPES, typical.size)
     # The mean of log x is log λ - γ/k.
-    scale = np.exp(float(np.log(seen).mean()) + (z - special.digamma(1.0)) / shape)
+    scale = np.exp(float(np.log(typical).mean()) + (z - special.digamma(1.0)) / shape)
     laws = _laws_at(Weibull, shape=shape, scale=scale)
     return _Nodes(laws, log_weight - np.log(shape), scale * special.gamma(1.0 + 1.0 / shape))
 
@@ -285,7 +237,7 @@ def _shape_and_scale(shapes: tuple[float, float], count: int) -> tuple[FloatArra
     return shape, deviation, np.full(shape.size, np.log((z[1] - z[0]) / NODES))
 
 
-FAMILIES: Final[dict[str, Callable[[FloatArray, Sojourns], _Nodes]]] = {
+FAMILIES: Final[dict[str, Callable[[FloatArray, FloatArray], _Nodes]]] = {
     "uniform": _uniform,
     "geometric": _geometric,
     "lognormal": _lognormal,

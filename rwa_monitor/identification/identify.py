@@ -34,9 +34,9 @@ from rwa_monitor.identification.data_quality import (
     why_negative,
     with_temperature,
 )
-from rwa_monitor.identification.duration_laws import LearnedLaw, Sojourns, learn_laws
+from rwa_monitor.identification.duration_laws import LearnedLaw, learn_laws
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
-from rwa_monitor.switching.jump_attribution import Segments, Visit, attribute_jumps
+from rwa_monitor.switching.jump_attribution import Segments, Visit, attribute_jumps, ways_up
 from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 
 MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show that there is one
@@ -67,11 +67,11 @@ class Learned:
 
 @dataclass(frozen=True, slots=True)
 class _System:
-    """What was learned of one system: per configuration, its sojourns and friction above the lowest [N m]."""
+    """What was learned of one system: per configuration, its visits, friction above the lowest [N m], and ways up."""
 
-    sojourns: list[Sojourns]
-    friction: list[list[float]]
-    ups: list[tuple[int, int]]  # per configuration: transitions up, transitions in all
+    visits: list[list[Visit]]
+    friction: list[FloatArray]
+    ups: list[list[bool]]
 
 
 def bare_wheel(name: str, samples: Samples) -> Wheel:
@@ -116,7 +116,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     records = _segments(problem, fitted.jumps, fitted.level + fitted.residual)
     base, base_std = _lowest_level(records)
     warming = with_temperature(problem, fitted, base)
-    drift = [*warming, *drift_in_words(problem, fitted.jumps, fitted.residual, base)]
+    drifting = drift_in_words(problem, fitted.jumps, fitted.residual, base)
+    drift = [note for note in (warming, drifting) if note]
     if warming and systems:
         reason = "; ".join((*drift, "--no-systems (systems=False) learns friction and noise as they are"))
         raise InputError(names, reason)
@@ -160,7 +161,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    warnings = [*drift, *unnamed_jumps(problem, fitted.jumps, blocks), *(why for why in (law, motion) if why)]
+    warnings = [*drift, *(why for why in (unnamed_jumps(problem, fitted.jumps, blocks), law, motion) if why)]
     if start.nominal is not None:
         asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
         warnings += [asked] if asked else []
@@ -240,38 +241,33 @@ def _systems(records: Sequence[Segments], lowest: float, hours: float) -> tuple[
         If there are none, if they are seen too rarely, or if jumps do not distinguish them.
     """
     if all(one.level.size == 1 for one in records):
-        raise _too_little("a switching system", [Sojourns()], hours)
+        raise _too_little("a switching system", [[]], hours)
     attribution = attribute_jumps(records, lowest)
     found = [
         _system_of(count, visits) for count, visits in zip(attribution.chains.counts, attribution.visits, strict=True)
     ]
     for system in found:
-        if min(one.seen for one in system.sojourns) < MIN_SOJOURNS or not all(one.complete for one in system.sojourns):
-            raise _too_little("a switching system", system.sojourns, hours)
+        if min(map(len, system.visits)) < MIN_SOJOURNS or not all(map(_whole, system.visits)):
+            raise _too_little("a switching system", system.visits, hours)
     check_distinguished(attribution, lowest, hours)
     at_rest = [(level, slots) for level, slots in attribution.base if slots > 0]
-    found.sort(key=lambda system: min(float(np.median(one.complete)) for one in system.sojourns[1:]))
+    found.sort(key=lambda system: min(float(np.median(_whole(seen))) for seen in system.visits[1:]))
     return found, _mean_of_records(at_rest or [(level, 1) for level, _ in attribution.base])
 
 
 def _system_of(count: int, visits: Sequence[Visit]) -> _System:
     """Return what the visits of one system show of each of its configurations."""
-    sojourns = [Sojourns() for _ in range(count)]
-    friction: list[list[float]] = [[] for _ in range(count)]
-    ups = [[0, 0] for _ in range(count)]
-    for q in range(count):
-        seen = [visit for visit in visits if visit.configuration == q]
-        for visit in seen:
-            sojourns[q].add(visit.slots, began=visit.began, ended=visit.ended)
-        friction[q] = _typical(seen) if seen else []
-    for visit, following in pairwise(visits):
-        if visit.record == following.record:
-            ups[visit.configuration][0] += int(following.configuration > visit.configuration)
-            ups[visit.configuration][1] += 1
-    return _System(sojourns, friction, [(up, total) for up, total in ups])
+    by_configuration = [[visit for visit in visits if visit.configuration == q] for q in range(count)]
+    friction = [_typical(seen) if seen else np.zeros(0) for seen in by_configuration]
+    return _System(by_configuration, friction, [ways_up(visits, q) for q in range(count)])
 
 
-def _typical(seen: Sequence[Visit]) -> list[float]:
+def _whole(visits: Sequence[Visit]) -> list[int]:
+    """Return the slots of the visits that no record cuts."""
+    return [visit.slots for visit in visits if visit.whole]
+
+
+def _typical(seen: Sequence[Visit]) -> FloatArray:
     """Return the friction of the visits that show how far a configuration's reaches [N m].
 
     A visit of a few slots is known too badly; and one far from the others may be another system's.
@@ -279,35 +275,35 @@ def _typical(seen: Sequence[Visit]) -> list[float]:
     friction, std = np.array([(visit.friction, visit.std) for visit in seen]).T
     good = std <= np.median(std)
     good &= np.abs(friction - np.median(friction[good])) <= TYPICAL_WITHIN * np.std(friction[good])
-    return [float(value) for value in friction[good]]
+    return np.asarray(friction[good])
 
 
 def _laws_of(number: int, system: _System, hours: float) -> Sequence[LearnedLaw]:
     """Return the laws of a system, one for each configuration; refuse those that are hardly known."""
-    laws = learn_laws(system.sojourns)
+    laws = learn_laws(system.visits)
     worst = max(law.error for law in laws)
     if worst > LARGEST_LAW_ERROR:
         what = f"the laws of switching system {number}"
-        raise _too_little(what, system.sojourns, hours, (worst / LARGEST_LAW_ERROR) ** 2)
+        raise _too_little(what, system.visits, hours, (worst / LARGEST_LAW_ERROR) ** 2)
     return laws
 
 
-def _too_little(what: str, sojourns: list[Sojourns], hours: float, times: float = 1.0) -> InputError:
+def _too_little(what: str, visits: Sequence[Sequence[Visit]], hours: float, times: float = 1.0) -> InputError:
     """Say what was seen and how much more is needed, without claiming that there is such a system at all.
 
     Parameters
     ----------
     what
         What is not learned.
-    sojourns
+    visits
         By configuration.
     hours
         Of recordings in which they were seen.
     times
         As many sojourns are needed at least.
     """
-    counts = ", ".join(f"q = {q}: {of_one.seen}" for q, of_one in enumerate(sojourns) if of_one.seen) or "none"
-    fewest = min(of_one.seen if of_one.complete else 0 for of_one in sojourns)
+    counts = ", ".join(f"q = {q}: {len(seen)}" for q, seen in enumerate(visits) if seen) or "none"
+    fewest = min(len(seen) if _whole(seen) else 0 for seen in visits)
     more = "longer recordings, in which each of its configurations is seen from beginning to end"
     if fewest:
         factor = max(int(np.ceil(max(times, 2 * MIN_SOJOURNS / fewest))), 2)
@@ -329,16 +325,16 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
     """Return the wheel-file block of a system."""
     ranges = []
     for q, values in enumerate(system.friction):
-        relative = np.array(values) / base_Nm
+        relative = values / base_Nm
         # A sample of n misses about 1/(n+1) of a range at each end.
         margin = 0.0 if q == 0 else float(np.ptp(relative)) / (relative.size + 1)
         low, high = (0.0, 0.0) if q == 0 else (float(relative.min()) - margin, float(relative.max()) + margin)
         ranges.append(FrictionRange(low=_four_digits(low), high=_four_digits(high)))
     count = len(laws)
     up = None
-    if count > 2 and all(total > 0 for _, total in system.ups[1:-1]):
+    if count > 2 and all(system.ups[1:-1]):
         # Laplace's rule of succession: no transition is ruled out because it was not seen.
-        middle = [_four_digits((ups + 1) / (total + 2)) for ups, total in system.ups[1:-1]]
+        middle = [_four_digits((sum(ways) + 1) / (len(ways) + 2)) for ways in system.ups[1:-1]]
         up = (1.0, *middle, 0.0)
     return SwitchingSystem(
         name=name,
@@ -349,11 +345,13 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
 
 
 def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
-    parts = [
-        f"q = {q}: {law.family} ({100.0 * law.share:.0f} %), mean {law.mean:.4g} ± {law.error * law.mean:.2g} slots"
-        f" from {seen.seen} sojourns{f', {len(seen.cut)} of them cut' if seen.cut else ''}"
-        for q, (law, seen) in enumerate(zip(laws, system.sojourns, strict=True))
-    ]
+    parts = []
+    for q, (law, seen) in enumerate(zip(laws, system.visits, strict=True)):
+        cut = len(seen) - len(_whole(seen))
+        parts.append(
+            f"q = {q}: {law.family} ({100.0 * law.share:.0f} %), mean {law.mean:.4g} ± {law.error * law.mean:.2g} slots"
+            f" from {len(seen)} sojourns{f', {cut} of them cut' if cut else ''}"
+        )
     return f"{name}: {'; '.join(parts)}"
 
 

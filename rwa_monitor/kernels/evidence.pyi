@@ -1,7 +1,8 @@
 from typing import Final
 
-from rwa_monitor.changepoints.candidates import PeakArrays
-from rwa_monitor.changepoints.evidence import WindowArrays, WindowSettings
+from rwa_monitor.changepoints.candidates import PeakArrays, ScanState
+from rwa_monitor.changepoints.evidence import Learned, WindowSettings
+from rwa_monitor.changepoints.running_sums import StructureArrays, SumArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CONFIRMED_STATISTIC: Final[float]
@@ -13,10 +14,28 @@ VARIANCE: Final[int]
 COUNTED: Final[int]
 OUTLIER: Final[int]
 
+# x, z, good, used, (slots,): the samples, normalised; which are good, and which of those are used. Running sums, see
+# `RunningSums`, and what is in their classes: structure, scan, what was learned. Sums and pairs of blocks, float64
+# (B, LAGS), see `block_differences`. int64 (S,): half-widths of the scales [slots].
+_WindowArrays = tuple[
+    FloatArray,
+    FloatArray,
+    BoolArray,
+    BoolArray,
+    SumArrays,
+    FloatArray,
+    StructureArrays,
+    FloatArray,
+    FloatArray,
+    ScanState,
+    IntArray,
+    Learned,
+]
+
 class Window:
     """The arrays of a window, looked up once: they must not be replaced while it is in use."""
 
-    def __init__(self, arrays: WindowArrays, settings: WindowSettings, peaks: PeakArrays) -> None: ...
+    def __init__(self, arrays: _WindowArrays, settings: WindowSettings, peaks: PeakArrays) -> None: ...
 
 def gather(
     window: Window,

@@ -157,39 +157,26 @@ def generate(
 def wheel_windows(
     recipe: str | Recipe, number: int, seed: int, *, windows: int | None = None, friction_given: bool | None = None
 ) -> Iterator[LabelledWindow]:
-    """Generate the windows in the life of the `number`-th wheel of a dataset; see `generate`."""
+    """Generate the windows in the life of the `number`-th wheel of a dataset, cut from one record; see `generate`."""
     recipe = RECIPES[recipe] if isinstance(recipe, str) else recipe
     life = recipe.windows if windows is None else windows
-    wheel, scenario, record = wheel_record(recipe, number, seed, windows=life, friction_given=friction_given)
-    for window in range(life):
-        yield _window(wheel, scenario, record, window, life)
-
-
-def wheel_record(
-    recipe: str | Recipe, number: int, seed: int, *, windows: int | None = None, friction_given: bool | None = None
-) -> tuple[Wheel, Scenario, Telemetry]:
-    """Simulate the life of the `number`-th wheel of a dataset in one record; see `generate`."""
-    recipe = RECIPES[recipe] if isinstance(recipe, str) else recipe
     rng = np.random.default_rng([seed, number])
     wheel = recipe.wheel(rng).model_copy(update={"name": f"{recipe.name}_{number:05d}"})
-    scenario = recipe.scenario(wheel, number, recipe.windows if windows is None else windows, rng)
+    scenario = recipe.scenario(wheel, number, life, rng)
     if friction_given is not None:
         scenario = scenario.model_copy(update={"friction_given": friction_given})
-    return wheel, scenario, simulate(scenario, wheel, rng)
-
-
-def _window(wheel: Wheel, scenario: Scenario, record: Telemetry, window: int, life: int) -> LabelledWindow:
-    """Cut one window out of the record of a wheel's life and say what it shows."""
+    record = simulate(scenario, wheel, rng)
     if life == 1:
-        return LabelledWindow(wheel.name, wheel, scenario, record, dict(record.truth.labels))
-    samples = wheel.window.samples
-    piece = cut(record, window * samples, (window + 1) * samples, wheel)
-    middle_s = (window + 0.5) * samples * wheel.sample_period_s
-    anomalies = scenario.anomalies
-    factors = {name: anomalies[name].factor_at(middle_s) if name in anomalies else 1.0 for name in wheel.anomalies}
-    labels = {name: name in anomalies and anomalies[name].share_at(middle_s) >= LABEL_SHARE for name in factors}
-    piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
-    return LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece, dict(labels))
+        yield LabelledWindow(wheel.name, wheel, scenario, record, dict(record.truth.labels))
+        return
+    samples, anomalies = wheel.window.samples, scenario.anomalies
+    for window in range(life):
+        piece = cut(record, window * samples, (window + 1) * samples, wheel)
+        middle_s = (window + 0.5) * samples * wheel.sample_period_s
+        factors = {name: anomalies[name].factor_at(middle_s) if name in anomalies else 1.0 for name in wheel.anomalies}
+        labels = {name: name in anomalies and anomalies[name].share_at(middle_s) >= LABEL_SHARE for name in factors}
+        piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
+        yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece, dict(labels))
 
 
 # ---- wheels ----------------------------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ the same friction, so that K_T·I − J·dω/dt gives it back.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, TypeGuard
+from typing import Any, Final
 
 import numpy as np
 
@@ -22,8 +22,8 @@ from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
-from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, SwitchingEffect
-from rwa_monitor.wheel.switching_systems import FrictionFactor, Realisation, simulate_system
+from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
+from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
 __all__ = ["VISIBLE_INFORMATION", "Changepoints", "Telemetry", "Truth", "cut", "simulate"]
@@ -72,11 +72,11 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
     samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
     used = _used(scenario, wheel, samples, faulty)
     end_s = slots * wheel.sample_period_s
-    temperature = _temperature(parts)
+    factors = {name: scenario.anomalies.get(name, _NO_ANOMALY).factor_at(end_s) for name in wheel.anomalies}
     truth = Truth(
         speed_rad_s=motion.speed_rad_s,
         acceleration_rad_s2=motion.acceleration_rad_s2,
-        bearing_temperature_degC=temperature,
+        bearing_temperature_degC=parts.temperature,
         friction_torque_Nm=parts.friction,
         noise_Nm=noise.values,
         motor_torque_Nm=motor,
@@ -90,8 +90,8 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
         changepoints=true_changepoints(list(parts.systems.values()), used, wheel.torque_unit_Nm, noise.long_run_std_Nm),
         noise_std_Nm=noise.std_Nm,
         long_run_std_Nm=noise.long_run_std_Nm,
-        labels={name: _anomaly(scenario, name).factor_at(end_s) != 1.0 for name in wheel.anomalies},
-        factors={name: _anomaly(scenario, name).factor_at(end_s) for name in wheel.anomalies},
+        labels={name: factor != 1.0 for name, factor in factors.items()},
+        factors=factors,
     )
     return Telemetry(samples[~missing], truth)
 
@@ -115,6 +115,7 @@ class _Parts:
     """The friction and what it is made of; arrays (n,) as in Truth, `channels` as the effects see the wheel."""
 
     channels: Channels
+    temperature: FloatArray
     base_dry: FloatArray
     viscous: FloatArray
     systems: dict[str, Realisation]
@@ -133,10 +134,6 @@ class _Noise:
 _NO_ANOMALY: Final = Anomaly(factor=1.0)
 
 
-def _anomaly(scenario: Scenario, name: str) -> Anomaly:
-    return scenario.anomalies.get(name, _NO_ANOMALY)
-
-
 def _factor(anomaly: Anomaly, time_s: FloatArray) -> FloatArray:
     """Return an anomaly's factor over time, float64 (n,)."""
     if anomaly.factor == 1.0 or (anomaly.onset_s == 0.0 and anomaly.growth_s == 0.0):
@@ -153,10 +150,14 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
     speed = motion.speed_rad_s
     direction = np.sign(speed)
-    dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * _factor(_anomaly(scenario, "dry"), time)
-    viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * _factor(_anomaly(scenario, "viscous"), time)
+    dry_factor, viscous_factor = (
+        _factor(scenario.anomalies.get(name, _NO_ANOMALY), time) for name in ("dry", "viscous")
+    )
+    dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * dry_factor
+    viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * viscous_factor
     # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
     power = np.abs(speed) * (dry + viscous * np.abs(speed))
+    temperature = bearing_temperature(time, power, ORBIT_S, streams.temperature)
     channels = Channels(
         time_s=time,
         speed_rad_s=speed,
@@ -164,7 +165,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
         acceleration_rad_s2=motion.acceleration_rad_s2,
         angle_rad=wheel_angle(speed, wheel.sample_period_s),
         motor_torque_Nm=None,
-        bearing_temperature_degC=bearing_temperature(time, power, ORBIT_S, streams.temperature),
+        bearing_temperature_degC=temperature,
         dry_level_Nm=None,
         sample_period_s=wheel.sample_period_s,
         good=np.ones(slots, dtype=np.bool_),
@@ -185,10 +186,17 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
             effect_torque[effect.name] = torque
             friction = friction + torque
     channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
-    coupled = _couple([effect for effect in effects if _adds_torque(effect, scenario)], channels)
+    # A dead zone of the tachometer changes only what is worked out with its speed: a friction that is given, not the
+    # current from which friction is still to be derived.
+    adding = [
+        effect
+        for effect in effects
+        if isinstance(effect, MeanEffect) and (scenario.friction_given or not isinstance(effect, SpeedDeadZone))
+    ]
+    coupled = _couple(adding, channels)
     for torque in coupled.values():
         friction = friction + torque
-    return _Parts(channels, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
+    return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
 
 
 def _systems(
@@ -201,7 +209,12 @@ def _systems(
     for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
         for effect in effects:
             system = effect.change_system(system)
-        factor = _factor_by_slot(_anomaly(scenario, system.name), clock, wheel.sample_period_s)
+        anomaly = scenario.anomalies.get(system.name, _NO_ANOMALY)
+
+        def factor(slot: int, anomaly: Anomaly = anomaly) -> float:
+            slot_in_record = slot if clock is None else clock.slot_in_record(slot)
+            return anomaly.factor_at(slot_in_record * wheel.sample_period_s)
+
         realisation = simulate_system(system, slots, stream, factor)
         systems[system.name] = realisation if clock is None else clock.read(realisation)
     for effect, stream in zip(effects, streams.extra_systems.spawn(len(effects)), strict=True):
@@ -214,13 +227,6 @@ def _systems(
     return systems
 
 
-def _factor_by_slot(anomaly: Anomaly, clock: JumpClock | None, period_s: float) -> FrictionFactor:
-    """Return an anomaly's factor as a function of the slot on the switching systems' clock."""
-    if clock is None:
-        return lambda slot: anomaly.factor_at(slot * period_s)
-    return lambda slot: anomaly.factor_at(clock.slot_in_record(slot) * period_s)
-
-
 def _jumps_of(systems: dict[str, Realisation], torque_unit_Nm: float) -> Jumps:
     """Return the jumps of the level, those on one slot as one."""
     index = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(s.jump_index for s in systems.values())]))
@@ -228,23 +234,6 @@ def _jumps_of(systems: dict[str, Realisation], torque_unit_Nm: float) -> Jumps:
     for system in systems.values():
         size[np.searchsorted(index, system.jump_index)] += torque_unit_Nm * system.jump
     return Jumps(index, size)
-
-
-def _adds_torque(effect: Effect, scenario: Scenario) -> TypeGuard[MeanEffect]:
-    """Say whether an effect adds a torque.
-
-    A dead zone of the tachometer changes only what is worked out with its speed: a friction that is given, but not the
-    current from which friction is still to be derived.
-    """
-    if isinstance(effect, SpeedDeadZone):
-        return scenario.friction_given
-    return isinstance(effect, MeanEffect)
-
-
-def _temperature(parts: _Parts) -> FloatArray:
-    temperature = parts.channels.bearing_temperature_degC
-    assert temperature is not None
-    return temperature
 
 
 def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatArray | None:
@@ -346,7 +335,6 @@ def _measure(
     # A stream for each channel: leaving one out changes none of the others.
     speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
     slots = motion.speed_rad_s.size
-    temperature = _temperature(parts)
     speed = measure(motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng)
     for tachometer in _tachometers(parts.effects):
         speed = tachometer.read_speed(motion.speed_rad_s)  # its steps replace the usual noise
@@ -355,7 +343,7 @@ def _measure(
             speed = effect.read_speed(speed)
     channels: dict[str, Any] = {
         "speed_rad_s": speed,
-        "bearing_temperature_degC": measure(temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
+        "bearing_temperature_degC": measure(parts.temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
     }
     if scenario.friction_given:
         channels["friction_torque_Nm"] = torque

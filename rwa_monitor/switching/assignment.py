@@ -27,7 +27,6 @@ each with its own friction (the tests count). The loops are in `kernels/assignme
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -231,10 +230,13 @@ def assign(
     tuple[Assignment, Estimate]
         All candidates, with rejected ones; and levels and slope between the accepted changepoints.
     """
+    # Sizes seen in the window stand in for what the wheel file does not state.
+    whole = evidence.sums.between(np.array([0]), np.array([evidence.slots]))
+    typical_level = float(whole.z[0] / max(whole.n[0], 1.0))
     inputs = _Inputs(
         evidence,
         wheel,
-        _priors(evidence, wheel, carried),
+        priors_of(wheel, carried, typical_level, segments.typical_jump(evidence.candidates.jump)),
         onsets(wheel.fss, carried),
         segments.effective_variance(evidence.noise),
     )
@@ -263,13 +265,6 @@ def assign(
         level, signs = again, new_signs
     ranked = _rank(inputs, scores, result.paths, level)
     return _result(inputs, level.at, ranked, states, result.pruned)
-
-
-def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> Priors:
-    """Gather the priors; sizes seen in the window stand in for what the wheel file does not state."""
-    whole = evidence.sums.between(np.array([0]), np.array([evidence.slots]))
-    typical_level = float(whole.z[0] / max(whole.n[0], 1.0))
-    return priors_of(wheel, carried, typical_level, segments.typical_jump(evidence.candidates.jump))
 
 
 def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
@@ -390,7 +385,8 @@ def _result(
     evidence, candidates = inputs.evidence, inputs.evidence.candidates
     accepted = np.flatnonzero(best.system[:, 0] != REJECTED)
     levels = estimate(evidence, index[accepted], prior=inputs.priors.slope)
-    jump, std = candidates.jump.copy(), _contrast_std(candidates)
+    # The standard deviation of a contrast is the jump over the root of its χ² statistic.
+    jump, std = candidates.jump.copy(), np.abs(candidates.jump) / np.sqrt(np.maximum(candidates.statistic, 1e-12))
     jump[accepted] = levels.level[1:] - levels.level[:-1]
     std[accepted] = jump_std(evidence, levels)
     sure = _confidence(ranked, index)
@@ -437,16 +433,11 @@ def _alternatives(ranked: list[_Ranked], index: IntArray) -> tuple[Alternative, 
         Alternative(
             path=best.path.by_system(),
             index=index[best.system[:, 0] != REJECTED],
-            log_durations=_log_sum(best.score, [one.score for one in others]) - best.log_evidence,
+            log_durations=float(np.logaddexp.reduce([best.score, *(one.score for one in others)])) - best.log_evidence,
             log_score=best.score,
         )
         for best, *others in alike.values()
     )
-
-
-def _log_sum(first: float, others: Sequence[float]) -> float:
-    """Return the logarithm of the sum of what these are logarithms of."""
-    return float(np.logaddexp.reduce([first, *others])) if others else first
 
 
 def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
@@ -461,11 +452,6 @@ def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
     for weight, one in zip(weights, ranked, strict=True):
         add_agreement(index, SAME_JUMP, best.system, best.direction, one.system, one.direction, weight, sure)
     return np.minimum(sure, 1.0)
-
-
-def _contrast_std(candidates: Candidates) -> FloatArray:
-    """Return the standard deviation of each contrast: jump over the root of its χ² statistic."""
-    return np.asarray(np.abs(candidates.jump) / np.sqrt(np.maximum(candidates.statistic, 1e-12)))
 
 
 def _own_jump(posterior: Posterior, path: SwitchingPath, who: int, slot: int) -> tuple[float, float]:

@@ -282,9 +282,8 @@ def _next_system(
     before = carried.system(system.name)
     configurations, starts = assignment.configurations[s], assignment.starts[s]
     remembered = before.friction if before and before.friction else (None,) * system.configurations
-    friction = components.fss_friction[s]
-    seen = _add_up(configurations, friction, system.configurations, learn)
-    memories = tuple(_remember(remembered[q], *sums) for q, sums in enumerate(seen))
+    friction = components.fss_friction[s] if learn else np.full(configurations.size, np.nan)
+    memories = tuple(_remember(remembered[q], configurations, friction, q) for q in range(system.configurations))
     hop = wheel.window.hop_slots
     if configurations.size == 0 or hop > wheel.window.samples:
         return SystemState(name=system.name, friction=memories)
@@ -297,26 +296,15 @@ def _next_system(
     return SystemState(name=system.name, configuration=int(configurations[current]), age=age, friction=memories)
 
 
-def _add_up(
-    configuration: IntArray, friction: FloatArray, configurations: int, learn: bool
-) -> list[tuple[float, float, float]]:
-    """Return number of sojourns, sums of friction and of its squares, by configuration."""
-    known = np.isfinite(friction) & learn
-    values = [friction[known & (configuration == q)] for q in range(configurations)]
-    return [(own.size, sum_up(own), sum_up(own * own)) for own in values]
-
-
 def _remember(
-    before: FrictionMemory | None, new_count: float, new_total: float, new_squares: float
+    before: FrictionMemory | None, configuration: IntArray, friction: FloatArray, q: int
 ) -> FrictionMemory | None:
-    """Forget a share of what was and add the new sojourns; sums of weights, values and squares."""
-    if before is None and new_count == 0.0:
+    """Forget a share of what configuration q showed and add its new sojourns, those whose friction is known."""
+    own = friction[np.isfinite(friction) & (configuration == q)]
+    if before is None and own.size == 0:
         return None
-    count = REMEMBERED * before.count if before else 0.0
-    total = count * before.mean if before else 0.0
-    squares = count * (before.std**2 + before.mean**2) if before else 0.0
-    count += new_count
-    total += new_total
-    squares += new_squares
+    count, mean, std = (REMEMBERED * before.count, before.mean, before.std) if before else (0.0, 0.0, 0.0)
+    total, squares = count * mean + sum_up(own), count * (std**2 + mean**2) + sum_up(own * own)
+    count += own.size
     mean = total / count
     return FrictionMemory(count=count, mean=mean, std=math.sqrt(max(squares / count - mean**2, 0.0)))

@@ -80,11 +80,14 @@ class SoftLaw:
 
     def pmf(self, slots: FloatArray) -> FloatArray:
         """Return P(τ = slots) for slots ≥ 1."""
-        return np.asarray(_soft_pmf(self.law.survival(slots), self.law.survival(slots + 1.0), slots, self.mean))
+        own = self.law.survival(slots) - self.law.survival(slots + 1.0)
+        return np.asarray((1.0 - SOFT_SHARE) * own + SOFT_SHARE * broad_pmf(slots, self.mean))
 
     def survival(self, slots: FloatArray) -> FloatArray:
         """Return P(τ ≥ slots) for slots ≥ 1."""
-        return np.asarray(_soft_survival(self.law.survival(slots), slots, self.mean))
+        return np.asarray(
+            (1.0 - SOFT_SHARE) * self.law.survival(slots) + SOFT_SHARE * _broad_survival(slots, self.mean)
+        )
 
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean for start = 1."""
@@ -92,21 +95,15 @@ class SoftLaw:
         return (1 - SOFT_SHARE) * _survival_sum(self.law, start) + SOFT_SHARE * broad
 
 
-def broad_survival(slots: Number, mean: Number) -> Number:
-    """Return P(τ ≥ slots) of the broad law; numbers or arrays."""
+def _broad_survival(slots: FloatArray, mean: Number) -> FloatArray:
+    """Return P(τ ≥ slots) of the broad law."""
     share = mean / (mean + slots - 1.0)
     return share * share
 
 
-def _soft_survival(survival: Number, slots: Number, mean: float) -> Number:
-    """Mix a law's P(τ ≥ slots) with that of the broad law."""
-    return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * broad_survival(slots, mean)
-
-
-def _soft_pmf(survival: Number, following: Number, slots: Number, mean: float) -> Number:
-    """Mix a law's P(τ = slots), from P(τ ≥ slots) and P(τ ≥ slots + 1), likewise."""
-    broad = broad_survival(slots, mean) - broad_survival(slots + 1.0, mean)
-    return (1.0 - SOFT_SHARE) * (survival - following) + SOFT_SHARE * broad
+def broad_pmf(slots: FloatArray, mean: Number) -> FloatArray:
+    """Return P(τ = slots) of the broad law."""
+    return _broad_survival(slots, mean) - _broad_survival(slots + 1.0, mean)
 
 
 @lru_cache(maxsize=4096)
@@ -157,9 +154,14 @@ def tabulated_durations(
         missed=np.full((*shape, 2, nodes, nodes), -np.inf),
     )
     at = index.astype(np.float64)
-    durations = _durations(at, slots)
+    begin, end = np.triu_indices(at.size, 1)
+    between = at[end] - at[begin]
+    durations = np.concatenate((between, between + 1.0, at, slots - at))  # in the order in which `tabulate` takes them
     for s, system in enumerate(systems):
-        _fill(tables, s, system, at, durations, slots, first[s])
+        laws, chain = _laws_of(system, slots)
+        tables.turn[s, : len(laws)] = chain.turn
+        survivals, entered = _survivals(laws, durations), _first_sojourn(first[s], laws, at, slots)
+        tabulate(at, slots, survivals, chain, entered, tables.jump[s], tables.stay[s], tables.missed[s])
     return tables
 
 
@@ -223,29 +225,6 @@ def _first_sojourn(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatA
     law = laws[first.configuration]
     alive, gone = law.survival(np.array([first.age + 1.0, float(first.age + slots)]))
     return FirstSojourn(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
-
-
-def _fill(
-    tables: DurationLikelihoods,
-    s: int,
-    system: SwitchingSystem,
-    at: FloatArray,
-    durations: FloatArray,
-    slots: int,
-    first: Onset | None,
-) -> None:
-    """Fill the tables of one system; `durations` as from `_durations`."""
-    laws, chain = _laws_of(system, slots)
-    tables.turn[s, : len(laws)] = chain.turn
-    entered = _first_sojourn(first, laws, at, slots)
-    tabulate(at, slots, _survivals(laws, durations), chain, entered, tables.jump[s], tables.stay[s], tables.missed[s])
-
-
-def _durations(at: FloatArray, slots: int) -> FloatArray:
-    """Return the durations at which `tabulate` takes survival, in its order: float64 (points,)."""
-    first, last = np.triu_indices(at.size, 1)
-    between = at[last] - at[first]
-    return np.concatenate((between, between + 1.0, at, slots - at))
 
 
 def log_probability(

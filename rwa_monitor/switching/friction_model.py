@@ -210,12 +210,6 @@ class Priors:
     slope: SlopePrior
     unattributed_std: float
 
-    def cases(self) -> list[tuple[Case, ...]]:
-        """Return all states of (base, each system) with at most `MOST_ANOMALIES` anomalies."""
-        parts = (self.base, *self.anomaly)
-        choices = _choices(self.base, self.anomaly)
-        return [tuple(part[i] for part, i in zip(parts, choice, strict=True)) for choice in choices]
-
 
 def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, typical_jump: float) -> Priors:
     """Gather what the wheel file states and earlier windows showed.

@@ -134,18 +134,31 @@ class Path:
     log_likelihood: float
 
 
+_Description = tuple[float, Chains, list[Path]]  # criterion or log-likelihood, the systems, the path of each record
+
+
 @dataclass(frozen=True, slots=True)
-class Visit:
+class Sojourn:
+    """A sojourn in one configuration: its slots in the record, and whether it began and ended there."""
+
+    slots: int
+    began: bool
+    ended: bool
+
+    @property
+    def whole(self) -> bool:
+        """Whether the record cuts nothing of it."""
+        return self.began and self.ended
+
+
+@dataclass(frozen=True, slots=True)
+class Visit(Sojourn):
     """A sojourn of one system in one record.
 
     Attributes
     ----------
     configuration
         q.
-    slots
-        Of it in the record.
-    began, ended
-        In the record, or not.
     friction, std
         Above the base, and its standard deviation [N m]; 0 in the lowest configuration.
     record
@@ -155,13 +168,15 @@ class Visit:
     """
 
     configuration: int
-    slots: int
-    began: bool
-    ended: bool
     friction: float
     std: float
     record: int
     begin: int
+
+
+def ways_up(visits: Sequence[Visit], q: int) -> list[bool]:
+    """Return of each transition from configuration q whether it goes up."""
+    return [b.configuration > q for a, b in pairwise(visits) if a.configuration == q and a.record == b.record]
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,30 +244,27 @@ def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:
     return first
 
 
-def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...], tuple[float, Chains, list[Path]]]:
+def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...], _Description]:
     """Describe the records by each number of systems and configurations, simple ones first while more is worth more.
 
     Returns the criterion, the systems and the paths by the numbers of configurations.
     """
     jumps = sum(one.level.size - 1 for one in records)
-    known: dict[tuple[int, ...], tuple[float, Chains, list[Path]]] = {}
+    known: dict[tuple[int, ...], _Description] = {}
     for tier in TIERS:
         before = max((value[0] for value in known.values()), default=-np.inf)
         for counts in tier:
             worth, chains, paths = _best_of(records, counts, base)
-            price = 0.5 * _parameters(counts) * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
+            # Size and spread above the lowest configuration, two of each law, ways up in between.
+            parameters = sum(2 * (count - 1) + 2 * count + (count - 2) for count in counts)
+            price = 0.5 * parameters * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
             known[counts] = worth - price, chains, paths
         if max(value[0] for value in known.values()) <= before:
             break
     return known
 
 
-def _parameters(counts: tuple[int, ...]) -> int:
-    """Count what is estimated: size and spread above the lowest, two of each law, ways up in between."""
-    return sum(2 * (count - 1) + 2 * count + (count - 2) for count in counts)
-
-
-def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> tuple[float, Chains, list[Path]]:
+def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> _Description:
     """Return the best of the starts."""
     tried = [_alternate(records, start, FIRST_PASSES, FIRST_BEAM) for start in _starts(records, counts, base)]
     tried.sort(key=lambda one: -one[0])
@@ -260,9 +272,9 @@ def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) 
     return max(finished, key=lambda one: one[0])
 
 
-def _alternate(records: Sequence[Segments], chains: Chains, passes: int, beam: int) -> tuple[float, Chains, list[Path]]:
+def _alternate(records: Sequence[Segments], chains: Chains, passes: int, beam: int) -> _Description:
     """Alternate paths and estimates; return the best log-likelihood with what gave it."""
-    best: tuple[float, Chains, list[Path]] | None = None
+    best: _Description | None = None
     for _ in range(passes):
         paths = [decode(one, chains, beam) for one in records]
         worth = sum(path.log_likelihood for path in paths)
@@ -460,10 +472,10 @@ def _visits(
                 q = int(path.configurations[begin, i])
                 of_all[i].append(
                     Visit(
-                        q,
                         int(one.at[end] - one.at[begin]),
                         begin > 0,
                         end < one.level.size,
+                        q,
                         friction[i][k] if q else 0.0,
                         std[i][k] if q else 0.0,
                         number,
@@ -520,7 +532,7 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
             if q:
                 size[i, q], spread[i, q] = _size(seen, chains.size[i, q])
         for q in range(1, count - 1):
-            ways = [b.configuration > q for a, b in pairwise(of_one) if a.configuration == q and a.record == b.record]
+            ways = ways_up(of_one, q)
             up[i, q] = (sum(ways) + 1.0) / (len(ways) + 2.0)
     level = np.array([base for base, _ in bases])
     weight = np.array([slots + 1.0 for _, slots in bases])
@@ -532,13 +544,9 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
 def _law(seen: Sequence[Visit], before: float) -> tuple[float, float]:
     """Return location and width of the log of the slots; sojourns that were cut last somewhat longer than was seen."""
     logs = np.array(
-        [
-            np.log(visit.slots) if visit.began and visit.ended else max(np.log(visit.slots) + CUT_BY, before)
-            for visit in seen
-        ]
+        [np.log(visit.slots) if visit.whole else max(np.log(visit.slots) + CUT_BY, before) for visit in seen]
     )
-    whole = np.array([visit.began and visit.ended for visit in seen], dtype=bool)
-    if not whole.any():
+    if not any(visit.whole for visit in seen):
         return (float(np.mean(logs)) if logs.size else before), START_SIGMA
     middle = float(np.mean(logs))
     squares = float(np.sum((logs - middle) ** 2)) + PRIOR_SOJOURNS * PRIOR_SIGMA**2

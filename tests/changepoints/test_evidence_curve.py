@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from rwa_monitor.changepoints.evidence_curve import evidence_curve
+from rwa_monitor.changepoints.evidence import evidence_curve
 from rwa_monitor.changepoints.noise import chi_variance
 
 SLOPE = 5.3e-6

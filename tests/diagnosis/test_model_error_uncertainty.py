@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.adequacy.trials import hide_and_diagnose
-from rwa_monitor.changepoints.stage_results import Components
+from rwa_monitor.diagnosis.features import Features, SystemFeatures
 from rwa_monitor.diagnosis.model_error_uncertainty import ModelErrorUncertainty
 from rwa_monitor.simulation.motion import ProfileKind
 from rwa_monitor.simulation.scenario import Anomaly
 
-DOUBTS = st.floats(0.0, 10.0)
+UNCERTAINTIES = st.floats(0.0, 10.0)
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_what_the_effect_moved_is_not_near_certain(name: str, motion: ProfileKin
         assert diagnosis.viscous.std > 10.0 * sure.viscous.std
 
 
-def test_doubt_does_not_add_up_to_certainty() -> None:
+def test_model_error_uncertainty_does_not_add_up_to_certainty() -> None:
     trial = hide_and_diagnose("quadratic_drag", "orbit", 500, windows=3)
     assert [window.anomaly("viscous").probability < 0.9 for window in trial.windows] == [True] * 3
 
@@ -49,16 +49,17 @@ def test_a_failing_wheel_is_found_where_the_missing_effect_does_not_touch_it(ano
     assert "extend the wheel file" in diagnosis.explanation
 
 
-@given(base=DOUBTS, viscous=DOUBTS, systems=DOUBTS)
-def test_doubt_only_adds(base: float, viscous: float, systems: float) -> None:
+@given(base=UNCERTAINTIES, viscous=UNCERTAINTIES, systems=UNCERTAINTIES)
+def test_model_error_uncertainty_only_adds(base: float, viscous: float, systems: float) -> None:
     stds = np.array([0.0, 0.02])
-    components = Components(1.0, 0.01, 1.0, 0.02, (np.array([0.0, 0.5]),), (stds,))
-    wide = ModelErrorUncertainty(base, viscous, systems).widen(components)
+    system = SystemFeatures("fss_1", np.array([0, 1]), np.array([0.0, 0.5]), stds, rests=True)
+    features = Features(1.0, 0.01, 1.0, 0.02, (system,))
+    wide = ModelErrorUncertainty(base, viscous, systems).widen(features, 1.0)
     assert (wide.base_dry, wide.viscous) == (1.0, 1.0)
     assert wide.base_dry_std >= max(0.01, base)
     assert wide.viscous_std >= max(0.02, viscous)
-    assert wide.fss_friction_std[0][0] == 0.0  # at rest a system has no friction, whatever is missing
-    assert wide.fss_friction_std[0][1] >= max(0.02, systems)
+    assert wide.systems[0].friction_std[0] == 0.0  # at rest a system has no friction, whatever is missing
+    assert wide.systems[0].friction_std[1] >= max(0.02, systems)
 
 
 @pytest.mark.parametrize(("seed", "motion"), [(50_000, "crossings"), (50_000, "orbit"), (50_002, "rich")])

@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rwa_monitor.identification.duration_laws import Sojourns, learn_laws
+from rwa_monitor.identification.duration_laws import learn_laws
 from rwa_monitor.switching.duration_likelihoods import soften
+from rwa_monitor.switching.jump_attribution import Sojourn
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
 from rwa_monitor.wheel.switching_systems import residual_duration
 
@@ -21,9 +22,14 @@ LAWS: list[DurationLaw] = [
 ]
 
 
-def complete(law: DurationLaw, rng: np.random.Generator, count: int) -> Sojourns:
+def whole(*slots: int) -> list[Sojourn]:
+    """Return sojourns that no record cuts."""
+    return [Sojourn(one, began=True, ended=True) for one in slots]
+
+
+def complete(law: DurationLaw, rng: np.random.Generator, count: int) -> list[Sojourn]:
     """Draw sojourns that no record cuts."""
-    return Sojourns(complete=law.sample(rng, count).tolist())
+    return whole(*law.sample(rng, count).tolist())
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
@@ -67,17 +73,17 @@ def test_many_sojourns_give_back_their_law() -> None:
     assert learned.law.survival(at) == pytest.approx(law.survival(at), abs=0.03)
 
 
-def cut_into(law: DurationLaw, slots: int, records: int, rng: np.random.Generator) -> Sojourns:
+def cut_into(law: DurationLaw, slots: int, records: int, rng: np.random.Generator) -> list[Sojourn]:
     """Draw what records of so many slots see of one system that begins a sojourn after the other."""
-    seen = Sojourns()
+    seen = []
     for _ in range(records):
         at, began = 0, False
         length = residual_duration(law, rng, slots)
         while at + length < slots:
-            seen.add(length, began=began, ended=True)
+            seen.append(Sojourn(length, began=began, ended=True))
             at, began = at + length, True
             length = int(law.sample(rng, 1)[0])
-        seen.add(slots - at, began=began, ended=False)
+        seen.append(Sojourn(slots - at, began=began, ended=False))
     return seen
 
 
@@ -89,7 +95,7 @@ def test_cut_sojourns_count_as_what_they_are() -> None:
     for _ in range(20):
         seen = cut_into(law, 3000, 20, rng)
         with_cuts.append(learn_laws([seen])[0].mean)
-        without.append(learn_laws([Sojourns(complete=seen.complete)])[0].mean)
+        without.append(learn_laws([[one for one in seen if one.whole]])[0].mean)
     # About 40 whole sojourns and 40 cut ones a time: each mean is known to some 10 %, that of twenty to 2.5 %.
     assert np.mean(with_cuts) == pytest.approx(law.mean(), rel=0.1)
     assert np.mean(without) < 0.85 * law.mean()
@@ -111,7 +117,7 @@ def test_a_rest_that_swallowed_a_visit_does_not_make_a_law_of_its_own() -> None:
     law = Uniform(low=6500, high=13000)
     seen = complete(law, rng, 80)
     (clean,) = learn_laws([seen])
-    seen.complete.append(24_000)
+    seen += whole(24_000)
     (stray,) = learn_laws([seen])
     assert stray.mean == pytest.approx(clean.mean, rel=0.06)
     assert float(stray.law.survival(20_000)) < 0.02
@@ -125,10 +131,10 @@ def test_the_law_loads_and_ends_where_the_next_sojourn_hardly_gets() -> None:
 
 
 def test_sojourns_of_a_single_slot_have_a_law() -> None:
-    (learned,) = learn_laws([Sojourns(complete=[1, 1, 1, 1, 1])])
+    (learned,) = learn_laws([whole(1, 1, 1, 1, 1)])
     assert float(learned.law.pmf(1)) > 0.2
 
 
 def test_a_configuration_never_seen_has_none() -> None:
     with pytest.raises(ValueError, match="without a sojourn"):
-        learn_laws([Sojourns(complete=[5, 6]), Sojourns()])
+        learn_laws([whole(5, 6), []])

@@ -102,7 +102,9 @@ def test_evidence_is_that_of_the_whole_gaussian():
         assert alone == pytest.approx(closed, abs=1e-9)
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []
-        for base, first, second in priors.cases():
+        parts = (priors.base, *priors.anomaly)
+        for choice in cases.choice.tolist():
+            base, first, second = (part[i] for part, i in zip(parts, choice, strict=True))
             friction_of = []
             for q in path.configurations[1]:
                 law = priors.laws[1][int(q)]

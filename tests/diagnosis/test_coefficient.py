@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from rwa_monitor.diagnosis.history import Coefficient, coefficient
+from rwa_monitor.diagnosis.coefficient import Coefficient, coefficient
 from rwa_monitor.diagnosis.model import built_in_model, log_densities
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, Tracked
 
