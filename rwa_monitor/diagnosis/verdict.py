@@ -224,7 +224,8 @@ def _was_within(one: AnomalyDiagnosis) -> bool:
     """Return whether an estimate lies outside its nominal range, and in earlier windows lay within."""
     if one.nominal_low is None or one.nominal_high is None:
         return False
-    return _outside(one, 0.0, adequate=True) and one.nominal_low <= one.before <= one.nominal_high
+    inside = one.before is not None and one.nominal_low <= one.before <= one.nominal_high
+    return inside and _outside(one, 0.0, adequate=True)
 
 
 def _far(one: AnomalyDiagnosis) -> bool:

@@ -53,7 +53,7 @@ class AnomalyDiagnosis(Judged):
     unmoved
         Whether it is that of a system without a jump in the window.
     before
-        The coefficient as earlier windows show it, in the estimate's unit; NaN where they do not.
+        The coefficient as earlier windows show it, in the estimate's unit; None where they do not.
     """
 
     severity: float | None
@@ -64,7 +64,7 @@ class AnomalyDiagnosis(Judged):
     unit: str
     std: float
     unmoved: bool
-    before: float
+    before: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +273,8 @@ def _anomaly_of(
     inputs: DiagnosisInput, judged: Judged, model: AnomalyModel | None, features: Features, a: int
 ) -> AnomalyDiagnosis:
     wheel = inputs.wheel
-    q, unit, name, before, unmoved = 0, wheel.torque_unit_Nm, DRY_UNIT, math.nan, False
+    before: float | None = None
+    q, unit, name, unmoved = 0, wheel.torque_unit_Nm, DRY_UNIT, False
     if a == 0:
         value, std = features.base_dry, features.base_dry_std
         if inputs.carried.base_dry:
