@@ -89,7 +89,8 @@ def sort_out(
         shape = middle_shape(problem, effect)
         rows = term_rows(series, make_term(problem, effect, shape, level))
         if _beyond(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
-            return effect.separate_by
+            # Dry friction is not negative: where it seems to be, what drives the wheel is no part of it.
+            return None if effect.may_drive and not problem.at_one_speed and level.max() <= 0.0 else effect.separate_by
         if _is_law_of_speed(problem, effect, shape):
             return None
         slow = term_rows(series, make_term(calm, effect, shape, level))

@@ -79,6 +79,15 @@ def test_windage_in_a_single_coast_down(correlation: float) -> None:
         assert untested[name] == FOLLOWS_THE_SPEED
 
 
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_what_drives_the_wheel_is_named_where_dry_friction_seems_negative(direction: float) -> None:
+    speed, wind = direction * coast_down(), -direction * 3.0 * DRY_NM  # two dry frictions more than there is
+    found = answer(smooth_record(speed, QUADRATIC * speed * np.abs(speed) + wind, seed=4))
+    assert sorted(mean_names(found)) == ["quadratic_drag", "torque_bias"]
+    bias = next(effect for effect in found.result.effects if effect.name == "torque_bias").parameters["strength_Nm"]
+    assert bias.value == pytest.approx(wind + direction * DRY_NM, rel=0.1)  # what dry friction holds of it is not seen
+
+
 def test_sublinear_drag_of_a_flywheel() -> None:
     speed = coast_down()
     drag = 1.5e-3 * np.sqrt(speed)

@@ -138,6 +138,8 @@ class Effect:
     of_one_recording: ClassVar[bool] = False
     # True where it comes and goes, so that friction seems to wander.
     comes_and_goes: ClassVar[bool] = False
+    # True where it may drive the wheel, so that dry friction seems to be negative.
+    may_drive: ClassVar[bool] = False
 
     def __init__(self, **values: float) -> None:
         known = {parameter.name: parameter for parameter in self.parameters}

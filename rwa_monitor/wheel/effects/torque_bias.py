@@ -16,8 +16,14 @@ class TorqueBias(MeanEffect):
     name = "torque_bias"
     title = "Torque bias"
     formula = r"\tau = \tau_0 = K_T I_0, \qquad I_0 = I_{\mathrm{measured}} - I"
-    description = "An offset I₀ of the current measurement reads as a constant torque, at every speed and at rest."
-    signature = "A constant that does not flip with the direction, and does not jump."
+    description = (
+        "An offset I₀ of the current measurement reads as a constant torque, at every speed and at rest; so does what "
+        "drives the wheel from outside on a test bench: wind, a slope, a load cell that was not tared."
+    )
+    signature = (
+        "A constant that does not flip with the direction, and does not jump. In one direction it is a part of the dry "
+        "friction, unless that seems to be negative: then by as much at least."
+    )
     confused_with = ("coulomb_asymmetry", "viscous_asymmetry")
     separate_by = "Sizes of the same jump in both directions; the current with the motor off."
     source = (
@@ -25,6 +31,7 @@ class TorqueBias(MeanEffect):
         "scale; the range is a working assumption, no single reference."
     )
     parity = "even"
+    may_drive = True
     parameters = (Parameter("strength_Nm", "N m", -np.inf, np.inf, 2.0e-4, linear=True),)
 
     @classmethod
