@@ -108,7 +108,7 @@ def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
         f"Apart: {len(weak)} records in which an oracle (true form, true jumps) gains less than twice the acceptance",
         f"threshold; the cause is inside the reported set in {rate(weak, lambda o: o.inside)}.",
         "",
-        "| hidden | records | right first | inside the set | what was said first otherwise |",
+        "| hidden | records | right first | inside the set | what was named first otherwise |",
         "|---|---|---|---|---|",
         *_by_effect(one),
         "",
