@@ -174,6 +174,7 @@ def warn_if_alone(bus: BusOptions) -> None:
         log("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")
     for endpoint in bus.listen:
         protocol, _, address = endpoint.partition("/")
-        # An endpoint without an address is refused when the bus is opened, and nobody is let in.
-        if address and protocol not in _PROTECTED and not is_loopback(address.rpartition(":")[0]):
+        host, colon, _ = address.rpartition(":")
+        # An endpoint without an address or port is refused when the bus is opened, and nobody is let in.
+        if colon and protocol not in _PROTECTED and not is_loopback(host):
             log(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")
