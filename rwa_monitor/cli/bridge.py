@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import ipaddress
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log
-from rwa_monitor.cli.options import Whole, bus_options, map_option, udp_option, warn_if_alone, xtce_option
+from rwa_monitor.cli.console import log, stop_on_signals
+from rwa_monitor.cli.options import Whole, bus_options, is_loopback, map_option, udp_option, warn_if_alone, xtce_option
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -36,7 +35,6 @@ def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int,
     """
     from contextlib import ExitStack
 
-    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
@@ -46,7 +44,7 @@ def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int,
     address = UdpAddress.parse(udp, "--udp")
     decoder = PacketDecoder(read_decoding(map_file, xtce_file), "bridge")
     warn_if_alone(bus)
-    if not _is_loopback(address.host):
+    if not is_loopback(address.host):
         log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")
     with stop_on_signals() as stop, ExitStack() as stack:
         receiver = stack.enter_context(listening(address))
@@ -61,10 +59,3 @@ def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int,
         stop.clear()
         stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -8,11 +8,15 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from threading import Event
 from types import FrameType
-from typing import Final, TypeVar
+from typing import TYPE_CHECKING, Final, TypeVar
 
 import click
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 PROGRAM: Final = "rwa-monitor"
+WIDTH_IN_FILES: Final = 120  # characters of a line
 
 # Exit codes; 0 is done.
 FAILED: Final = 1  # or a check found a difference
@@ -24,9 +28,19 @@ Item = TypeVar("Item")
 
 
 def log(*messages: str) -> None:
-    """Write messages to stderr, each in one line."""
-    for message in messages:
+    """Write messages to stderr, each in one line; an empty one is none."""
+    for message in filter(None, messages):
         click.echo(f"{PROGRAM}: {' '.join(message.split())}", err=True)
+
+
+def console_of_stdout() -> Console:
+    """Return the console for stdout; lines have a fixed width where no terminal gives theirs."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = WIDTH_IN_FILES
+    return console
 
 
 def track(items: Iterable[Item], total: int, description: str) -> Iterator[Item]:

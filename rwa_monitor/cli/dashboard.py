@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rwa_monitor.cli.console import log
+from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import (
     FILE,
     Real,
@@ -86,7 +86,6 @@ def command(
     """
     with needs_extra("dashboard"):
         from rwa_monitor.dashboard.server import DashboardOptions, serve
-    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.dashboard.recordings import import_recordings
     from rwa_monitor.history.store import History, Retention
     from rwa_monitor.monitor.bus import endpoints, open_session

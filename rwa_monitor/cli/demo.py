@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rwa_monitor.cli.console import log
+from rwa_monitor.cli.console import console_of_stdout, log, stop_on_signals
 from rwa_monitor.cli.options import Real, Whole, bus_options, no_browser_option, port_option, record_option
 from rwa_monitor.errors import MissingExtraError, needs_extra
 
@@ -66,7 +66,6 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     records everything. At the end the truth is printed. Ctrl-C ends it earlier. With -l, -e or -c others can subscribe
     too. The page ends with it; rwa-monitor dashboard shows it again.
     """
-    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.monitor import RunOptions
@@ -160,6 +159,8 @@ class WheelRow:
         Whether there were once so many that the monitor began a search.
     discrepancy, discrepancy_s
         What the search found, and its wall-clock time since the demo began [s]; None while there is none.
+    printed, printed_model
+        How many diagnoses have a line, and what the last line on the model was.
     """
 
     diagnoses: list[Diagnosis] = field(default_factory=list)
@@ -171,6 +172,30 @@ class WheelRow:
     searched: bool = False
     discrepancy: Discrepancy | None = None
     discrepancy_s: float | None = None
+    printed: int = 0
+    printed_model: str = "fits"
+
+    def take(self, message: Message, elapsed_s: float) -> None:
+        """Take a message that came so long after the demo began [s]."""
+        from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Status
+        from rwa_monitor.monitor.searches import PATIENCE
+
+        match message:
+            case Status():
+                self.window_fill = message.window_fill
+            case Changepoints():
+                self.jumps += len(message.changepoints)
+            case Diagnosis():
+                if self.last is None or self.last.verdict != message.verdict:
+                    self.since_ns = message.window_start_ns
+                self.diagnoses.append(message)
+                self.jumps = 0
+                self.misfits = 0 if message.model_adequate else self.misfits + 1
+                self.searched = self.searched or self.misfits >= PATIENCE
+                if message.verdict == "anomalous" and self.anomalous_s is None:
+                    self.anomalous_s = elapsed_s
+            case Discrepancy():
+                self.discrepancy, self.discrepancy_s = message, elapsed_s
 
     @property
     def last(self) -> Diagnosis | None:
@@ -218,11 +243,18 @@ class DemoView:
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
         """Show what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
+        from rich.live import Live
+
+        console = console_of_stdout()
+        table = Live(get_renderable=self._table, console=console, auto_refresh=False)
         end = time.monotonic() + seconds
-        with self._shown() as refresh:
+        with table if console.is_terminal else nullcontext():
+            refresh = table.refresh if console.is_terminal else self._print_new
             while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching else 0.0):
                 self._take_messages()
                 refresh()
+            self._take_messages()
+            refresh()
 
     @property
     def _searching(self) -> bool:
@@ -242,62 +274,23 @@ class DemoView:
         while (message := self._inbox.take()) is not None:
             _, _, wheel, kind = message.key.split("/")
             if kind in kinds:
-                self._take(self.rows.setdefault(wheel, WheelRow()), kinds[kind].parse(message.payload, message.key))
-
-    def _take(self, row: WheelRow, message: Message) -> None:
-        from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Status
-        from rwa_monitor.monitor.searches import PATIENCE
-
-        match message:
-            case Status():
-                row.window_fill = message.window_fill
-            case Changepoints():
-                row.jumps += len(message.changepoints)
-            case Diagnosis():
-                if row.last is None or row.last.verdict != message.verdict:
-                    row.since_ns = message.window_start_ns
-                row.diagnoses.append(message)
-                row.jumps = 0
-                row.misfits = 0 if message.model_adequate else row.misfits + 1
-                row.searched = row.searched or row.misfits >= PATIENCE
-                if message.verdict == "anomalous" and row.anomalous_s is None:
-                    row.anomalous_s = self._elapsed_s()
-            case Discrepancy():
-                row.discrepancy, row.discrepancy_s = message, self._elapsed_s()
+                row = self.rows.setdefault(wheel, WheelRow())
+                row.take(kinds[kind].parse(message.payload, message.key), self._elapsed_s())
 
     def _elapsed_s(self) -> float:
         """Return how long the demo has been running [s]."""
         return time.monotonic() - self._began
 
-    @contextmanager
-    def _shown(self) -> Iterator[Callable[[], None]]:
-        """Give the function that brings the picture up to date."""
-        from rich.console import Console
-        from rich.live import Live
-
-        console = Console(highlight=False)
-        if console.is_terminal:
-            with Live(self._table(), console=console, auto_refresh=False) as live:
-                yield lambda: live.update(self._table(), refresh=True)
-            return
-        printed: Counter[str] = Counter()
-        models: dict[str, str] = {}
-
-        def print_new() -> None:
-            for wheel, row in sorted(self.rows.items()):
-                for new in row.diagnoses[printed[wheel] :]:
-                    click.echo(
-                        f"{self._elapsed_s():6.1f} s  {wheel}  {self.hours(new.window_end_ns):5.1f} h  "
-                        f"{new.verdict:12}  {new.reason}"
-                    )
-                printed[wheel] = len(row.diagnoses)
-                if row.model and row.model != models.get(wheel, "fits"):
-                    click.echo(f"{self._elapsed_s():6.1f} s  {wheel}  model {row.model}")
-                models[wheel] = row.model or "fits"
-
-        yield print_new
-        self._take_messages()
-        print_new()
+    def _print_new(self) -> None:
+        """Print a line for each new diagnosis, and for each change of what is known of a friction model."""
+        for wheel, row in sorted(self.rows.items()):
+            head = f"{self._elapsed_s():6.1f} s  {wheel}"
+            for new in row.diagnoses[row.printed :]:
+                click.echo(f"{head}  {self.hours(new.window_end_ns):5.1f} h  {new.verdict:12}  {new.reason}")
+            row.printed = len(row.diagnoses)
+            if row.model and row.model != row.printed_model:
+                click.echo(f"{head}  model {row.model}")
+                row.printed_model = row.model
 
     def _table(self) -> Table:
         from rich.progress_bar import ProgressBar

@@ -6,24 +6,20 @@ from collections import defaultdict
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log
+from rwa_monitor.cli.console import console_of_stdout, log
 from rwa_monitor.cli.options import method_option, model_option, wheel_option
 from rwa_monitor.cli.recordings import AT_ONCE, Recordings, recordings_options
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from rwa_monitor.batch.tasks import CarriedStates, Diagnose
     from rwa_monitor.changepoints.stage_results import Method
     from rwa_monitor.messages import Diagnosis
     from rwa_monitor.monitor.trends import WindowFriction
-
-WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal gives its width
 
 
 @click.command(name="diagnose", short_help="Diagnose recordings, from tables to ROS 2 bags.")
@@ -65,7 +61,7 @@ def command(
     # Read before any file is: a wrong option costs nothing then.
     wheel, model = read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None
     task = Diagnose(wheel, recordings.decoding, model, method)
-    console = None if as_json else _console()
+    console = None if as_json else console_of_stdout()
     by_wheel: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)
     not_judged: list[str] = []
     windows = 0
@@ -82,15 +78,6 @@ def command(
     if not_judged:
         log(f"{len(not_judged)} of {counted(windows, 'window')} could not be judged, the last: {not_judged[-1]}")
     return recordings.status
-
-
-def _console() -> Console:
-    from rich.console import Console
-
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = WIDTH_IN_FILES
-    return console
 
 
 def _one_by_one(task: Diagnose, recordings: Recordings, carry: bool) -> Iterator[Diagnosis]:

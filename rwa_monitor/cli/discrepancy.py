@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log, status_line
+from rwa_monitor.cli.console import console_of_stdout, log, status_line
 from rwa_monitor.cli.options import FILE, Whole, as_one, motor_off_option, wheel_option
 from rwa_monitor.cli.recordings import AT_ONCE, Recordings, known_wheel, recordings_options
 
@@ -139,15 +138,11 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
     log(*as_measured([*samples, *held_out], wheel).notes)
     with status_line("searching") as progress:
         for name, one in (*samples, *held_out):
-            for words in (unusual(one, wheel), *end_stops_in_words(one)):
-                if words is not None:
-                    log(f"{name}: {words}")
+            log(*(f"{name}: {words}" for words in (unusual(one, wheel), *end_stops_in_words(one)) if words))
         found = find_discrepancy(samples, wheel, progress, side_by_side, held_out)
         if wanted.search_again:
             found = with_search_again(found, samples, progress, side_by_side)
-        asked = viscous_in_question(found)
-        if asked is not None:
-            log(asked)
+        log(viscous_in_question(found) or "")
         if wanted.bootstrap:
             from rwa_monitor.discrepancy.p_values import with_bootstrap
 
@@ -157,6 +152,7 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
 
 def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
     from rwa_monitor.reporting.discrepancy_report import sentence
+    from rwa_monitor.reporting.discrepancy_text import details, plan_lines
 
     if as_json:
         report = found.result.to_json()
@@ -166,9 +162,11 @@ def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
         click.echo(json.dumps(report, ensure_ascii=False, allow_nan=False))
         return
     click.echo(sentence(found.result))
-    _print_details(found)
-    if planned is not None:
-        _print_plan(planned)
+    console = console_of_stdout()
+    for part in details(found):
+        console.print(part)
+    for line in plan_lines(planned) if planned is not None else ():
+        click.echo(line)
 
 
 def _each(recordings: Recordings, wheel: Wheel | None, as_json: bool) -> int:
@@ -212,86 +210,6 @@ def _write_report(found: Search, sources: list[str], folder: Path) -> None:
     write_text(folder / "report.json", report)
     write_text(folder / "extended_wheel.toml", extend(found).to_toml())
     write_text(folder / "report.html", html(found, sources, build()))
-
-
-def _print_details(found: Search) -> None:
-    """Print the table of effects, the gain, and what could not be tested."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from rwa_monitor.discrepancy.bench import SCALED_ONLY
-    from rwa_monitor.discrepancy.extended import extend, laws_in_words
-    from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-    from rwa_monitor.discrepancy.record import left_out_in_words
-    from rwa_monitor.discrepancy.untested import as_a_part, not_testable
-    from rwa_monitor.reporting.discrepancy_report import absent_effects, noise_gains, p_in_words, steps_in_words
-
-    console = Console(width=None if sys.stdout.isatty() else 120)
-    result = found.result
-    if result.effects:
-        table = Table("effect", "parameters", "gain", "p", "equivalent", "separated by", box=None)
-        for effect in result.effects:
-            parameters = "\n".join(f"{name} = {p.in_words()}" for name, p in effect.parameters.items())
-            table.add_row(
-                effect.formula.partition(",")[0] or effect.name,
-                parameters,
-                f"{effect.delta_deviance:.0f}",
-                p_in_words(found, effect),
-                ", ".join(effect.equivalent) or "-",
-                effect.separate_by,
-            )
-        console.print(table)
-    left_out = left_out_in_words(found.problem.records)
-    console.print(f"{found.problem.size} samples in motion{f' ({left_out})' if left_out else ''}")
-    steps = steps_in_words(found.problem)
-    if steps:
-        console.print(f"{steps}; taken out as far as the values show")
-    gain = result.gain
-    if gain is not None:
-        where = ", ".join(gain.held_out) or "blocks left out in turn"
-        console.print(
-            f"held out ({where}): RMSE {gain.rmse_base_Nm:.4g} → {gain.rmse_extended_Nm:.4g} N m "
-            f"(noise {gain.noise_std_Nm:.4g}), "
-            f"log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} per sample, "
-            f"jumps {gain.changepoints_base} → {gain.changepoints_extended}"
-        )
-        if gain.searched_again is not None:
-            console.print(gain.searched_again.in_words())
-        for name, worth in noise_gains(found):
-            console.print(f"{name}: no less error; the right law of noise is worth {worth:.4f} nats per sample")
-        if gain.diagnosis is not None:
-            before, after = gain.diagnosis.before, gain.diagnosis.after
-            console.print(
-                f"diagnosis of simulated windows with the effect in them: detection {before.detection:.0%} → "
-                f"{after.detection:.0%}, false positives {before.false_positive:.1%} → {after.false_positive:.1%}, "
-                f"false changepoints a window {before.false_changepoints:.1f} → {after.false_changepoints:.1f}"
-            )
-    if found.extended.terms:
-        for line in laws_in_words(extend(found)):
-            console.print(line)
-    not_seen = [f"{entry.name} {entry.in_words()}" for entry in absent_effects(found)]
-    if not_seen:
-        console.print(f"tested and not seen, down to about: {'; '.join(not_seen)}")
-    beyond = not_testable(found.problem, CANDIDATES, result.untested)
-    for name, missing in sorted(result.untested, key=lambda entry: entry[0] in beyond):
-        off = missing.startswith(SCALED_ONLY)
-        why = "not testable" if off or name in beyond else "not excited"
-        console.print(f"{why}: {name} ({'' if off else 'needs '}{as_a_part(missing)})")
-
-
-def _print_plan(planned: Plan) -> None:
-    click.echo("what to fly next:")
-    for line in planned.advice:
-        click.echo(f"  {line}")
-    if planned.manoeuvres:
-        click.echo(f"  to {planned.question}:")
-    for entry in planned.manoeuvres:
-        pair = " and ".join(name for name in entry.worst_pair if name)
-        shows = f"; shows {', '.join(entry.shows)}" if entry.shows else ""
-        worth = f"{entry.separation:10.1f} nats in {entry.duration_s / 60:.0f} min ({entry.nats_per_hour:.1f} an hour)"
-        if entry.shows:
-            worth = f"{len(entry.shows):4d} effects, each by {worth.lstrip()}"
-        click.echo(f"  {worth}  {entry.name}: {entry.description} (hardest: {pair}{shows})")
 
 
 def _plan_json(entry: PlannedManoeuvre) -> dict[str, object]:

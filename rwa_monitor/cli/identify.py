@@ -66,8 +66,7 @@ def command(
     write_text(output, head + learned.wheel.to_toml())
     log(*learned.notes)
     log(f"written to {output}")
-    if warning:
-        log(warning)
+    log(warning)
     return recordings.status
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import functools
+import ipaddress
 import math
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -16,8 +16,7 @@ from rwa_monitor.cli.console import log
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
 
-# Endpoints that nobody reaches from outside this machine, and transports whose other end shows who it is.
-_LOOPBACK: Final = re.compile(r"127\.|localhost:|\[::1\]")
+# Transports whose other end shows who it is.
 _PROTECTED: Final = ("tls", "quic", "unixsock-stream", "unixpipe")
 
 BYTES_PER_GB: Final = 1e9
@@ -161,12 +160,21 @@ bus_options = as_one(
 )
 
 
+def is_loopback(host: str) -> bool:
+    """Return whether nobody reaches a host from outside this machine; an IPv6 address may stand in brackets."""
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
 def warn_if_alone(bus: BusOptions) -> None:
     """Log what the options mean for who is on the bus: nobody else, or everybody on the network."""
     if not (bus.connect or bus.listen or bus.config):
         log("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")
     for endpoint in bus.listen:
         protocol, _, address = endpoint.partition("/")
-        # An endpoint without an address is refused when the bus is opened, and nobody is let in.
-        if address and protocol not in _PROTECTED and not _LOOPBACK.match(address):
+        host, colon, _ = address.rpartition(":")
+        # An endpoint without an address or port is refused when the bus is opened, and nobody is let in.
+        if colon and protocol not in _PROTECTED and not is_loopback(host):
             log(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rwa_monitor.cli.console import FAILED, UNREADABLE, log, status_line
+from rwa_monitor.cli.console import FAILED, UNREADABLE, log, status_line, stop_on_signals
 from rwa_monitor.cli.options import FILE, bus_options, speed_option, warn_if_alone
 
 if TYPE_CHECKING:
@@ -116,7 +116,6 @@ def command(
 
 def _publish(paths: Path | tuple[Path, ...], speed: float, from_ns: int | None, bus: BusOptions) -> int:
     """Send the recorded inputs in the pace of their own time."""
-    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.publisher import replay_to_bus
     from rwa_monitor.words import counted

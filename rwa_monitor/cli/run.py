@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log
+from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import (
     BYTES_PER_GB,
     FILE,
@@ -78,7 +78,6 @@ def command(
     Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
-    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.monitor import RunOptions
     from rwa_monitor.monitor.service import Supervisor, run
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder

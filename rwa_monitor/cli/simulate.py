@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.console import log, track
+from rwa_monitor.cli.console import log, stop_on_signals, track
 from rwa_monitor.cli.options import (
     FILE,
     Real,
@@ -54,12 +54,13 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     recording: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so does the wheel
     where it is not the built-in one: FILE.wheel.toml.
     """
+    from rwa_monitor.telemetry.labels import write_truth
     from rwa_monitor.telemetry.table import table_writer
 
     write = table_writer(output)
     window = _simulate(scenario_file, wheel_file, seed, output.stem)
     write(window.telemetry.samples, output)
-    log(*_write_beside(window, output, seed=seed))
+    log(write_truth(window, output, seed=seed))
     log(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
 
 
@@ -82,14 +83,14 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
     """
     from rwa_monitor.simulation.datasets import generate, label_columns, label_row
     from rwa_monitor.telemetry.files import make_folder
-    from rwa_monitor.telemetry.labels import write_labels
+    from rwa_monitor.telemetry.labels import write_labels, write_truth
     from rwa_monitor.telemetry.table import table_writer
     from rwa_monitor.words import counted
 
     windows = track(generate(recipe, count, seed), count, "simulating")
     rows: list[tuple[str, ...]] = []
     header: tuple[str, ...] = ()
-    left_out: tuple[str, ...] = ()
+    left_out = ""
     for window in windows:
         if not rows:
             # Only now: a recipe that does not exist leaves no empty folder behind.
@@ -97,10 +98,10 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
             make_folder(output)
         table = output / f"{window.name}.{suffix}"
         table_writer(table)(window.telemetry.samples, table)
-        left_out = _write_beside(window, table, recipe=recipe, seed=seed)
+        left_out = write_truth(window, table, recipe=recipe, seed=seed)
         rows.append(label_row(window, table.name))
     write_labels(header, rows, output / "labels.csv")
-    log(*left_out)
+    log(left_out)
     log(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
 
 
@@ -141,7 +142,6 @@ def publish(
     With --udp nothing goes onto the bus: the samples are sent as the packets of `simulate recording -o FILE.ccsds`, one
     a datagram, from APID 416 on.
     """
-    from rwa_monitor.cli.console import stop_on_signals
     from rwa_monitor.monitor.bridge import PacketSender, UdpAddress
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import SamplesPublisher, SamplesSink, send
@@ -187,16 +187,3 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
     scenario, wheel = read_scenario(scenario_file), read_wheel(wheel_file)
     telemetry = simulate(scenario, wheel, np.random.default_rng(seed))
     return LabelledWindow(name, wheel, scenario, telemetry, dict(telemetry.truth.labels))
-
-
-def _write_beside(window: LabelledWindow, table: Path, **source: Any) -> tuple[str, ...]:
-    """Write the truth of a recording beside it, and its wheel unless it is built in; returns what was left out."""
-    from rwa_monitor.telemetry.configuration import write_wheel
-    from rwa_monitor.telemetry.files import beside
-    from rwa_monitor.telemetry.labels import write_truth
-    from rwa_monitor.wheel.wheel import built_in_wheel
-
-    if window.wheel != built_in_wheel():
-        write_wheel(window.wheel, beside(table, ".wheel.toml"))
-    left_out = write_truth(window, table, **source)
-    return (left_out,) if left_out else ()

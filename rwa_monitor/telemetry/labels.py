@@ -25,9 +25,10 @@ import numpy as np
 from rwa_monitor.errors import InputError, MissingExtraError
 from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
 from rwa_monitor.simulation.record import Truth
+from rwa_monitor.telemetry.configuration import write_wheel
 from rwa_monitor.telemetry.files import beside, display_name, read_text, write_text
 from rwa_monitor.telemetry.table import parquet
-from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES
+from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
 
 MAX_LABELS_BYTES: Final = 100_000_000
 
@@ -119,7 +120,7 @@ def _leads_out(file: str, folder: Path) -> str:
 
 
 def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> str:
-    """Write both files of truth beside a recording; returns why one is left out, "" where none is.
+    """Write both files of truth beside a recording, and its wheel unless it is the built-in one.
 
     Parameters
     ----------
@@ -129,7 +130,14 @@ def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> s
         The file that its samples are in.
     **provenance
         What else the JSON shall hold: how to make the recording again.
+
+    Returns
+    -------
+    str
+        Why the table of every slot is left out, "" where it is not.
     """
+    if window.wheel != built_in_wheel():
+        write_wheel(window.wheel, beside(recording, ".wheel.toml"))
     document = {**truth_document(window), **provenance}
     write_text(beside(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")
     try:

@@ -57,17 +57,6 @@ MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be
 MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
 MAX_JOINTS_LISTED: Final = 8  # of a topic, where the map names another
 
-# What the decoder raises where a message is not as in its schema; it checks little itself.
-_DECODER_ERRORS: Final = (
-    ArithmeticError,
-    AttributeError,
-    LookupError,
-    NameError,
-    RuntimeError,  # a type that holds itself: a recursion without end
-    TypeError,
-    ValueError,
-    struct.error,
-)
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
 _HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
 _MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
@@ -346,7 +335,7 @@ class _Bag:
             with redirect_stderr(StringIO()):  # the parser prints there what it also raises
                 decode = self._factory.decoder_for("cdr", replace(schema, data=definition))
                 assert decode is not None
-        except _schema_errors() as error:
+        except Exception as error:  # the parser raises whatever comes of a text that is no definition
             raise InputError(self._source, f"{schema.name} is no message type: {first_line(error)}", place) from error
         return _Topic(channel.topic, decode, self._series[channel.topic])
 
@@ -357,20 +346,13 @@ class _Bag:
             message = topic.decode(record.data)
             for series in topic.series:
                 series.take(message, record)
-        except _DECODER_ERRORS as error:
+        # The decoder checks little itself: it raises whatever comes of bytes that are not as in the schema.
+        except Exception as error:  # noqa: BLE001
             self._refused += 1
             self._first_refused = self._first_refused or f"topic {topic.name}: {first_line(error)}"
         self._rows += 1
         if self._rows > MAX_ROWS:
             raise InputError(self._source, f"has more than {MAX_ROWS:,} messages of the map's topics")
-
-
-def _schema_errors() -> tuple[type[Exception], ...]:
-    """Return what is raised where a schema is none."""
-    from mcap_ros2._vendor.rosidl_adapter import parser
-
-    of_parser: tuple[type[Exception], ...] = (parser.InvalidSpecification, parser.InvalidValue)
-    return (*_DECODER_ERRORS, McapError, *of_parser)
 
 
 def _unpacked(chunk: Chunk) -> bytes:

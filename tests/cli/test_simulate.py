@@ -83,4 +83,4 @@ def test_packets_cut_at_the_end_are_diagnosed_and_the_exit_code_is_3(tmp_path: P
     assert len(result.stdout.splitlines()) == 1
     refused = run("diagnose", packets)
     assert refused.exit_code == 2
-    assert "--xtce says what is in them" in refused.stderr
+    assert "--xtce gives their definition" in refused.stderr
