@@ -122,7 +122,7 @@ class Beat(_Shown):
 
 
 class PulseOfWheel(_Shown):
-    """What a status comes to for a page that does not look at the wheel; why all messages were refused, else null."""
+    """What a status comes to for a page that does not show the wheel; why all messages were refused, else null."""
 
     heard_wall_ns: int
     window_fill: float
@@ -406,9 +406,9 @@ class Api:
         return await self._change(lambda: self._history.shelve(alarm, who.name, who.seconds, who.note))
 
     async def _allowed(self, request: Request, wanted: type[Wanted]) -> Wanted:
-        """Return what a request wants changed; refuses it without the token, or where it is not understood.
+        """Return what a request is to change; refuses it without the token, or where it cannot be read.
 
-        The body is read here: FastAPI would read it whole, however large, before it looks at the token.
+        The body is read here: FastAPI would read it whole, however large, before it checks the token.
         """
         given = request.headers.get("authorization", "")
         if not secrets.compare_digest(given.encode(), f"Bearer {self._token}".encode()):
@@ -492,7 +492,7 @@ async def _send(socket: WebSocket, client: Client) -> None:
 
 
 async def _listen(socket: WebSocket, client: Client) -> None:
-    """Take what the page asks for: {"watch": "spacecraft/wheel"}, of which it gets the samples."""
+    """Receive what the page asks for: {"watch": "spacecraft/wheel"}, of which it gets the samples."""
     while True:
         asked = await socket.receive_json()
         if isinstance(asked, dict):

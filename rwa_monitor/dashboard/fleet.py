@@ -32,7 +32,7 @@ class Received:
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
     `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
-    earlier windows show (`VerdictHistory`). `brief` is the part for pages that do not look at this wheel, "" for all.
+    earlier windows show (`VerdictHistory`). `brief` is the part for pages that do not show this wheel, "" for all.
     """
 
     key: str
@@ -224,7 +224,7 @@ class Fleet:
     def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int, *, watched: bool) -> Samples:
         """Bring samples into the picture; returns those that are picked for it.
 
-        The open windows' samples are kept while there is room for them; one that a page looks at goes before others.
+        The open windows' samples are kept while there is room for them; one that a page shows goes before others.
         """
         with self.lock:
             wheel.rhythm.take_samples(samples.time_ns, wall_ns)

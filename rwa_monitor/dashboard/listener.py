@@ -94,7 +94,7 @@ class Listener:
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
         self._monitors = MonitorWatch(silent_s, history.monitors())
-        self._bus = BusThread(session, key_expression, self._receive, self._tend, name="dashboard listener")
+        self._bus = BusThread(session, key_expression, self._receive, self._maintain, name="dashboard listener")
 
     def __enter__(self) -> Self:
         self._bus.start()
@@ -106,10 +106,10 @@ class Listener:
     def _receive(self, key: str, payload: bytes) -> None:
         self.receive(key, payload)
         if len(self._waiting) >= BATCH_WINDOWS:
-            self._tend()
+            self._maintain()
 
-    def _tend(self) -> None:
-        """Do what is due by the clock: try what could not be stored again, look after database and bus."""
+    def _maintain(self) -> None:
+        """Do what is due by the clock: store what could not be stored, check database and bus."""
         now_s = time.monotonic()
         check_is_due = now_s >= self._check_due_s
         if check_is_due:
@@ -128,15 +128,15 @@ class Listener:
 
     def _report_monitors(self, trouble: str) -> None:
         """Write down which monitors report and which do not any more, and report the alarms that it makes."""
-        news = self._monitors.news(self.history.retired.names(), trouble)[:BATCH_REPORTS]  # the others the next second
+        changes = self._monitors.changes(self.history.retired.names(), trouble)[:BATCH_REPORTS]  # the others later
 
         def write() -> None:
-            changed = self.history.take_monitors(news)
-            self._monitors.written(news)
+            changed = self.history.take_monitors(changes)
+            self._monitors.written(changes)
             for alarm in changed:
                 self.notifier.publish(alarm)
 
-        if news:
+        if changes:
             self._use_history(write)
 
     def _show_others(self) -> None:
@@ -202,7 +202,7 @@ class Listener:
         if known is not None:
             return known
         earlier: list[Diagnosis] = []
-        with suppress(HistoryError):  # they are an ornament; `_store` reports a history that cannot be used
+        with suppress(HistoryError):  # shown without them, too; `_store` reports a history that cannot be used
             earlier = self.history.windows(spacecraft, wheel, REMEMBERED)
         return self.fleet.begin(spacecraft, wheel, earlier)
 
@@ -221,7 +221,7 @@ class Listener:
             self._curve_so_far(known, spacecraft, wheel, wall_ns)
 
     def _curve_so_far(self, wheel: Wheel, spacecraft: str, name: str, wall_ns: int) -> None:
-        """Draw the wGLR of a window that is still open, for the page that looks at it, now and then."""
+        """Draw the wGLR of a window that is still open, for the page that shows it, at most once a second."""
         if wall_ns < wheel.curve_due_ns:
             return
         with self.fleet.lock:
@@ -319,7 +319,7 @@ class MonitorWatch:
         if (spacecraft, wheel) not in self._monitors:
             self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), samples_wall_ns=self._wall_ns())
 
-    def news(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
+    def changes(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
         """Return what the history does not hold yet: monitors that report, and those that do not any more.
 
         Parameters
