@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ from threading import Lock
 from typing import Final, Literal
 
 from rwa_monitor.dashboard.telemetry import DecimatedSamples, DerivedFriction, Evidence, OpenWindow, Rhythm
+from rwa_monitor.history.records import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
@@ -51,6 +53,11 @@ class Received:
         wall = b"null" if self.wall_ns is None else str(self.wall_ns).encode()
         head = b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"beside":' + self.beside
         return head + b',"message":' + self.payload + b"}"
+
+
+def record_entry(record: AlarmRecord | RetirementEvent, kind: str) -> Received:
+    """Return a change of an alarm, or an audit event of the list of wheels, as an entry of the feed."""
+    return Received(f"rwa/{record.spacecraft}/{record.wheel}/{kind}", record.to_json(), time.time_ns())
 
 
 @dataclass(slots=True)

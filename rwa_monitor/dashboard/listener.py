@@ -17,27 +17,18 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier
-from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel
+from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel, record_entry
 from rwa_monitor.dashboard.telemetry import Evidence, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import (
-    Changepoints,
-    Diagnosis,
-    Discrepancy,
-    Message,
-    SamplesMessage,
-    Status,
-    key_of,
-    split_key,
-)
+from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, SamplesMessage, Status, key_of, split_key
 from rwa_monitor.monitor.bus import BusThread, BusWatch
 from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
 
-KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
+KINDS: Final = {report.kind: report for report in REPORTS}
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
@@ -142,7 +133,7 @@ class Listener:
     def _show_others(self) -> None:
         """Show what other dashboards on the same history did on the list of wheels."""
         for event in self.history.retired.refresh():
-            self.hub.post(retirement_entry(event))
+            self.hub.post(record_entry(event, "aside"))
 
     def _use_history(self, work: Callable[[], object]) -> bool:
         """Do something with the history, and log it where it cannot be used."""
@@ -193,7 +184,7 @@ class Listener:
         """Bring a retired wheel back to the list, and have it written down."""
         event = self.history.retired.telemetry_arrived(spacecraft, wheel, window_end_ns)
         if event is not None:
-            self.hub.post(retirement_entry(event))
+            self.hub.post(record_entry(event, "aside"))
             self._waiting.append(event)
 
     def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
@@ -254,11 +245,6 @@ class Listener:
 def _got_samples(before: Status | None, now: Status) -> bool:
     """Return whether a monitor got samples since its status before; the first one does not show how old they are."""
     return before is not None and now.last_sample_ns not in {None, before.last_sample_ns}
-
-
-def retirement_entry(event: RetirementEvent) -> Received:
-    """Return an audit event of the list of wheels as an entry of the feed."""
-    return Received(f"rwa/{event.spacecraft}/{event.wheel}/aside", event.to_json(), time.time_ns())
 
 
 # ---- which monitors report -------------------------------------------------------------------------------------------

@@ -140,7 +140,7 @@ class Sequencer:
         frontier_ns
             Time of the latest sample taken so far, None before the first [ns].
         """
-        ready, events = self._ready, self._events = [], []
+        self._ready, self._events = [], []
         count = len(batch.samples)
         self.counts.received += count
         self.counts.queued += count
@@ -151,18 +151,18 @@ class Sequencer:
             self._in_order(batch, frontier_ns)
         else:
             self._other_publisher(batch, frontier_ns)
-        return ready, events
+        return self._ready, self._events
 
     def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         """Release everything that waits, in order: nothing more will come."""
-        ready, events = self._ready, self._events = [], []
+        self._ready, self._events = [], []
         self._release(len(self.held))
         if self.takeover_uncertain:
             self._reject_takeover()
         if self.takeover:
             self._take_over(frontier_ns)
             self._release(len(self.held))
-        return ready, events
+        return self._ready, self._events
 
     def _begin(self, batch: Batch) -> None:
         self.current = batch.publisher
