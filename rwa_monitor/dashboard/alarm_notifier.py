@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import urllib.error
 import urllib.request
 from collections import deque
@@ -16,7 +15,7 @@ from urllib.parse import urlsplit
 import zenoh
 
 from rwa_monitor.dashboard.feed import Hub
-from rwa_monitor.dashboard.fleet import Received
+from rwa_monitor.dashboard.fleet import record_entry
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
@@ -44,13 +43,8 @@ class AlarmNotifier:
 
     def show(self, alarm: AlarmRecord) -> None:
         """Report a change of an alarm to pages and webhook."""
-        self.hub.post(alarm_entry(alarm))
+        self.hub.post(record_entry(alarm, "alarm"))
         self.webhook.post(alarm)
-
-
-def alarm_entry(alarm: AlarmRecord) -> Received:
-    """Return an alarm as an entry of the feed."""
-    return Received(f"rwa/{alarm.spacecraft}/{alarm.wheel}/alarm", alarm.to_json(), time.time_ns())
 
 
 # ---- the webhook -----------------------------------------------------------------------------------------------------

@@ -26,10 +26,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier, alarm_entry
+from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier
 from rwa_monitor.dashboard.feed import Client, array_json, frame, pulse
-from rwa_monitor.dashboard.fleet import Fleet, Received
-from rwa_monitor.dashboard.listener import retirement_entry
+from rwa_monitor.dashboard.fleet import Fleet, Received, record_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, replay_json
 from rwa_monitor.dashboard.telemetry import Evidence
@@ -122,7 +121,7 @@ class Beat(_Shown):
 
 
 class PulseOfWheel(_Shown):
-    """What a status comes to for a page that does not look at the wheel; why all messages were refused, else null."""
+    """What a status comes to for a page that does not show the wheel; why all messages were refused, else null."""
 
     heard_wall_ns: int
     window_fill: float
@@ -313,8 +312,8 @@ class Api:
         known = {entry.key for entry in live}
         earlier = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
         earlier = [entry for entry in earlier if entry.key not in known]
-        retired = [retirement_entry(event) for event in history.retired.latest()]
-        return [*live, *earlier, *(alarm_entry(alarm) for alarm in history.alarms()), *retired]
+        retired = [record_entry(event, "aside") for event in history.retired.latest()]
+        return [*live, *earlier, *(record_entry(alarm, "alarm") for alarm in history.alarms()), *retired]
 
     def wheel(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
@@ -375,7 +374,7 @@ class Api:
             return retired.retire(spacecraft, wheel, who.name, who.note)
 
         event = await run_in_threadpool(change)
-        self.notifier.hub.post(retirement_entry(event))
+        self.notifier.hub.post(record_entry(event, "aside"))
         return _json(event.to_json())
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
@@ -406,9 +405,9 @@ class Api:
         return await self._change(lambda: self._history.shelve(alarm, who.name, who.seconds, who.note))
 
     async def _allowed(self, request: Request, wanted: type[Wanted]) -> Wanted:
-        """Return what a request wants changed; refuses it without the token, or where it is not understood.
+        """Return what a request is to change; refuses it without the token, or where it cannot be read.
 
-        The body is read here: FastAPI would read it whole, however large, before it looks at the token.
+        The body is read here: FastAPI would read it whole, however large, before it checks the token.
         """
         given = request.headers.get("authorization", "")
         if not secrets.compare_digest(given.encode(), f"Bearer {self._token}".encode()):
@@ -492,7 +491,7 @@ async def _send(socket: WebSocket, client: Client) -> None:
 
 
 async def _listen(socket: WebSocket, client: Client) -> None:
-    """Take what the page asks for: {"watch": "spacecraft/wheel"}, of which it gets the samples."""
+    """Receive what the page asks for: {"watch": "spacecraft/wheel"}, of which it gets the samples."""
     while True:
         asked = await socket.receive_json()
         if isinstance(asked, dict):

@@ -1,9 +1,9 @@
 """The feed: what comes from the bus goes to every open page, in frames, over one WebSocket each.
 
 A frame is a JSON array of entries {key, received_wall_ns, beside, message}; `message` follows the bus's schema of its
-key. What only the view of one wheel shows goes to the pages that look at that wheel: samples, changepoints, the wGLR,
-the whole status. Of all other statuses a frame holds one pulse. A page that does not keep up is let go and comes again,
-rather than falling behind without a sign.
+key. What only the view of one wheel shows goes to the pages that show that wheel: samples, changepoints, the wGLR,
+the whole status. Of all other statuses a frame holds one pulse. A page that does not keep up is disconnected and
+connects again, rather than falling behind unnoticed.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ MAX_ENTRIES: Final = 20_000  # of one frame
 MAX_POSTED: Final = 200_000  # that wait for a frame
 BEAT_KEY: Final = "dashboard/beat"
 PULSE_KEY: Final = "dashboard/pulse"
-CLOSE_UP: Final = frozenset({"samples", "evidence", "changepoints"})  # only for pages that look at the wheel
+CLOSE_UP: Final = frozenset({"samples", "evidence", "changepoints"})  # only for pages that show the wheel
 
 
 class Client:
-    """One open page: the frames that wait for it, and the wheel whose samples it wants."""
+    """One open page: the frames that wait for it, and the wheel whose samples it shows."""
 
     def __init__(self) -> None:
         self.frames: asyncio.Queue[str | None] = asyncio.Queue(MAX_FRAMES)
@@ -37,7 +37,7 @@ class Client:
         self.lost = False
 
     def put(self, frame: str) -> None:
-        """Queue a frame, or give the page up."""
+        """Queue a frame, or disconnect the page."""
         try:
             self.frames.put_nowait(frame)
         except asyncio.QueueFull:
@@ -69,7 +69,7 @@ class Hub:
             self.notes.pop(what, None)
 
     def watched(self, wheel: str) -> bool:
-        """Return whether a page wants the samples of a wheel ("spacecraft/wheel")."""
+        """Return whether a page shows the samples of a wheel ("spacecraft/wheel")."""
         return any(client.watches == wheel for client in tuple(self.clients))
 
     async def run(self) -> None:
@@ -100,7 +100,7 @@ class Hub:
                 entries.append(received)
         entries += pulse(statuses.values())
         shared = b",".join(entry.to_json() for entry in entries)
-        frames: dict[str, str] = {}  # pages that look at the same get the same
+        frames: dict[str, str] = {}  # pages that show the same get the same
         for client in tuple(self.clients):
             if client.watches not in frames:
                 own = [statuses[client.watches]] if client.watches in statuses else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ from threading import Lock
 from typing import Final, Literal
 
 from rwa_monitor.dashboard.telemetry import DecimatedSamples, DerivedFriction, Evidence, OpenWindow, Rhythm
+from rwa_monitor.history.records import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
@@ -32,7 +34,7 @@ class Received:
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
     `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
-    earlier windows show (`VerdictHistory`). `brief` is the part for pages that do not look at this wheel, "" for all.
+    earlier windows show (`VerdictHistory`). `brief` is the part for pages that do not show this wheel, "" for all.
     """
 
     key: str
@@ -51,6 +53,11 @@ class Received:
         wall = b"null" if self.wall_ns is None else str(self.wall_ns).encode()
         head = b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"beside":' + self.beside
         return head + b',"message":' + self.payload + b"}"
+
+
+def record_entry(record: AlarmRecord | RetirementEvent, kind: str) -> Received:
+    """Return a change of an alarm, or an audit event of the list of wheels, as an entry of the feed."""
+    return Received(f"rwa/{record.spacecraft}/{record.wheel}/{kind}", record.to_json(), time.time_ns())
 
 
 @dataclass(slots=True)
@@ -224,7 +231,7 @@ class Fleet:
     def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int, *, watched: bool) -> Samples:
         """Bring samples into the picture; returns those that are picked for it.
 
-        The open windows' samples are kept while there is room for them; one that a page looks at goes before others.
+        The open windows' samples are kept while there is room for them; one that a page shows goes before others.
         """
         with self.lock:
             wheel.rhythm.take_samples(samples.time_ns, wall_ns)

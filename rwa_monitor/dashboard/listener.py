@@ -17,27 +17,18 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier
-from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel
+from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel, record_entry
 from rwa_monitor.dashboard.telemetry import Evidence, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import (
-    Changepoints,
-    Diagnosis,
-    Discrepancy,
-    Message,
-    SamplesMessage,
-    Status,
-    key_of,
-    split_key,
-)
+from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, SamplesMessage, Status, key_of, split_key
 from rwa_monitor.monitor.bus import BusThread, BusWatch
 from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
 
-KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
+KINDS: Final = {report.kind: report for report in REPORTS}
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
@@ -94,7 +85,7 @@ class Listener:
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
         self._monitors = MonitorWatch(silent_s, history.monitors())
-        self._bus = BusThread(session, key_expression, self._receive, self._tend, name="dashboard listener")
+        self._bus = BusThread(session, key_expression, self._receive, self._maintain, name="dashboard listener")
 
     def __enter__(self) -> Self:
         self._bus.start()
@@ -106,10 +97,10 @@ class Listener:
     def _receive(self, key: str, payload: bytes) -> None:
         self.receive(key, payload)
         if len(self._waiting) >= BATCH_WINDOWS:
-            self._tend()
+            self._maintain()
 
-    def _tend(self) -> None:
-        """Do what is due by the clock: try what could not be stored again, look after database and bus."""
+    def _maintain(self) -> None:
+        """Do what is due by the clock: store what could not be stored, check database and bus."""
         now_s = time.monotonic()
         check_is_due = now_s >= self._check_due_s
         if check_is_due:
@@ -128,21 +119,21 @@ class Listener:
 
     def _report_monitors(self, trouble: str) -> None:
         """Write down which monitors report and which do not any more, and report the alarms that it makes."""
-        news = self._monitors.news(self.history.retired.names(), trouble)[:BATCH_REPORTS]  # the others the next second
+        changes = self._monitors.changes(self.history.retired.names(), trouble)[:BATCH_REPORTS]  # the others later
 
         def write() -> None:
-            changed = self.history.take_monitors(news)
-            self._monitors.written(news)
+            changed = self.history.take_monitors(changes)
+            self._monitors.written(changes)
             for alarm in changed:
                 self.notifier.publish(alarm)
 
-        if news:
+        if changes:
             self._use_history(write)
 
     def _show_others(self) -> None:
         """Show what other dashboards on the same history did on the list of wheels."""
         for event in self.history.retired.refresh():
-            self.hub.post(retirement_entry(event))
+            self.hub.post(record_entry(event, "aside"))
 
     def _use_history(self, work: Callable[[], object]) -> bool:
         """Do something with the history, and log it where it cannot be used."""
@@ -193,7 +184,7 @@ class Listener:
         """Bring a retired wheel back to the list, and have it written down."""
         event = self.history.retired.telemetry_arrived(spacecraft, wheel, window_end_ns)
         if event is not None:
-            self.hub.post(retirement_entry(event))
+            self.hub.post(record_entry(event, "aside"))
             self._waiting.append(event)
 
     def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
@@ -202,7 +193,7 @@ class Listener:
         if known is not None:
             return known
         earlier: list[Diagnosis] = []
-        with suppress(HistoryError):  # they are an ornament; `_store` reports a history that cannot be used
+        with suppress(HistoryError):  # shown without them, too; `_store` reports a history that cannot be used
             earlier = self.history.windows(spacecraft, wheel, REMEMBERED)
         return self.fleet.begin(spacecraft, wheel, earlier)
 
@@ -221,7 +212,7 @@ class Listener:
             self._curve_so_far(known, spacecraft, wheel, wall_ns)
 
     def _curve_so_far(self, wheel: Wheel, spacecraft: str, name: str, wall_ns: int) -> None:
-        """Draw the wGLR of a window that is still open, for the page that looks at it, now and then."""
+        """Draw the wGLR of a window that is still open, for the page that shows it, at most once a second."""
         if wall_ns < wheel.curve_due_ns:
             return
         with self.fleet.lock:
@@ -254,11 +245,6 @@ class Listener:
 def _got_samples(before: Status | None, now: Status) -> bool:
     """Return whether a monitor got samples since its status before; the first one does not show how old they are."""
     return before is not None and now.last_sample_ns not in {None, before.last_sample_ns}
-
-
-def retirement_entry(event: RetirementEvent) -> Received:
-    """Return an audit event of the list of wheels as an entry of the feed."""
-    return Received(f"rwa/{event.spacecraft}/{event.wheel}/aside", event.to_json(), time.time_ns())
 
 
 # ---- which monitors report -------------------------------------------------------------------------------------------
@@ -319,7 +305,7 @@ class MonitorWatch:
         if (spacecraft, wheel) not in self._monitors:
             self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), samples_wall_ns=self._wall_ns())
 
-    def news(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
+    def changes(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
         """Return what the history does not hold yet: monitors that report, and those that do not any more.
 
         Parameters

@@ -13,17 +13,7 @@ from rwa_monitor.dashboard.fleet import Received, VerdictHistory
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import (
-    Changepoints,
-    Diagnosis,
-    Discrepancy,
-    Message,
-    SamplesMessage,
-    Status,
-    dump_json,
-    key_of,
-    split_key,
-)
+from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, key_of, split_key
 from rwa_monitor.monitor.recording.reader import (
     RECORDING_SUFFIX,
     RecordedMessage,
@@ -37,7 +27,7 @@ from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
-SHOWN: Final = {kind.schema_name(): kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
+SHOWN: Final = {report.schema_name(): report for report in REPORTS}
 
 
 class RecordingFile(Message):

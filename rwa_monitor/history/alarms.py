@@ -1,9 +1,9 @@
 """When a diagnosis becomes an alarm: a pure state machine over the windows of a wheel.
 
-One possible anomaly of one wheel has one alarm. Each decided window gives it a level on the ladder normal, watch,
+One possible anomaly of one wheel has one alarm. Each decided window gives it a level on the scale normal, watch,
 warning, distress, critical. The alarm's level is the highest that at least k of the last n windows reach, so that one
-bad window does not shout. It clears only when it is normal again *and* acknowledged; an alarm that climbs above what
-was acknowledged wants to be acknowledged again (ISA-18.2). Time is the windows' own, except that of what a person does.
+bad window raises no alarm. It clears only when it is normal again *and* acknowledged; an alarm that rises above what
+was acknowledged must be acknowledged again (ISA-18.2). Time is the windows' own, except that of what a person does.
 The silence of a wheel's monitor goes through the same machine, its reports in the place of windows.
 """
 
@@ -133,7 +133,7 @@ class Policy:
         return next((level for bound, level in steps if severity >= bound), Level.WATCH)
 
 
-MONITOR_POLICY: Final = Policy(k=1, n=1)  # how long the silence must be is for whoever listens to decide
+MONITOR_POLICY: Final = Policy(k=1, n=1)  # how long the silence must be is decided where the status is received
 
 
 @dataclass(frozen=True, slots=True)

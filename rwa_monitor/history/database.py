@@ -93,7 +93,7 @@ class Database:
             with Session(self._engine) as session, session.begin():
                 yield session
         except SQLAlchemyError as error:
-            raise HistoryError(self._say(f"cannot be used: {_reason(error)}")) from error
+            raise HistoryError(self._message(f"cannot be used: {_reason(error)}")) from error
         finally:
             with self._gate:
                 self._sessions -= 1
@@ -118,7 +118,7 @@ class Database:
                     raise OSError("it is in use")
                 self._reopen(self.path)
             except (OSError, sqlite3.Error, InputError) as error:
-                raise HistoryError(self._say(f"is gone, and cannot be put back: {_reason(error)}")) from error
+                raise HistoryError(self._message(f"is gone, and cannot be put back: {_reason(error)}")) from error
 
     def _is_in_place(self, path: Path) -> bool:
         there = _identity(path)
@@ -151,7 +151,7 @@ class Database:
         self._keeper = self._engine.connect()
         return tuple(_identity(self.path.with_name(self.path.name + suffix)) for suffix in ("", *LOGS))
 
-    def _say(self, text: str) -> str:
+    def _message(self, text: str) -> str:
         return f"the history ({self.path or self._url.render_as_string()}) {text}"
 
 

@@ -396,7 +396,7 @@ def _raise(session: Session, state: AlarmStateRow, happened: AlarmEvent, reason:
 
 
 def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
-    """Return an alarm as the state machine sees it."""
+    """Return an alarm as the state machine has it."""
     recent = tuple(Level(int(digit)) for digit in state.recent)
     if row is None:
         return Alarm(recent=recent)

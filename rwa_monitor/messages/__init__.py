@@ -540,6 +540,7 @@ class Discrepancy(Message):
 
 
 MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoints, Diagnosis, Discrepancy, Health)
+REPORTS: Final[tuple[type[Message], ...]] = (Diagnosis, Changepoints, Status, Discrepancy)  # what pages show of a wheel
 
 
 def schema_files() -> dict[str, str]:

@@ -23,8 +23,8 @@ from rwa_monitor.words import counted
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
 HOLD_S: Final = 1.0  # how long a sample waits for others at most
-WAIT_S: Final = 0.1  # for a datagram, before it is looked at what waits
-NEWS_S: Final = 10.0  # between two lines on what was left out
+WAIT_S: Final = 0.1  # for a datagram, before samples that wait are sent
+WARNINGS_S: Final = 10.0  # between two lines on what was left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ class Bridge:
         counts["unknown_apids"] = sorted(counts["unknown_apids"])
         return {"datagrams": self.datagrams, **counts, "samples": self.samples}
 
-    def news(self) -> list[str]:
+    def warnings(self) -> list[str]:
         """Return what was left out and what is missing so far."""
         counts = self._decoder.counts
         bad = [f"{counted(counts.bad, 'packet')} cannot be read, the first: {counts.first_bad}"] if counts.bad else []
@@ -148,32 +148,32 @@ def run_bridge(
     receiver: socket.socket,
     stop: Event,
     log: Callable[[str], None],
-    look: Callable[[float], None] = lambda _: None,
+    on_tick: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Hand on what a socket receives until stopped; what is left out is logged, each line once.
 
-    `look` is called with the time of a clock that only goes forward [s], many times a second.
+    `on_tick` is called with the time of a clock that only goes forward [s], many times a second.
     """
     logged: set[str] = set()
 
-    def log_news() -> None:
-        for line in bridge.news():
+    def log_warnings() -> None:
+        for line in bridge.warnings():
             if line not in logged:
                 log(line)
                 logged.add(line)
 
-    next_news_s = 0.0
+    next_warnings_s = 0.0
     while not stop.is_set():
         with suppress(TimeoutError):
             bridge.take(receiver.recv(MAX_DATAGRAM_BYTES), time.monotonic())
         now_s = time.monotonic()
         bridge.tick(now_s)
-        look(now_s)
-        if now_s >= next_news_s:
-            next_news_s = now_s + NEWS_S
-            log_news()
+        on_tick(now_s)
+        if now_s >= next_warnings_s:
+            next_warnings_s = now_s + WARNINGS_S
+            log_warnings()
     bridge.close()
-    log_news()
+    log_warnings()
 
 
 class PacketSender:

@@ -3,7 +3,7 @@
 Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
 inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
 there is none for `PATIENCE_S`, because the monitor stands still, the message is dropped and counted: a longer wait
-would close the connection, and lose more than one message without a word. What was dropped is asked for again when
+would close the connection, and lose more than one message without a count. What was dropped is asked for again when
 there is time. Memory stays bounded in any case.
 """
 
@@ -63,7 +63,7 @@ _ENDPOINT: Final = re.compile(r"(?:tcp|udp|tls|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|
 
 @dataclass(frozen=True, slots=True)
 class BusOptions:
-    """The Zenoh options of the command line, as its users know them.
+    """The Zenoh options of the command line, under their usual names.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class BusOptions:
         -m: peer, client or router. By default, what only connects is a client where a router answers: peers behind a
         router do not reach each other. Where none answers yet it is a peer, which waits for one.
     connect, listen
-        -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, the process talks to itself without a socket.
+        -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, a bus inside the process, without a socket.
     config
         -c: a Zenoh configuration file; the other options change its settings.
     no_multicast_scouting
@@ -157,7 +157,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
     """
     config = session_config(options)
     if options.mode == "client" and not options.connect and options.config is None:
-        raise InputError("--mode", "a client needs to know where to connect (-e tcp/HOST:PORT)")
+        raise InputError("--mode", "a client needs an endpoint to connect to (-e tcp/HOST:PORT)")
     zenoh.init_log_from_env_or("error")
     if _only_connects(options):
         as_client = session_config(replace(options, mode="client"))
@@ -209,7 +209,7 @@ class MonitorBus:
         self.inbox = inbox
         self._backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
         self.queries: deque[zenoh.Query] = deque(maxlen=MAX_QUERIES)
-        self._open = True  # callbacks go on after undeclare(): they look here
+        self._open = True  # callbacks go on after undeclare(): they check this
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
         self._reported: dict[str, Any] = {}  # when each wheel's health was published
@@ -324,11 +324,11 @@ class MonitorBus:
 # ---- whether the bus is there ----------------------------------------------------------------------------------------
 
 
-LOOK_PERIOD_S: Final = 1.0  # between two looks at the connections
+CHECK_PERIOD_S: Final = 1.0  # of the connections
 
 
 class BusWatch:
-    """Looks at the connections of a session that should connect somewhere.
+    """Watches the connections of a session that should connect somewhere.
 
     Parameters
     ----------
@@ -357,10 +357,10 @@ class BusWatch:
         return "" if connected else f"The bus is gone: there is no connection to {where}. Trying again."
 
     def log_changes(self, now_s: float, log: Callable[[str], None]) -> None:
-        """Look whether it is time to, and log once that the bus is gone, and once that it is there again."""
+        """Check the connections where that is due, and log once that the bus is gone, and once that it is back."""
         if now_s < self._due_s:
             return
-        self._due_s = now_s + LOOK_PERIOD_S
+        self._due_s = now_s + CHECK_PERIOD_S
         trouble = self.trouble()
         if trouble != self._logged:
             log(trouble or "connected to the bus again")
@@ -384,7 +384,7 @@ class BusThread:
         What to listen to.
     receive
         Takes key and payload of each message, cut behind the largest size that a message may have.
-    tend
+    on_idle
         Called whenever the inbox is empty, again and again while nothing comes.
     name
         Of the thread.
@@ -395,11 +395,11 @@ class BusThread:
         session: zenoh.Session,
         key_expression: str,
         receive: Callable[[str, bytes], None],
-        tend: Callable[[], None] = lambda: None,
+        on_idle: Callable[[], None] = lambda: None,
         *,
         name: str,
     ) -> None:
-        self._receive, self._tend = receive, tend
+        self._receive, self._on_idle = receive, on_idle
         self._inbox = Inbox()
         self._stop = Event()
         self._thread = Thread(target=self._run, name=name, daemon=True)
@@ -433,5 +433,5 @@ class BusThread:
             self._inbox.wake.clear()
             while not self._stop.is_set() and (message := self._inbox.take()) is not None:
                 self._receive(message.key, message.payload)
-            self._tend()
+            self._on_idle()
             self._inbox.wake.wait(IDLE_WAIT_S)

@@ -29,7 +29,7 @@ from rwa_monitor.monitor.events import (
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
 from rwa_monitor.monitor.settings_check import SettingsCheck
-from rwa_monitor.monitor.windows import Windows, forget_positions
+from rwa_monitor.monitor.windows import Windows, without_positions
 from rwa_monitor.samples import FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.friction import Source, motor_torque, source_of
@@ -156,7 +156,7 @@ class WheelCore:
         samples, friction = message.samples, self._windows.friction
         torque = friction.torque(samples)
         clean = torque is not None and self._assignment.is_clean(samples)  # then there is nothing to look for
-        events: list[Event] = self._settings_check.look(samples, clean=clean)
+        events: list[Event] = self._settings_check.check(samples, clean=clean)
         if torque is None:
             torque = np.full(len(samples), np.nan)
             if not self._reported_missing:
@@ -294,7 +294,7 @@ def diagnose_samples(
     InputError
         If friction is neither given nor can be derived.
     """
-    core = WheelCore(wheel, model, method=method, carried=None if carried is None else forget_positions(carried))
+    core = WheelCore(wheel, model, method=method, carried=None if carried is None else without_positions(carried))
     for event in (*core.feed(samples), *core.finish()):
         if isinstance(event, WindowDiagnosed):
             yield event

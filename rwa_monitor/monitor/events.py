@@ -40,7 +40,7 @@ class EpochStarted:
 
 @dataclass(frozen=True, slots=True)
 class ProvisionalChangepoint:
-    """A jump of friction, as soon as it is confirmed, and the window it lies in, whose diagnosis has the last word."""
+    """A jump of friction, as soon as it is confirmed; provisional until the diagnosis of the window it lies in."""
 
     window_start_ns: int
     jump: ProvisionalJump

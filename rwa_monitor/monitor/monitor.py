@@ -404,7 +404,7 @@ class Monitor:
 
     def _tick(self, now_s: float) -> None:
         if self.recorder is not None:
-            self.recorder.tend(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
+            self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
             self._log_recorder()
         for found in self.searches.poll():
             self._record(found)

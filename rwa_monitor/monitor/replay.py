@@ -179,7 +179,7 @@ class Report:
     unreadable
         What could not be read of the files, in words; empty when whole.
     notes
-        What a reader should know, such as "holds no whole window".
+        Remarks, such as "holds no whole window".
     messages
         The replayed outputs (topic, JSON bytes), in order.
     """

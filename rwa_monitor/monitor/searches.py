@@ -100,7 +100,7 @@ def _child(connection: Connection) -> None:
 
 
 def _hand_over(connection: Connection, job: SearchJob) -> None:
-    """Send a job to the child, as it takes it; who polls learns if the child has ended before."""
+    """Send a job to the child, as it takes it; a poll shows whether the child has ended before."""
     with suppress(OSError):
         connection.send(job)
 

@@ -1,6 +1,6 @@
 """Whether samples fit the wheel file at all: the sample period, the unit of speed.
 
-Either mistake leaves diagnoses that look like any other, of half the samples or fewer; each is reported once. A window
+Either mistake leaves diagnoses like any other, of half the samples or fewer; each is reported once. A window
 that cannot be judged because samples come too rarely for the wheel file gives that as its reason.
 """
 
@@ -26,7 +26,7 @@ SHARE_BEYOND: Final = 0.1  # of all samples
 
 
 class SettingsCheck:
-    """Looks at a wheel's samples as they arrive.
+    """Checks a wheel's samples as they arrive.
 
     Parameters
     ----------
@@ -43,16 +43,16 @@ class SettingsCheck:
         self._largest = 0.0
         self._speed_reported = False
 
-    def look(self, samples: Samples, *, clean: bool = False) -> list[Event]:
+    def check(self, samples: Samples, *, clean: bool = False) -> list[Event]:
         """Return what these samples show for the first time; `clean` where their speeds are known to be in range."""
-        events = [] if self._times is None else self._look_at_times(self._times, samples.time_ns)
+        events = [] if self._times is None else self._check_period(self._times, samples.time_ns)
         if clean:
             self._seen += samples.time_ns.size
         elif not self._speed_reported:
-            events += self._look_at_speed(samples)
+            events += self._check_speed(samples)
         return events
 
-    def _look_at_times(self, before_ns: IntArray, time_ns: IntArray) -> list[Event]:
+    def _check_period(self, before_ns: IntArray, time_ns: IntArray) -> list[Event]:
         self._times = np.concatenate([before_ns, time_ns[: STEPS + 1 - before_ns.size]])
         if self._times.size <= STEPS:
             return []
@@ -66,7 +66,7 @@ class SettingsCheck:
         slow = _come_slowly(steps, self._expected_s)
         return [SamplePeriodDiffers(period_s, self._expected_s)] if fast or slow else []
 
-    def _look_at_speed(self, samples: Samples) -> list[Event]:
+    def _check_speed(self, samples: Samples) -> list[Event]:
         sizes = np.abs(samples.speed_rad_s)
         beyond = sizes[(sizes > self._limit) & np.isfinite(sizes)]
         self._seen += len(samples)

@@ -254,7 +254,7 @@ def _run(
     """Run recordings, each on the cores of the one before it, and log the progress of a long run."""
     due_s = time.monotonic() + PROGRESS_S
 
-    def look(passing: PassingRecording, _part: object) -> None:
+    def on_part(passing: PassingRecording, _part: object) -> None:
         nonlocal due_s
         on_progress()
         if time.monotonic() >= due_s:
@@ -263,7 +263,7 @@ def _run(
 
     ran: list[tuple[Recording, RecordingRun]] = []
     for passing in map(PassingRecording, files):
-        run = run_recording(passing, stop, partial(look, passing), ran[-1][1] if ran else None)
+        run = run_recording(passing, stop, partial(on_part, passing), ran[-1][1] if ran else None)
         ran.append((passing.recording, run))
     return ran
 

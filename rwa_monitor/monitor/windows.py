@@ -140,7 +140,7 @@ class Windows:
         if self._open and self._done > max(self._last_end, self._open[0].start):
             events.append(self._close(self._open[0]))
         self._open.clear()
-        self.carried = forget_positions(self.carried)
+        self.carried = without_positions(self.carried)
         return events
 
     # ---- slots into windows -----------------------------------------------------------------------------------------
@@ -156,7 +156,7 @@ class Windows:
             if self._done != self._next_start and ready < min(next_block, self._border):
                 return []  # nothing to work off, and many slots are screened in the time of one
         masked, faults = self.screen.run(self.ring, seen, self._border_before)
-        events = self._told(masked, faults) if masked or faults else []
+        events = self._mask(masked, faults) if masked or faults else []
         while True:
             if self._open and self._window_complete(to_the_end=to_the_end):
                 events.append(self._close(self._open.pop(0)))
@@ -197,7 +197,7 @@ class Windows:
         count = stop - start
         there = _THERE[:count] if count <= _THERE.size else np.ones(count, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
-        events = self._told(masked, faults) if masked or faults else []
+        events = self._mask(masked, faults) if masked or faults else []
         if not confirmed or not confirmed[0]:
             return events
         # Where windows overlap, the first one to hold a slot reports it.
@@ -206,7 +206,7 @@ class Windows:
             self._provisional(first, jump) for jump in confirmed[0] if first + jump.index >= self._last_end
         ]
 
-    def _told(self, masked: int, faults: list[Fault]) -> list[Event]:
+    def _mask(self, masked: int, faults: list[Fault]) -> list[Event]:
         """Count slots that were taken as good and are masked now, and return why."""
         self.counts.used -= masked
         self.counts.masked += masked
@@ -242,7 +242,7 @@ class Windows:
             good = np.isfinite(window.accumulator.gathered().x)
             diagnosis = with_sample_period(diagnosis, good, self.wheel.sample_period_s)
         if partial:
-            self.carried = forget_positions(self.carried)
+            self.carried = without_positions(self.carried)
         self._last_end = end
         return WindowDiagnosed(
             start_ns=self.grid.time_of(window.start),
@@ -305,7 +305,7 @@ class Windows:
         self._find_border()
 
 
-def forget_positions(carried: CarriedState) -> CarriedState:
+def without_positions(carried: CarriedState) -> CarriedState:
     """Return the state without where the switching systems stand: the next window does not follow at once."""
     systems = tuple(system.model_copy(update={"configuration": None, "age": None}) for system in carried.fss)
     return carried.model_copy(update={"fss": systems})

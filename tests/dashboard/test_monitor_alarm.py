@@ -42,27 +42,27 @@ def watch(expected: dict[tuple[str, str], bool]) -> tuple[MonitorWatch, Clock]:
 def test_silence_is_news_once_and_so_is_a_status() -> None:
     monitors, clock = watch({})
     monitors.take_status("sat", "wheel_1", START_NS)
-    assert monitors.news((), "") == [HEARD]
-    assert monitors.news((), "") == [HEARD], "until it is written"
+    assert monitors.changes((), "") == [HEARD]
+    assert monitors.changes((), "") == [HEARD], "until it is written"
     monitors.written([HEARD])
     clock.s += 30.0
-    assert monitors.news((), "") == []
+    assert monitors.changes((), "") == []
     clock.s += 0.5
-    (silent,) = monitors.news((), "The bus is gone.")
+    (silent,) = monitors.changes((), "The bus is gone.")
     assert silent.silent
     assert "No monitor has reported since 2026-11-18T" in silent.reason
     assert silent.reason.endswith(": 30 s and longer. The bus is gone.")
     monitors.written([silent])
-    assert monitors.news((), "") == []
+    assert monitors.changes((), "") == []
     monitors.take_status("sat", "wheel_1", None)
-    assert monitors.news((), "") == [HEARD]
+    assert monitors.changes((), "") == [HEARD]
 
 
 def test_a_dashboard_that_was_started_later_counts_from_its_start_and_from_what_is_written() -> None:
     monitors, clock = watch({("sat", "wheel_1"): False, ("sat", "wheel_2"): True})
-    assert monitors.news((), "") == []
+    assert monitors.changes((), "") == []
     clock.s += 31.0
-    (silent,) = monitors.news((), "")
+    (silent,) = monitors.changes((), "")
     assert (silent.wheel, silent.time_ns) == ("wheel_1", None)
     assert "since this dashboard was started, at 2026-11-18T" in silent.reason
 
@@ -70,24 +70,24 @@ def test_a_dashboard_that_was_started_later_counts_from_its_start_and_from_what_
 def test_no_monitor_is_expected_for_a_retired_wheel_nor_where_no_alarm_is_wanted() -> None:
     monitors, clock = watch({("sat", "wheel_1"): False})
     clock.s += 31.0
-    assert monitors.news({("sat", "wheel_1")}, "") == []
-    assert monitors.news((), "")
+    assert monitors.changes({("sat", "wheel_1")}, "") == []
+    assert monitors.changes((), "")
     monitors = MonitorWatch(0.0, {("sat", "wheel_1"): False}, clock)
     clock.s += 31.0
     monitors.take_status("sat", "wheel_2", None)
-    assert monitors.news((), "") == []
+    assert monitors.changes((), "") == []
 
 
 def test_who_sends_samples_should_be_monitored() -> None:
     monitors, clock = watch({})
     monitors.expect("sat", "wheel_1")
-    assert monitors.news((), "") == []
+    assert monitors.changes((), "") == []
     clock.s += 31.0
     monitors.expect("sat", "wheel_1")
-    (silent,) = monitors.news((), "")
+    (silent,) = monitors.changes((), "")
     assert "since samples of this wheel came first, at 2026-11-18T" in silent.reason
     monitors.take_status("sat", "wheel_1", START_NS)
-    assert monitors.news((), "") == [HEARD]
+    assert monitors.changes((), "") == [HEARD]
 
 
 @pytest.mark.processes

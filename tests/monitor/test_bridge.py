@@ -92,7 +92,7 @@ def test_what_is_no_packet_is_counted_once(bridge: Bridge, datagram: bytes) -> N
     counts = bridge.counts()
     assert (counts["datagrams"], counts["packets"], counts["samples"]) == (1, 1, 0)
     assert counts["bad"] + counts["unknown"] == 1
-    assert len(bridge.news()) == 1
+    assert len(bridge.warnings()) == 1
 
 
 def test_what_follows_a_good_packet_is_counted_as_bad(bridge: Bridge) -> None:
@@ -104,7 +104,7 @@ def test_counts_are_json(bridge: Bridge) -> None:
     bridge.take(b"\x03\xe7" + made.packets(1)[0][2:], 0.0)
     counts = json.loads(json.dumps(bridge.counts()))
     assert counts["unknown_apids"] == [999]
-    assert bridge.news() == ["1 packet of APIDs that the map does not name (999)"]
+    assert bridge.warnings() == ["1 packet of APIDs that the map does not name (999)"]
 
 
 # ---- sockets ---------------------------------------------------------------------------------------------------------

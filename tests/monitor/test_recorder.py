@@ -41,7 +41,7 @@ def fed(writing: Recorder, messages: int, size: int, checkpoints: Checkpoints | 
     rng = np.random.default_rng(1)
     for number in range(messages):
         writing.write(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(size), number)
-        writing.tend(number * 1.5, lambda: checkpoints or {})
+        writing.maintain(number * 1.5, lambda: checkpoints or {})
         yield number
     writing.close(messages * 1.5)
 
@@ -51,9 +51,9 @@ def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
     writing.begin({}, now_s=0.0)
     for second in range(3):
         writing.write(TOPICS[0], "rwa.Samples", b"%d" % second, second)
-        writing.tend(second + 1.0, dict)
+        writing.maintain(second + 1.0, dict)
     writing.write(TOPICS[0], "rwa.Samples", b"late", 9)
-    writing.tend(3.5, dict)
+    writing.maintain(3.5, dict)
     assert writing.path is not None
     seen = [message.data for message in read_recording(writing.path).messages]
     assert seen == [b"0", b"1", b"2"]
@@ -80,7 +80,7 @@ def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monk
     writing.begin(wheels, now_s=0.0)
     turns = []
     for number in range(60):
-        writing.tend(MAX_FILE_AGE_S + 1.0 + 0.1 * number, lambda: wheels, busy=number < 20)
+        writing.maintain(MAX_FILE_AGE_S + 1.0 + 0.1 * number, lambda: wheels, busy=number < 20)
         turns.append(last_settings(recordings_of(tmp_path)[-1])["checkpoints"])
     # The first at once, then one in five turns; from the twentieth turn on one in each.
     assert turns == ["some"] * (20 + 3) + ["all"] * (60 - 23)
@@ -92,7 +92,7 @@ def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path
     writing.begin({}, now_s=5.0)
     for hour in range(60):
         writing.write(TOPICS[0], "rwa.Samples", b"%d" % hour, hour)
-        writing.tend(5.0 + 3_600.0 * hour, dict)
+        writing.maintain(5.0 + 3_600.0 * hour, dict)
     writing.close(5.0 + 3_600.0 * 60)
     held = [[int(message.data) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
     assert held == [list(range(26)), list(range(26, 51)), list(range(51, 60))]
@@ -187,17 +187,17 @@ DISK_FULL = """
     data = random.Random(1)
     for number in range(100):
         recorder.write("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
-        recorder.tend(0.1 * number, dict)
+        recorder.maintain(0.1 * number, dict)
         if recorder.error:
             break
     assert recorder.error.startswith("nothing is recorded"), recorder.error
     assert recorder.path is None
     files = sorted(folder.iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
-    recorder.tend(50.0, dict)  # in vain, and nothing half begun is left behind
+    recorder.maintain(50.0, dict)  # in vain, and nothing half begun is left behind
     assert recorder.path is None and sorted(folder.iterdir()) == files, sorted(folder.iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    recorder.tend(100.0, lambda: {"a/b": lambda: b"{}"})  # the disk works again
+    recorder.maintain(100.0, lambda: {"a/b": lambda: b"{}"})  # the disk works again
     assert recorder.error == "", recorder.error
     assert recorder.path not in (None, first)
     recorder.write("rwa/a/b/samples", "rwa.Samples", b"again", 999)

@@ -26,7 +26,7 @@ def ramp(count: int, period_s: float, seed: int = 1) -> Samples:
 
 def looked(samples: Samples, cut: int) -> list[Event]:
     check = SettingsCheck(built_in_wheel())
-    return [e for i in range(0, len(samples), cut) for e in check.look(samples[i : i + cut])]
+    return [e for i in range(0, len(samples), cut) for e in check.check(samples[i : i + cut])]
 
 
 @pytest.mark.parametrize("cut", [1, 7, 1000])

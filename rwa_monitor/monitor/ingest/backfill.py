@@ -1,4 +1,4 @@
-"""Closes the gaps in what publishers send, before anybody else sees them.
+"""Closes the gaps in what publishers send, before the messages are passed on.
 
 Zenoh's advanced subscriber asks publishers for their history when it starts, and for what it missed. Three things can
 go wrong with that (seen with Zenoh 1.10). Where a live message overtakes the history, the history is thrown away as
@@ -211,7 +211,7 @@ class Backfill:
         for source in list(self._gaps):
             if self._ready:
                 break  # one gap after the other: what it held is in memory until it was taken
-            self._tend(source)
+            self._settle(source)
         while not self._ready and self._held_bytes <= self._max_bytes:
             arrival = take()
             if arrival is None:
@@ -302,7 +302,7 @@ class Backfill:
         gap.asked_s, gap.answered_s = self._clock_s(), None
         self._ask(gap.before, gap.first, gap.take, answered)
 
-    def _tend(self, source: str) -> None:
+    def _settle(self, source: str) -> None:
         """Pass on what waited where the gap is closed, or will not be; ask again where it may be."""
         gap, now_s = self._gaps[source], self._clock_s()
         if gap.asked_s is None:

@@ -127,6 +127,8 @@ class Sequencer:
     largest: int = 0  # samples of the current publisher's largest message
     replaced: list[str] = field(default_factory=list)
     latest_ns: int | None = None  # median time of the current publisher's latest message, before any step of its clock
+    _ready: list[Batch] = field(default_factory=list)  # of the call that is being worked on, as the events
+    _events: list[SequenceEvent] = field(default_factory=list)
 
     def put(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         """Take a message; return the messages that are ready now, in order, and what happened.
@@ -138,30 +140,29 @@ class Sequencer:
         frontier_ns
             Time of the latest sample taken so far, None before the first [ns].
         """
-        count = batch.samples.time_ns.size
+        self._ready, self._events = [], []
+        count = len(batch.samples)
         self.counts.received += count
         self.counts.queued += count
         if self.current is None:
             self._begin(batch)
-        if batch.publisher != self.current:
-            return self._other_publisher(batch, frontier_ns)
-        self.largest = max(self.largest, count)
-        events = self._reject_takeover() if self.takeover else []
-        ready, more = self._in_order(batch, frontier_ns)
-        self._remember_time(batch)
-        return ready, events + more
+        if batch.publisher == self.current:
+            self._reject_takeover()
+            self._in_order(batch, frontier_ns)
+        else:
+            self._other_publisher(batch, frontier_ns)
+        return self._ready, self._events
 
     def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         """Release everything that waits, in order: nothing more will come."""
-        ready, events = self._release(len(self.held))
+        self._ready, self._events = [], []
+        self._release(len(self.held))
         if self.takeover_uncertain:
-            events += self._reject_takeover()
+            self._reject_takeover()
         if self.takeover:
-            more_ready, more_events = self._take_over(frontier_ns)
-            last_ready, last_events = self._release(len(self.held))
-            ready += more_ready + last_ready
-            events += more_events + last_events
-        return ready, events
+            self._take_over(frontier_ns)
+            self._release(len(self.held))
+        return self._ready, self._events
 
     def _begin(self, batch: Batch) -> None:
         self.current = batch.publisher
@@ -173,19 +174,16 @@ class Sequencer:
         # A publisher whose first message overtook others has small numbers; one that we join late has any.
         self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
 
-    def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        events: list[SequenceEvent] = []
+    def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> None:
         if self.takeover and self.takeover[0].publisher != batch.publisher:
-            events += self._reject_takeover()
+            self._reject_takeover()
         if not self.takeover:
             repeats = frontier_ns is not None and len(batch.samples) > 0 and batch.samples.time_ns[-1] <= frontier_ns
             self.takeover_uncertain = bool(repeats) or batch.publisher in self.replaced
         self.takeover.append(batch)
-        if not self._is_restart():
-            return [], events
-        left, left_events = self._release(len(self.held))
-        ready, more = self._take_over(frontier_ns)
-        return left + ready, [*events, *left_events, *more]
+        if self._is_restart():
+            self._release(len(self.held))
+            self._take_over(frontier_ns)
 
     def _is_restart(self) -> bool:
         """Return whether the other publisher has sent enough for a restart."""
@@ -193,99 +191,91 @@ class Sequencer:
         samples = messages * min(self.largest, TAKEOVER_SAMPLES)
         return len(self.takeover) >= messages and sum(len(batch.samples) for batch in self.takeover) >= samples
 
-    def _reject_takeover(self) -> list[SequenceEvent]:
-        """Reject what a second publisher sent while the current one is alive."""
+    def _reject_takeover(self) -> None:
+        """Reject what a second publisher sent, if there is one, while the current one is alive."""
         if not self.takeover:
-            return []
+            return
         count = sum(len(batch.samples) for batch in self.takeover)
         refused = self.takeover[0].publisher
         self.takeover.clear()
         self.takeover_uncertain = False
         self.counts.queued -= count
         self.counts.rejected += count
-        return [PublisherConflict(current=self.current or "", refused=refused, samples=count)]
+        self._events.append(PublisherConflict(current=self.current or "", refused=refused, samples=count))
 
-    def _take_over(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+    def _take_over(self, frontier_ns: int | None) -> None:
         batches, self.takeover, self.takeover_uncertain = self.takeover, [], False
         if self.current is not None:
             self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
-        events: list[SequenceEvent] = [PublisherChanged(before=self.current or "", after=batches[0].publisher)]
+        self._events.append(PublisherChanged(before=self.current or "", after=batches[0].publisher))
         self.latest_ns = None
         self._begin(min(batches, key=lambda batch: -1 if batch.number is None else batch.number))
-        ready: list[Batch] = []
         for batch in batches:
-            self.largest = max(self.largest, len(batch.samples))
-            more, more_events = self._in_order(batch, frontier_ns)
-            self._remember_time(batch)
-            ready += more
-            events += more_events
-        return ready, events
+            self._in_order(batch, frontier_ns)
 
-    def _remember_time(self, batch: Batch) -> None:
+    def _in_order(self, batch: Batch, frontier_ns: int | None) -> None:
+        """Take a message of the current publisher, in its turn or not."""
+        self.largest = max(self.largest, len(batch.samples))
+        if batch.number is None or self.expected is None:
+            if batch.number is not None:
+                self.expected = batch.number + 1
+            self._ready.append(batch)
+        elif batch.number == self.expected and not self.held:  # as nearly always
+            self.expected += 1
+            self._ready.append(batch)
+        elif batch.number < self.expected:
+            self._passed(batch, batch.number, frontier_ns)
+        elif batch.number in self.held:  # the same message twice while it waits
+            self._count_duplicate(batch)
+        else:
+            self.held[batch.number] = batch
+            self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
         time_ns = batch.samples.time_ns
         if time_ns.size:
             # The middle one: a single wild time does not matter.
             rank = time_ns.size // 2
             middle_ns = int(np.partition(time_ns, rank)[rank])
-            if self.latest_ns is None or middle_ns > self.latest_ns:
-                self.latest_ns = middle_ns
+            self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
 
-    def _in_order(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        if batch.number is None or self.expected is None:
-            if batch.number is not None:
-                self.expected = batch.number + 1
-            return [batch], []
-        if batch.number == self.expected and not self.held:  # as nearly always
-            self.expected += 1
-            return [batch], []
-        if batch.number < self.expected:
-            return self._passed(batch, batch.number, frontier_ns)
-        if batch.number in self.held:  # the same message twice while it waits
-            self._count_duplicate(batch)
-            return [], []
-        self.held[batch.number] = batch
-        return self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
-
-    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> None:
         """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
-        if number in self.skipped:
-            del self.skipped[number]
-            return [batch._replace(passed=True)], []
         times = batch.samples.time_ns
         known_ns = [time_ns for time_ns in (frontier_ns, self.latest_ns) if time_ns is not None]
-        if number < HOLD_BACK_MESSAGES and known_ns and times.size and int(times.min()) > max(known_ns):
+        if number in self.skipped:
+            del self.skipped[number]
+            self._ready.append(batch._replace(passed=True))
+        elif number < HOLD_BACK_MESSAGES and known_ns and times.size and int(times.min()) > max(known_ns):
             # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name. What comes
             # again out of a history is earlier than something before it, also when the clock has stepped back since.
-            ready, events = self._release(len(self.held))
+            self._release(len(self.held))
             self._begin(batch)
             self.expected = number + 1
-            return [*ready, batch], events
-        self._count_duplicate(batch)
-        return [], []
+            self._ready.append(batch)
+        else:
+            self._count_duplicate(batch)
 
     def _count_duplicate(self, batch: Batch) -> None:
         self.counts.queued -= len(batch.samples)
         self.counts.duplicate += len(batch.samples)
 
-    def _release(self, at_least: int) -> tuple[list[Batch], list[SequenceEvent]]:
+    def _release(self, at_least: int) -> None:
         """Release what is next in order, and at least so many of those that wait, over the gaps before them."""
-        ready: list[Batch] = []
-        events: list[SequenceEvent] = []
+        released = 0
         while self.held:
             number = min(self.held)
             if number != self.expected:
-                if len(ready) >= at_least:
+                if released >= at_least:
                     break
-                events.append(self._skip(number))
-            ready.append(self.held.pop(number))
+                self._skip(number)
+            self._ready.append(self.held.pop(number))
             self.expected = number + 1
-        return ready, events
+            released += 1
 
-    def _skip(self, number: int) -> MessagesMissed:
-        """Give up the batches before `number`, but remember them."""
+    def _skip(self, number: int) -> None:
+        """Give up the batches before `number`, but keep their numbers."""
         first = number if self.expected is None else self.expected
         self.counts.messages_missed += number - first
         self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
         while len(self.skipped) > MAX_SKIPPED:
             del self.skipped[next(iter(self.skipped))]
-        return MessagesMissed(self.current or "", first, number - first)
+        self._events.append(MessagesMissed(self.current or "", first, number - first))

@@ -1,4 +1,4 @@
-"""Reads recordings: MCAP files in which every byte that is believed has passed its checksum.
+"""Reads recordings: MCAP files, of which only bytes that pass their checksum are used.
 
 The mcap package's own readers check no CRC by default, skip those of attachments always, and give nothing of a file
 that was cut. This reader walks over the records itself (one byte opcode, eight bytes length, content), keeps what is
@@ -244,7 +244,7 @@ class PassingRecording:
     def _unpack(self, content: bytes) -> bytes:
         """Return the data of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
         chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-        if not _believable(chunk):
+        if not _is_acceptable(chunk):
             raise ValueError("a size or checksum that is none")
         self._begin_work(chunk.uncompressed_size)
         data: bytes = zstandard.decompress(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
@@ -290,7 +290,7 @@ class PassingRecording:
             raise InputError(display_name(self.recording.path), reason)
 
     def _take_attachment(self, content: bytes) -> bool:
-        attachment = _believed_attachment(content)
+        attachment = _checked_attachment(content)
         if attachment is None:
             return False
         try:
@@ -381,7 +381,7 @@ class _Pieces:
 def _is_ignored(opcode: int, content: bytes) -> bool:
     """Return whether this is a record from which nothing is taken, as it has no checksum of its own.
 
-    Its lengths must agree: a chunk whose opcode has a flipped bit must not pass for one, and be lost without a word.
+    Its lengths must agree: a chunk whose opcode has a flipped bit must not pass for one, and be lost without a report.
     """
     if opcode == Opcode.HEADER:  # two texts, each after its length
         profile = int.from_bytes(content[:4], "little")
@@ -392,7 +392,7 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
     return False
 
 
-def _believed_attachment(content: bytes) -> Attachment | None:
+def _checked_attachment(content: bytes) -> Attachment | None:
     """Return the attachment in a record, None where it is damaged."""
     if len(content) < 4 or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
         return None
@@ -403,7 +403,7 @@ def _believed_attachment(content: bytes) -> Attachment | None:
     return attachment
 
 
-def _believable(chunk: Chunk) -> bool:
+def _is_acceptable(chunk: Chunk) -> bool:
     """Return whether a chunk has a checksum, and a size that may be unpacked."""
     if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
         return False
@@ -571,6 +571,6 @@ def last_settings(path: Path) -> dict[str, Any]:
         begin = file.read(_ATTACHMENT_NAME + len(named))
         if begin[_ATTACHMENT_NAME:] == named:
             content = begin + file.read(length - len(begin))
-            if attachment := _believed_attachment(content):
+            if attachment := _checked_attachment(content):
                 recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
     return recording.settings() if recording.attachments else {}

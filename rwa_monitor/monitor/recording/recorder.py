@@ -86,7 +86,7 @@ class Predecessor:
 
 
 class Recorder:
-    """Keeps the recordings of a folder: rotates, looks after the disk, never raises once it has begun.
+    """Keeps the recordings of a folder: rotates them, guards the disk, never raises once it has begun.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ class Recorder:
         except OSError as error:
             self._fail(error, now_s)
 
-    def tend(self, now_s: float, checkpoints: Callable[[], Checkpoints], *, busy: bool = False) -> None:
+    def maintain(self, now_s: float, checkpoints: Callable[[], Checkpoints], *, busy: bool = False) -> None:
         """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs.
 
         Parameters
@@ -267,7 +267,7 @@ class Recorder:
         assert ending is not None
         try:
             self._room = 0
-            self._need(ending.size_at_begin)
+            self._ensure_room(ending.size_at_begin)
             self._writer = self._new_file(Predecessor(ending.path.name, None), SOME_CHECKPOINTS, {})
         except OSError as error:
             self.close(now_s)  # it is whole, whatever becomes of the next one
@@ -290,7 +290,7 @@ class Recorder:
                 name, make = self._left.popitem()
                 data = make()
                 moved += len(data)
-                self._need(self._writer.size + len(data), len(data), self._writer.size)
+                self._ensure_room(self._writer.size + len(data), len(data), self._writer.size)
                 self._writer.attach(_attachment_of(name), data)
             if not self._left:
                 self._writer.sync()
@@ -352,15 +352,15 @@ class Recorder:
     # ---- the disk ------------------------------------------------------------------------------------------------
 
     def _with_room_for(self, attachments: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
-        """Pass on what a new file begins with, and see to it that there is room for such a file."""
+        """Pass on what a new file begins with, while there is room for such a file."""
         size = 0
         for name, data in attachments:
             size += len(data)
-            self._need(size, len(data))
+            self._ensure_room(size, len(data))
             yield name, data
 
-    def _need(self, begin: int, more: int = 0, written: int = 0) -> None:
-        """See to it that there is room for a file that begins with some bytes, of which some are written already."""
+    def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
+        """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
         needed = max(self._max_file_bytes, 2 * (begin + SCHEMAS_BYTES)) + Sink.GATHERED_BYTES
         if needed > self._room:
             self._make_room(needed - written)

@@ -185,30 +185,25 @@ class RecordingWriter:
         """Hash of what is in the file; final once it is closed."""
         return self._sink.digest.hexdigest()
 
-    def register(self, topics: Iterable[tuple[str, str]]) -> None:
-        """Register topics with the names of their schemas, and write the list down apart from the chunks."""
-        channels = {str(self._writer.channel(*topic)): topic for topic in topics}
-        new = {channel: topic for channel, topic in channels.items() if channel not in self._described}
-        if new:
-            self._described |= new
-            self._describe(new)
+    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
+        channel = str(self._writer.channel(topic, schema))
+        if channel not in self._described:
+            self._describe(channel, (topic, schema))
+        self._log_time = max(self._log_time, time_ns or 0)
+        self._writer.write(topic, schema, payload, self._log_time, self.wall_ns())
 
-    def _describe(self, new: dict[str, tuple[str, str]]) -> None:
-        """Write down which channel is what: all of them, so that one list that is whole is enough.
+    def _describe(self, channel: str, topic: tuple[str, str]) -> None:
+        """Write down, apart from the chunks, which channel is what: all, so that one list that is whole is enough.
 
         Of a fleet only what is new, but for when their number has doubled: else the lists would fill the file.
         """
+        self._described[channel] = topic
         count = len(self._described)
         whole = count <= FEW_CHANNELS or count >= 2 * self._described_whole
         if whole:
             self._described_whole = count
-        self.attach(CHANNELS_ATTACHMENT, dump_json(self._described if whole else new))
-
-    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
-        """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
-        self.register([(topic, schema)])
-        self._log_time = max(self._log_time, time_ns or 0)
-        self._writer.write(topic, schema, payload, self._log_time, self.wall_ns())
+        self.attach(CHANNELS_ATTACHMENT, dump_json(self._described if whole else {channel: topic}))
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment; of several with one name the last one counts."""
