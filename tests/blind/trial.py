@@ -53,6 +53,7 @@ class Outcome:
     gain_torque: float | None  # the same of an oracle who knows the torque and its jumps, and fits its size
     gain_form: float | None  # of one who knows name, shape and jumps, and sees the record's own channels
     seconds: float  # of processor time
+    estimates: dict[str, tuple[float, float]]  # parameters of the hidden effects that were named: value and stated error
 
     def to_json(self) -> dict[str, Any]:
         return {**asdict(self), "kind": self.case.kind}
@@ -150,6 +151,13 @@ def run_trial(case: Case, folder: Path) -> Outcome:
         gain_torque=_held_out_gain(search, oracles[0]) if oracles else None,
         gain_form=_held_out_gain(search, oracles[1]) if oracles else None,
         seconds=seconds,
+        estimates={
+            f"{e['name']}.{name}": (p["value"], p["std"])
+            for e in answer["effects"]
+            if e["name"] in case.effects
+            for name, p in e["parameters"].items()
+            if p["std"]
+        },
     )
 
 
