@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from scipy import stats
 
-from rwa_monitor.wheel.effects.catalogue import CATALOGUE
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from tests.blind.trial import FORMULA, Outcome
 
 
@@ -32,6 +32,25 @@ def rate(outcomes: Iterable[Judged], hit: Callable[[Judged], bool]) -> str:
     low, high = wilson(sum(judged), len(judged))
     share = 100 * sum(judged) / len(judged)
     return f"{share:.1f} % ({100 * low:.0f}–{100 * high:.0f} %), {sum(judged)} of {len(judged)}"
+
+
+# Effects with one strength that generator and catalogue define alike; B is the generator's name of a parameter.
+COMPARED = {name for name, effect in MEAN_EFFECTS.items() if len(effect.strength_parameters()) == 1} | {"decaying_jump"}
+TEMPERATURE_OF_VISCOSITY = "B"
+WIDTH_95 = 1.96  # standard deviations
+
+
+def intervals(outcome: Outcome) -> list[bool]:
+    """Whether the stated 95 % interval of each parameter of a hidden effect that was named holds the true value."""
+    inside = []
+    for key, (value, std) in outcome.estimates.items():
+        name, parameter = key.split(".")
+        if name in COMPARED:
+            truth = outcome.shapes[name]
+            is_strength = any(parameter == one.name for one in CATALOGUE[name].parameters if one.linear)
+            true_value = truth.get(parameter, truth.get("strength" if is_strength else TEMPERATURE_OF_VISCOSITY))
+            inside.append(abs(value - true_value) <= WIDTH_95 * std)
+    return inside
 
 
 def real_names(outcome: Outcome) -> list[str]:
@@ -80,6 +99,11 @@ def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
         ("outside the catalogue: verdict inadequate", "≥ 90 %", rate(outside, lambda o: o.verdict == "inadequate")),
         ("outside the catalogue: unexplained, or a formula", "≥ 95 %", rate(outside, lambda o: o.without_name)),
         ("outside the catalogue: a wrong name", "≤ 10 %", rate(outside, lambda o: bool(real_names(o)))),
+        (
+            "parameters whose stated 95 % interval holds the truth",
+            "90–98 %",
+            rate([hit for o in (*one, *two) for hit in intervals(o)], bool),
+        ),
         *_shares("who knows name, shape and jumps", "≥ 95 %", [(o.gain, o.gain_form or 0.0) for o in by_form]),
         *_shares("who knows the torque itself", "", [(o.gain, o.gain_torque or 0.0) for o in by_torque]),
         (

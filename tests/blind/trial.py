@@ -53,7 +53,9 @@ class Outcome:
     gain_torque: float | None  # the same of an oracle who knows the torque and its jumps, and fits its size
     gain_form: float | None  # of one who knows name, shape and jumps, and sees the record's own channels
     seconds: float  # of processor time
-    estimates: dict[str, tuple[float, float]]  # parameters of the hidden effects that were named: value and stated error
+    estimates: dict[
+        str, tuple[float, float]
+    ]  # parameters of the hidden effects that were named: value and stated error
 
     def to_json(self) -> dict[str, Any]:
         return {**asdict(self), "kind": self.case.kind}
