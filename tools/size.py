@@ -15,7 +15,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS = 269, 33_561, 353_357
+MOST_FILES, MOST_LINES, MOST_TOKENS = 268, 33_140, 349_760
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

@@ -18,7 +18,7 @@ from rwa_monitor.kernels.structure import BLOCK, STRETCH
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 
-MOMENTS: Final = 6  # n, x, z, xx, xz, zz
+STATISTICS: Final = 6  # n, x, z, xx, xz, zz
 
 
 class SufficientStatistics(NamedTuple):
@@ -93,12 +93,12 @@ class RunningSums:
     """
 
     def __init__(self, x: FloatArray, z: FloatArray, used: BoolArray) -> None:
-        checkpoints = np.empty((x.size // STRIDE + 1, MOMENTS))
+        checkpoints = np.empty((x.size // STRIDE + 1, STATISTICS))
         checkpoints[0] = 0.0
         self.arrays = SumArrays(checkpoints, x, z, used, centre=np.zeros(2))
         self.slots = 0
         self.samples_read = 0
-        self.running: FloatArray = np.zeros(MOMENTS)
+        self.running: FloatArray = np.zeros(STATISTICS)
 
     @property
     def count(self) -> int:
@@ -128,12 +128,12 @@ class RunningSums:
             If a slot lies outside the window.
         """
         starts, stops = np.asarray(start, dtype=np.int64), np.asarray(stop, dtype=np.int64)
-        out = np.empty((MOMENTS, starts.size))
+        out = np.empty((STATISTICS, starts.size))
         read = range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out)
         if read < 0:
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
         self.samples_read += read
-        table = out.reshape(MOMENTS, *starts.shape)
+        table = out.reshape(STATISTICS, *starts.shape)
         n, x, z, xx, xz, zz = table
         return SufficientStatistics(n, x, z, xx, xz, zz, table)
 

@@ -27,7 +27,7 @@ LONGEST_HALF: Final = 100_000  # slots; a longer window is no answer
 BIAS_BUDGET: Final = 0.1  # of the statistic's unit that an error of the prior slope may add
 TRIALS: Final = 20_000  # of the check
 SIMULATED: Final = 6_000_000  # samples at most that the check simulates for each rate
-DOUBT: Final = 2.5  # half-widths of a 95 % interval: five standard errors, that a check does not fail by chance
+TOLERANCE: Final = 2.5  # half-widths of a 95 % interval: five standard errors, that a check does not fail by chance
 CONTEXT: Final = 2  # halves of a window on each side of a false alarm, to see how long it lasts
 
 
@@ -89,9 +89,9 @@ class TuningCheck:
 
     def keeps(self, missed: float, run_length: float) -> bool:
         """Whether the simulation does not contradict the wanted rates, by more than five standard errors."""
-        least = self.missed.value - DOUBT * (self.missed.value - self.missed.low)
+        least = self.missed.value - TOLERANCE * (self.missed.value - self.missed.low)
         rate = 1.0 / self.run_length.value
-        least_rate = rate - DOUBT * (1.0 / self.run_length.low - rate)
+        least_rate = rate - TOLERANCE * (1.0 / self.run_length.low - rate)
         return least <= missed and least_rate <= 1.0 / run_length
 
 

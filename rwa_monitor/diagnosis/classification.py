@@ -160,7 +160,7 @@ def classify(
         number = ambiguity.number(combinations)
         features = _widened(ambiguity.apply(features, posterior, number), conditional, by_path.sum(axis=1))
         # The window showed only its sum with the friction of a system: no value to take the old one's place.
-        base = dry.before.believed(ambiguity.held_after(posterior, number)) if dry and dry.before else None
+        base = dry.before.with_held(ambiguity.held_after(posterior, number)) if dry and dry.before else None
 
     judged, to_carry = [], {}
     shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)

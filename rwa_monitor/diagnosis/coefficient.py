@@ -1,9 +1,9 @@
 """What earlier windows of a wheel showed of a friction coefficient, and what a window changes in it.
 
 A healthy wheel's coefficient lies where it lies in its band, window after window, so a second measurement of the same
-value is no second piece of evidence: what is carried is the value x, and whether it is anomalous is asked of x anew in
-each window. Before a window, x is a mixture (a hidden Markov model with renewal: Rabiner 1989; the same mixture as in
-Bayesian online changepoint detection, Adams and MacKay 2007, cut down to two run lengths, long and none):
+value is no second piece of evidence: what is carried is the value x, and whether it is anomalous is judged from x anew
+in each window. Before a window, x is a mixture (a hidden Markov model with renewal: Rabiner 1989; the same mixture as
+in Bayesian online changepoint detection, Adams and MacKay 2007, cut down to two run lengths, long and none):
 
 * *held*: nothing changed, and x follows a random walk from what earlier windows measured, N(m, d²);
 * *changed*: since the last window that showed it, x changed (`CHANGE_PER_WINDOW`) and is as likely anomalous as any

@@ -16,9 +16,9 @@ _ACTION = {
 }
 _ACTION_SYSTEM = "Check for cage or oil-pocket trouble: compare the size and rate of its jumps with earlier windows."
 _ACTION_MODEL = (
-    "Run rwa-monitor discrepancy on this window for the name of what is missing; until then what is said of the wheel's"
-    " health is worth less. A drift can be the fault itself: do not extend the wheel file while friction moves, compare"
-    " with the last healthy windows."
+    "Run rwa-monitor discrepancy on this window for the name of what is missing; until then statements on the wheel's"
+    " health are less reliable. A drift can be the fault itself: do not extend the wheel file while friction moves,"
+    " compare with the last healthy windows."
 )
 _ACTION_MODEL_TOO = (
     "rwa-monitor discrepancy may name what is missing, but what it finds can be the fault itself: do not extend the"
@@ -32,7 +32,7 @@ _ANOTHER_WHEEL_ACTION = (
     " before it was monitored."
 )
 WORTH_NAMING = 0.1  # probability from which another anomaly is named beside the one diagnosed
-_NEVER_RESTED = (
+_NEVER_RESTED = (  # the words are those of the reference recordings
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
     " ranges and earlier windows only."
 )
@@ -127,7 +127,7 @@ def _alternatives(findings: Findings) -> str:
         return ""
     names = " or ".join(f"{title(one.name)} ({percent(one.probability)})" for one in alternatives)
     why = "" if findings.base_known else ", since a switching system never rested in it"
-    return f"It may be {names} instead: this window alone cannot fully tell them apart{why}."
+    return f"It may be {names} instead: this window alone cannot fully distinguish them{why}."
 
 
 def _severity(anomaly: AnomalyDiagnosis) -> str:

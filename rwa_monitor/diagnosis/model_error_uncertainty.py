@@ -3,7 +3,7 @@
 Where the friction model does not fit, its parameters are those of the wrong model: a drag that grows with the square of
 speed reads as viscous friction, jumps that no system made as base dry friction. The estimates stay what they are, but
 their standard deviations must hold what the effect can have done to them, or a healthy wheel with an incomplete model
-is called failing with near certainty. Two things are asked:
+is called failing with near certainty. Two things are estimated:
 
 * **shapes**: with each of a few shapes that missing effects have, fitted beside levels and slope to blocks of samples,
   by how much do the slope and the levels move? The largest move by a shape that the window supports counts.
@@ -30,7 +30,7 @@ SUPPORTED: Final = 25.0  # fall of the deviance with which a shape counts at all
 COMPARABLE: Final = 0.5  # share of the best shape's fall from which another counts beside it: none need be the true one
 LONG_INTERVAL: Final = 0.01  # of the window: the lowest level is that of an interval at least as long
 CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojourn with less is none
-SMALL_SHARE: Final = 0.3  # of a system's sojourns from which its rests are not believed
+SMALL_SHARE: Final = 0.3  # of a system's sojourns from which its rests do not count
 LONGEST_AWAKE: Final = 4.0  # mean sojourns that a system may well go without a rest
 STRIBECK_SPEEDS: Final = (0.03, 0.1, 0.3)  # of the nominal speed: the catalogue's 1 … 100 rad/s at 300 rad/s
 # SKF's exponent, near Palmgren's 2/3, and the ends of the catalogue's range: the nearer to 1, the more of such a drag

@@ -39,7 +39,7 @@ def verdict_of(findings: Findings) -> tuple[Verdict, str]:
     ]
     if certain == [_exchanged(findings)]:
         parts = " and ".join(f"{title(one.name)} ({_estimate(one)}, {_nominal(one)})" for one in findings.anomalies[:2])
-        return "inconclusive", _sentence(f"{parts} cannot be told apart at these speeds: together they are nominal")
+        return "inconclusive", _sentence(f"{parts} cannot be distinguished at these speeds: together they are nominal")
     if certain:
         return "anomalous", reason_anomalous(certain)
     for one, uncertain in zip(findings.anomalies, unsure, strict=True):
@@ -84,7 +84,7 @@ def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
     unknown = [one.name for one in anomalies if not one.known]
     if unknown:
         return "inconclusive", (
-            f"Nothing else is anomalous, but nothing says how large healthy {listed(unknown)} is{lacking}."
+            f"Nothing else is anomalous, but no file states how large healthy {listed(unknown)} is{lacking}."
         )
     used, whole = findings.inputs.evidence.used, findings.inputs.wheel.window.samples
     if used < MIN_SHARE * whole:

@@ -159,7 +159,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
             sizes = " and ".join(f"{attribution.chains.size[k, 1] / base:.2g}" for k in (i, j))
             raise InputError(
                 "identify",
-                "two switching systems are seen, of two configurations each, but which jump is of which cannot be told:"
+                "two switching systems are seen, of two configurations each, but not which jump is of which:"
                 f" their jumps are of nearly the same size ({sizes} of base dry friction) and last alike, so that"
                 f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
                 " systems with their duration laws into the wheel file ([[fss]])",
@@ -177,7 +177,7 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
 
 
 def _in_words(counts: tuple[int, ...]) -> str:
-    """Say how many systems of how many configurations."""
+    """Return in words how many systems of how many configurations."""
     return " and ".join(
         f"{counted(counts.count(count), 'system')} of {count} configurations" for count in sorted(set(counts))
     )
@@ -226,7 +226,7 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
 
 
 def missing_law(problem: Problem, fitted: Fit) -> str | None:
-    """Say that friction is no straight line over the speed; None where it is, within its noise or nearly.
+    """Report that friction is no straight line over the speed; None where it is, within its noise or nearly.
 
     Parameters
     ----------
@@ -247,12 +247,12 @@ def missing_law(problem: Problem, fitted: Fit) -> str | None:
 
 
 def at_one_speed(problem: Problem, fitted: Fit) -> str:
-    """Report that dry and viscous friction cannot be told apart, and what is known instead: their sum."""
+    """Report that dry and viscous friction are not distinguished, and what is known instead: their sum."""
     speed = float(problem.speed.mean())
     together = float(fitted.level.mean()) + float(fitted.coefficients[0]) * speed
     return (
-        f"the speed hardly leaves {speed:.4g} rad/s: there friction is {together:.4g} N m, and these data cannot"
-        " tell how much of that is dry and how much viscous; give recordings at several speeds"
+        f"the speed hardly leaves {speed:.4g} rad/s: there friction is {together:.4g} N m, and these data do"
+        " not show how much of that is dry and how much viscous; give recordings at several speeds"
     )
 
 

@@ -77,7 +77,7 @@ class _System:
 def bare_wheel(name: str, samples: Samples) -> Wheel:
     """Return a wheel of which only name and sample period [s] are known; raises InputError below two samples."""
     if len(samples) < 2:
-        raise InputError(name, "holds too few samples to tell the sample period")
+        raise InputError(name, "holds too few samples to estimate the sample period")
     period_ns = float(np.median(np.diff(samples.time_ns)))
     return Wheel(name=name, sample_period_s=period_ns / NANOSECONDS_PER_SECOND)
 
@@ -88,7 +88,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     Parameters
     ----------
     recordings
-        Name and samples of each recording of one wheel, healthy as far as one knows.
+        Name and samples of each recording of one wheel, healthy as far as is known.
     start
         What is known already: name, sample period, motor constants, effects that are taken out before anything is
         learned, and stay. Its nominal friction, noise and switching systems are learned anew.
@@ -289,7 +289,7 @@ def _laws_of(number: int, system: _System, hours: float) -> Sequence[LearnedLaw]
 
 
 def _too_little(what: str, visits: Sequence[Sequence[Visit]], hours: float, times: float = 1.0) -> InputError:
-    """Say what was seen and how much more is needed, without claiming that there is such a system at all.
+    """Report what was seen and how much more is needed, without claiming that there is such a system at all.
 
     Parameters
     ----------

@@ -140,8 +140,8 @@ std::tuple<MadeStory, Indices, IndexTable, IndexTable> tell(
             Indices::from(std::move(nodes)), std::move(system), std::move(direction)};
 }
 
-// A path weighed by its full likelihood: story, systems and directions as from `tell`; slots at which its segments
-// begin and end, and their moments; log-likelihood of the samples, and the same with the laws'.
+// A path weighed by its full likelihood: switching path, systems and directions as from `tell`; slots at which its
+// segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
 std::tuple<MadeStory, IndexTable, IndexTable, Indices, Table<double, 2>, double, double> weigh(
     const Scores& scores, Vector<const std::int64_t> start, Vector<const std::int64_t> taken,
     Vector<const std::int64_t> index, Array<const double, 3> pairs, const Knowns& knowns) {

@@ -226,7 +226,7 @@ void merge(
     }
 }
 
-// Change the friction of each system by an action at candidate k. The jump's size tells the new friction: the law's
+// Change the friction of each system by an action at candidate k. The jump's size gives the new friction: the law's
 // mean and variance are conditioned on it (a scalar Kalman step).
 void learn(const Scores& scores, Row row, std::int64_t k, std::int64_t action, double* friction) {
     if (action == REJECT) return;

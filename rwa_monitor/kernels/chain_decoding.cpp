@@ -10,7 +10,7 @@ namespace {
 
 // Per slot, of a jump that is no system's: a hundredth of the rate of the rarest jumps that a recording of hours shows.
 constexpr double FALSE_RATE = 1e-7;
-constexpr double OUTLIER_SHARE = 3e-3;  // of the stays: too short for their level, or with jumps in them not seen
+constexpr double OUTLIER_SHARE = 3e-3;  // of the segments: too short for their level, or with jumps in them not seen
 constexpr double BROAD_SHARE = 0.03;    // of the sojourns, as far from the others as a decade
 constexpr double BROAD_SIGMA = 2.3;
 constexpr double NEVER = 1e-300;  // a probability whose logarithm is finite
@@ -53,7 +53,7 @@ struct Tracks {
           covariance(Table<double, 3>::zeros(room, systems + 1, systems + 1)), score(Table<double, 1>::zeros(room)) {}
 };
 
-// A way on: path, move, whether the stay is an outlier; score, and that with the survival of the sojourns under way.
+// A way on: path, move, whether the segment is an outlier; score, and that with the survival of the sojourns under way.
 struct Way {
     std::int64_t path, move;
     bool outlier;
@@ -86,7 +86,7 @@ double log_gauss(double deviation, double variance) {
     return -0.5 * (deviation * deviation / variance + std::log(TWO_PI * variance));
 }
 
-// Update a path's Kalman state by a stay's level, the sum of all its entries.
+// Update a path's Kalman state by a segment's level, the sum of all its entries.
 void observe(Tracks& tracks, std::int64_t b, double level, double level_variance, std::vector<double>& gain) {
     const auto mean = tracks.mean.view().row(b);
     const auto covariance = tracks.covariance.view().row(b);
@@ -98,7 +98,7 @@ void observe(Tracks& tracks, std::int64_t b, double level, double level_variance
     }
 }
 
-// Begin two paths in each joint state, with the first stay as it is and as an outlier; returns how many.
+// Begin two paths in each joint state, with the first segment as it is and as an outlier; returns how many.
 std::int64_t begin_paths(
     Tracks& tracks, const Record& record, const Laws& laws, const States& states, double doubt,
     std::vector<double>& gain) {
@@ -170,7 +170,7 @@ std::pair<double, double> expected_level(
     return {expected, variance};
 }
 
-// Fill `ways` with each path and each possible move into stay j, as it is and as an outlier.
+// Fill `ways` with each path and each possible move into segment j, as it is and as an outlier.
 void ways_on(
     Tracks& tracks, std::int64_t paths, std::int64_t j, const Record& record, const Laws& laws, const Integers& moves,
     double doubt, Matrix<double> entering, std::vector<double>& gone, std::vector<double>& staying,

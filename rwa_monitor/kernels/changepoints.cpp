@@ -187,7 +187,7 @@ std::tuple<std::int64_t, std::int64_t> refine_in_colour(
 
 namespace {
 
-// Refine the accepted between their final neighbours, then take away the weakest while it fails the bar.
+// Refine the accepted between their final neighbours, then take away the weakest while it fails the threshold.
 void settle(
     std::vector<Candidate>& accepted, std::int64_t slots, double slope, double correlation, const SumArrays& sums,
     const Bar& bar, std::int64_t& read) {

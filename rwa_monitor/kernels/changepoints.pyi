@@ -26,7 +26,7 @@ def select(
     slope: float,
     correlation: float,
     sums: SumArrays,
-    bar: Threshold,
+    threshold: Threshold,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
     """Choose the candidates of a window among the peaks of all scales.
 
@@ -42,7 +42,7 @@ def select(
         φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
     sums
         Running sums of the window.
-    bar
+    threshold
         What a jump must clear.
 
     Returns
@@ -56,7 +56,7 @@ def choose(
     peak_scale: IntArray,
     slots: int,
     sums: SumArrays,
-    bar: Threshold,
+    threshold: Threshold,
     correlation: float,
     variance: float,
     prior_mean: float,

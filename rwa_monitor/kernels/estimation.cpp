@@ -23,7 +23,7 @@ std::tuple<Table<int64_t, 1>, Table<int64_t, 1>> interval_bounds(
     return {std::move(start), std::move(stop)};
 }
 
-// The moments (6, m + 1) of the intervals; one whose kept part has no used sample gets all its slots.
+// The sufficient statistics (6, m + 1) of the intervals; one whose kept part has no used sample gets all its slots.
 Table<double, 2> interval_moments(
     int64_t slots, Vector<const int64_t> index, Vector<const int64_t> exclude, const SumArrays& sums) {
     auto [start, stop] = interval_bounds(slots, index, exclude);

@@ -16,7 +16,7 @@ def interval_bounds(slots: int, index: IntArray, exclude: IntArray) -> tuple[Int
     """
 
 def interval_moments(slots: int, index: IntArray, exclude: IntArray, sums: SumArrays) -> FloatArray:
-    """Return the moments of the intervals, float64 (6, m + 1); one without a used sample left gets all its slots."""
+    """Return the statistics of the intervals, float64 (6, m + 1); one without a used sample left gets all its slots."""
 
 def slope_within(
     slots: int,

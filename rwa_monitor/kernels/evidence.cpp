@@ -93,7 +93,7 @@ Noise learn_noise(
     auto variances = scale_variances(histogram, scales, start_variance);
     auto implied = contrast_variances(levels.view(), scales);
     for (std::int64_t s = 0; s < scales.size(); ++s) {
-        // On a coarse lattice neighbours are mostly equal: quantiles show little, mean squares hold the variance.
+        // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
         variances[s] = std::max(variances[s], LEAST_SHARE * implied[s]);
     }
     return {std::move(levels), std::move(counts), std::move(variances), quantiles_of(histogram.row(0))};
@@ -122,7 +122,7 @@ std::int64_t blocks_before(std::int64_t slot, const Window& window) {
 }
 
 // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise look
-// heavy: then the bars, made for Gaussian ones, are to be set again.
+// heavy: then the thresholds, made for Gaussian ones, are to be set again.
 bool refresh(std::int64_t done, const Window& window) {
     const auto whole = [&](Matrix<double> table) -> Matrix<const double> {
         return {table.data, {static_cast<std::size_t>(blocks_before(done, window)), table.shape[1]}};

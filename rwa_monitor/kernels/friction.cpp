@@ -11,7 +11,8 @@ constexpr double PIVOT_ROUNDING = 0x1p-52;  // of a pivot, relative to the diago
 constexpr double LEAST_PIVOT = 1e-60;       // of a coefficient that a wheel file leaves no room for
 constexpr int64_t PANEL = 4;                // columns of a factor
 
-// The linear model of a story, with the unknowns base, sojourns, unattributed jumps, and slope: levels, column and laws
+// The linear model of a switching path, with the unknowns base, sojourns, unattributed jumps, and slope: levels,
+// column and laws
 // (see friction.pyi).
 std::tuple<Table<double, 2>, Table<int64_t, 1>, Table<double, 2>> lay_out(
     const FlatStory& story, Vector<const int64_t> borders, Array<const double, 3> table) {
@@ -203,7 +204,7 @@ struct Seen {
 };
 
 // Add the segments to a prior: the lower triangle of the precision becomes the posterior's, `response` that precision
-// times the shift of the mean. Returns the squared misses of the prior's mean, and the log-determinant with that of the
+// times the change of the mean. Returns the squared misses of the prior's mean, and the log-determinant with that of the
 // segments' variances.
 std::tuple<double, double> add_segments(
     const Seen& seen, Vector<const double> mean, Matrix<double> precision, Vector<double> response,

@@ -1,4 +1,4 @@
-// A story as a linear model with a Gaussian prior (see rwa_monitor/switching/friction_model.py).
+// A switching path as a linear model with a Gaussian prior (see rwa_monitor/switching/friction_model.py).
 #pragma once
 
 #include "arrays.hpp"

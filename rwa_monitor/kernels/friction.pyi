@@ -27,7 +27,7 @@ def lay_out(path: FlatPath, borders: IntArray, table: FloatArray) -> tuple[Float
 
 def condition(
     levels: FloatArray,
-    moments: FloatArray,
+    statistics: FloatArray,
     mean: FloatArray,
     covariance: FloatArray,
     block: IntArray,
@@ -42,7 +42,7 @@ def condition(
     ----------
     levels
         As from `lay_out`.
-    moments
+    statistics
         float64 (6, segments), see `SufficientStatistics`.
     mean, covariance
         Of the prior: float64 (unknowns,), (unknowns, unknowns) of which the lower triangle is read and destroyed.
@@ -59,7 +59,7 @@ def solve_cases(
     path: FlatPath,
     borders: IntArray,
     table: FloatArray,
-    moments: FloatArray,
+    statistics: FloatArray,
     cases: Cases,
     variance: float,
     scatter: float,
@@ -73,7 +73,7 @@ def evidence_of_cases(
     path: FlatPath,
     borders: IntArray,
     table: FloatArray,
-    moments: FloatArray,
+    statistics: FloatArray,
     cases: Cases,
     variance: float,
     scatter: float,

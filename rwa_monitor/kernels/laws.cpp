@@ -15,14 +15,14 @@ constexpr double MISSED_SHARE = 1e-2;   // probability that a jump leaves no can
 constexpr double CARRIED_TRUST = 0.95;  // that the last configuration given by an earlier window is right
 constexpr int DOWN = 0, UP = 1;
 
-// See laws.Chain.
+// See duration_likelihoods.Chain.
 struct Chain {
     Vector<const double> means, entered, never;
     Matrix<const double> turn;
     auto fields() { return std::tie(means, entered, never, turn); }
 };
 
-// See laws.Told.
+// See duration_likelihoods.FirstSojourn.
 struct Told {
     int64_t configuration;
     Vector<const double> ends;
@@ -189,7 +189,7 @@ bool is_known(int64_t q, double value, double std, Matrix<const double> numbers)
     return std::isfinite(value) && std::isfinite(std) && q < numbers.extent(0) && !std::isnan(numbers(q, 0));
 }
 
-// Nominal and anomalous densities (2, n, shifts) of a system's sojourns with each shift added; 1 where not known.
+// Nominal and anomalous densities (2, n, offsets) of a system's sojourns with each offset added; 1 where not known.
 Table<double, 3> sojourn_densities(
     Vector<const int64_t> configuration, Vector<const double> friction, Vector<const double> std,
     Vector<const double> shift, Matrix<const double> numbers) {

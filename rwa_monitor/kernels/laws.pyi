@@ -50,16 +50,16 @@ def level_densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> 
     """
 
 def sojourn_densities(
-    configuration: IntArray, friction: FloatArray, std: FloatArray, shift: FloatArray, numbers: FloatArray
+    configuration: IntArray, friction: FloatArray, std: FloatArray, offset: FloatArray, numbers: FloatArray
 ) -> FloatArray:
-    """Return the densities of a system's sojourns with a shift added, float64 (2, n, shifts); 1 where nothing is known.
+    """Return the densities of a system's sojourns with an offset added, float64 (2, n, offsets); 1 where not known.
 
     Parameters
     ----------
     configuration, friction, std
         (n,), of each sojourn.
-    shift
-        float64 (shifts,).
+    offset
+        float64 (offsets,).
     numbers
         float64 (configurations, LEVEL_NUMBERS), see `model.AnomalyModel.numbers`.
     """

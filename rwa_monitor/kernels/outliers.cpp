@@ -35,7 +35,7 @@ Quantiles quantiles_of(Vector<const std::int64_t> counts) {
 bool are_heavy(const Quantiles& quantiles, double variance) {
     const auto [total, median, far] = quantiles;
     if (total < FEWEST) return false;
-    // Neighbours that are mostly equal: a coarse lattice, whose quantiles show nothing of tails.
+    // Neighbours that are mostly equal: coarse quantisation, whose quantiles show nothing of tails.
     if (median < LATTICE * variance * CHI_MEDIAN) return false;
     // The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
     return far > GAUSSIAN_RATIO * (LIGHT_TAIL + 3 * 0.225 / std::sqrt(0.005 * total)) * median;

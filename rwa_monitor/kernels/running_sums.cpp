@@ -48,7 +48,8 @@ void extend_checkpoints(const SumArrays& arrays, Vector<double> running, std::in
     for (int i = 0; i < 6; ++i) running[i] = sums[i];
 }
 
-// Write the moments of each range [start, stop), not centred, to `out` (6, m). Returns the samples read, or -1 if a slot
+// Write the statistics of each range [start, stop), not centred, to `out` (6, m). Returns the samples read, or -1 if a
+// slot
 // lies outside [0, slots].
 std::int64_t range_moments(
     Vector<const std::int64_t> start, Vector<const std::int64_t> stop, std::int64_t slots, const SumArrays& arrays,

@@ -1,4 +1,4 @@
-// Running sums of a window (see rwa_monitor/changepoints/running_sums.py): the moments of any range of slots.
+// Running sums of a window (see rwa_monitor/changepoints/running_sums.py): the sufficient statistics of any range of slots.
 #pragma once
 
 #include "arrays.hpp"
@@ -39,7 +39,7 @@ inline Sums prefix_moments(std::int64_t k, const SumArrays& arrays) {
     return sums;
 }
 
-// The moments, not centred, of the slots between two of `prefix_moments`.
+// The statistics, not centred, of the slots between two of `prefix_moments`.
 inline Sums moments_between(const Sums& first, const Sums& last, const Vector<double>& centre) {
     const double cx = centre[0], cz = centre[1];
     const double n = last.n - first.n, sx = last.x - first.x, sz = last.z - first.z;

@@ -16,7 +16,7 @@ def extend_checkpoints(arrays: SumArrays, running: FloatArray, start: int, stop:
     """
 
 def range_moments(start: IntArray, stop: IntArray, slots: int, arrays: SumArrays, out: FloatArray) -> int:
-    """Write the moments of each range [start, stop), int64 (m,), not centred, to `out`, float64 (6, m).
+    """Write the statistics of each range [start, stop), int64 (m,), not centred, to `out`, float64 (6, m).
 
     Returns the samples read, or -1 if a slot lies outside [0, slots].
     """

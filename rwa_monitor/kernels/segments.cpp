@@ -19,7 +19,7 @@ std::vector<Sums> prefixes(Vector<const int64_t> nodes, const SumArrays& sums) {
     return prefix;
 }
 
-// The moments between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
+// The sufficient statistics between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
 Table<double, 3> pair_moments(Vector<const int64_t> nodes, const SumArrays& sums) {
     const int64_t count = nodes.size(), plane = count * count;
     auto table = Table<double, 3>::zeros(6, count, count);

@@ -7,7 +7,7 @@ PREFERENCE: Final[float]
 LEVEL_SCATTER: Final[float]
 
 def pair_moments(nodes: IntArray, sums: SumArrays) -> FloatArray:
-    """Return the moments between all pairs of nodes: float64 (6, m + 2, m + 2), zero on and below the diagonal.
+    """Return the statistics between all pairs of nodes: float64 (6, m + 2, m + 2), zero on and below the diagonal.
 
     `nodes`, int64 (m + 2,): the window's begin, the candidates' slots, the window's end; strictly increasing.
     """

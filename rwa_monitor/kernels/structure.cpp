@@ -5,14 +5,14 @@
 
 namespace rwa {
 namespace {
-constexpr std::int64_t BLOCK = 64;  // slots of a block: a multiple of STRIDE, so that its moments read no sample
+constexpr std::int64_t BLOCK = 64;  // slots of a block: a multiple of STRIDE, so that its statistics read no sample
 // Stretches in which the friction is compared with the angle: long enough that a ripple of half the noise's standard
 // deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
 // coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
 constexpr std::int64_t STRETCH = 256;
 constexpr std::int64_t SIDE = 16;  // √STRETCH
 // A tachometer's dead zone: readings of exactly zero, then the first other one lies further off than the speed's noise
-// and than the next ones from each other. On a coarse lattice they do not; a reading of zero from full speed is a fault
+// and than the next ones from each other. With coarse quantisation they do not; a reading of zero from full speed is a fault
 // of telemetry.
 constexpr double FEWEST_ZEROS = 3.0, GAP_IN_STEPS = 3.0;
 constexpr double LARGEST_GAP = 0.1;  // of the nominal speed

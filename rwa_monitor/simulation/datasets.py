@@ -62,7 +62,7 @@ class LabelledWindow:
     name
         Name of the record, unique in its dataset; records of one wheel begin alike.
     wheel
-        The wheel as its wheel.toml says: laws, nominal values.
+        The wheel as its wheel.toml states: laws, nominal values.
     scenario
         What was simulated.
     telemetry
@@ -94,7 +94,7 @@ class Recipe:
     Attributes
     ----------
     name, description
-        What `simulate dataset --recipe` takes, and what it says of it.
+        What `simulate dataset --recipe` takes, and how it describes it.
     wheel
         Draws a wheel.
     scenario
@@ -126,7 +126,7 @@ def generate(
     windows
         Windows in the life of each wheel, which follow each other in time; None: the recipe's own number.
     friction_given
-        Overrides what the recipe says of the friction channel; None leaves it.
+        Overrides what the recipe states of the friction channel; None leaves it.
 
     Yields
     ------

@@ -42,7 +42,7 @@ class SpeedProfile(Strict):
     ----------
     kind
         "orbit": orbital momentum and slews, zero crossings in both directions. "one_direction": the same, never near
-        zero. "crossings": simple zero crossings. "rich": moves at many rates, a ladder of dwells, crossings slow and
+        zero. "crossings": simple zero crossings. "rich": moves at many rates, a sequence of dwells, crossings slow and
         fast, accelerating and braking both ways. "constant": one speed. "from_rest": at rest, then up and down.
     direction
         1 or -1 for profiles that have a direction ("one_direction", "constant", "from_rest"); 0 draws it.
@@ -246,13 +246,13 @@ def _crossings(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> 
 
 
 def _rich(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
-    """Moves through a ladder of speeds in both directions, some slow and some fast, each followed by a dwell.
+    """Moves through a sequence of speeds in both directions, some slow and some fast, each followed by a dwell.
 
-    The ladder holds the low speeds where boundary lubrication lives (1–10 % of nominal), so that dwells and slow
+    The sequence holds the low speeds where boundary lubrication lives (1–10 % of nominal), so that dwells and slow
     crossings show what a record in one direction hides.
     """
-    ladder = np.array([0.01, 0.03, 0.07, 0.15, 0.3, 0.5, 0.75, 1.0])
-    targets = rng.permutation(np.concatenate([ladder, -ladder, [0.6, -0.6, 0.02, -0.02]])) * profile.scale
+    levels = np.array([0.01, 0.03, 0.07, 0.15, 0.3, 0.5, 0.75, 1.0])
+    targets = rng.permutation(np.concatenate([levels, -levels, [0.6, -0.6, 0.02, -0.02]])) * profile.scale
     # Shares of the record: moves take 55 % of it, some four times as long as others (two accelerations and more).
     moves = rng.choice([0.5, 1.0, 2.0], size=targets.size)
     dwells = rng.uniform(0.5, 1.5, size=targets.size)

@@ -1,4 +1,4 @@
-"""One simulated record: true motion, true friction, what the sensors say, and the whole truth beside it.
+"""One simulated record: true motion, true friction, what the sensors measure, and the whole truth beside it.
 
 Order of events, as in the wheel: motion → temperature → switching systems → dry and viscous friction → effects →
 noise → motor torque, current and voltage that the motion then needs → sensors → faults. Every channel follows from
@@ -280,7 +280,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     """Draw the noise of the friction torque.
 
     Where friction is given, the wheel's noise stands for all that its estimate suffers from. Where it is not, speed and
-    current bring their own noise, and the friction itself has some only if the scenario, or a noise effect, says so.
+    current bring their own noise, and the friction itself has some only if the scenario, or a noise effect, states it.
     """
     shaping = [
         effect
@@ -330,7 +330,7 @@ def _measure(
     motor: FloatArray | None,
     streams: _Streams,
 ) -> Samples:
-    """Return what the sensors say, one row for each slot."""
+    """Return what the sensors measure, one row for each slot."""
     sensors = scenario.sensors.for_wheel(wheel)
     # A stream for each channel: leaving one out changes none of the others.
     speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)

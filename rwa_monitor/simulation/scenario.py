@@ -1,4 +1,4 @@
-"""A scenario: what happens to a simulated wheel. Read from TOML like the wheel; the wheel file says what the wheel is.
+"""A scenario: what happens to a simulated wheel. Read from TOML like the wheel; the wheel file is of the wheel itself.
 
 ```toml
 [scenario]

@@ -1,7 +1,8 @@
 """What the wheel's electronics make of the truth: noise, quantisation, and declared faults.
 
 Sensors come before friction: speed and current are noisy and quantised first, and friction is derived from what they
-say where the scenario does not give it. Faults are applied last and marked: the truth knows every sample that lies.
+measure where the scenario does not give it. Faults are applied last and marked: the truth holds every sample that is
+wrong.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.switching_systems import Realisation
 from rwa_monitor.wheel.wheel import Wheel
 
-# A jump counts as visible when an oracle that knows its place, its neighbours and the slope sees it at six standard
+# A jump counts as visible when an oracle, given its place, its neighbours and the slope, sees it at six standard
 # deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises
 # at most 0.01 false ones a window needs a threshold of 5.6 σ; below six, no method that keeps the promise can be
 # expected to find the jump.
@@ -51,7 +51,7 @@ class Changepoints:
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """All that the simulator knows of a record of n slots. Slots, not rows: a gap removes rows of the table only.
+    """All that is true of a record of n slots. Slots, not rows: a gap removes rows of the table only.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ def true_channels(truth: Truth, wheel: Wheel, good: BoolArray) -> Channels:
 def true_changepoints(
     systems: list[Realisation], used: BoolArray, torque_unit_Nm: float, long_run_std_Nm: float
 ) -> Changepoints:
-    """Collect the jumps of all systems and say which of them can be seen."""
+    """Collect the jumps of all systems and report which of them can be seen."""
     index = np.concatenate([np.zeros(0, dtype=np.int64), *(system.jump_index for system in systems)])
     number = np.concatenate(
         [np.zeros(0, dtype=np.int64), *(np.full(s.jump_index.size, k, dtype=np.int64) for k, s in enumerate(systems))]
@@ -178,7 +178,7 @@ def with_information(
 def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
     """Return the slots [start, stop) of a record as a record of its own, with what can be seen of its jumps there.
 
-    Labels and factors are kept as they are: the caller knows what the piece is meant to show.
+    Labels and factors are kept as they are: the caller decides what the piece is meant to show.
     """
     truth = telemetry.truth
     piece: dict[str, Any] = {}

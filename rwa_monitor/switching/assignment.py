@@ -204,7 +204,7 @@ class _Ranked:
     system: IntArray  # (m, 2), see `kernels.assignment.tell`, as `direction`
     direction: IntArray
     borders: IntArray  # slots at which its segments begin and end
-    moments: FloatArray  # of these
+    statistics: FloatArray  # of these
     log_evidence: float
     score: float
 
@@ -401,7 +401,7 @@ def _result(
     size, size_std = jump[place // 2], std[place // 2]
     if place.size > double.size:
         scatter = segments.level_scatter(inputs.variance)
-        posterior = solve(best.path, best.borders, best.moments, inputs.priors, inputs.variance, scatter)
+        posterior = solve(best.path, best.borders, best.statistics, inputs.priors, inputs.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
             who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
             size[entry], size_std[entry] = _own_jump(posterior, path, who, slot)

@@ -77,7 +77,7 @@ class Tracked(Strict):
         """Return the value in another unit."""
         return Tracked(mean=self.mean * factor, std=self.std * abs(factor), windows=self.windows, held=self.held)
 
-    def believed(self, held: float) -> Tracked:
+    def with_held(self, held: float) -> Tracked:
         """Return the value where it is still this one with another probability."""
         return Tracked(mean=self.mean, std=self.std, windows=self.windows, held=held)
 
@@ -287,7 +287,7 @@ def _next_system(
     hop = wheel.window.hop_slots
     if configurations.size == 0 or hop > wheel.window.samples:
         return SystemState(name=system.name, friction=memories)
-    # The next window begins `hop` slots after this one: where the windows overlap, the system is asked there.
+    # The next window begins `hop` slots after this one: where the windows overlap, what counts is the system there.
     current = int(np.searchsorted(starts, hop, side="right")) - 1
     current = max(current, 0)
     age = hop - int(starts[current])

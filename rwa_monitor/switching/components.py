@@ -35,7 +35,7 @@ from rwa_monitor.switching.friction_model import Posterior, Priors, measure, pri
 from rwa_monitor.switching.segments import effective_variance, level_scatter, typical_jump
 from rwa_monitor.wheel.wheel import Wheel
 
-MOST_SHIFTS: Final = 16  # paths weighed beside each other
+MOST_OFFSETS: Final = 16  # paths weighed beside each other
 MOST_PATHS: Final = 8  # paths that are handed on
 LEAST_SCORE: Final = -8.0  # log-likelihood under broad friction laws: the learned ones make up for less than that
 MOST_AGAINST: Final = 30.0  # log-likelihood: beyond, an alternative is certain, and exp stays finite
@@ -72,7 +72,7 @@ def split(
     priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
     variance = effective_variance(evidence.noise)
 
-    paths = _shifts(path, wheel)
+    paths = _raised(path, wheel)
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
     scatter = level_scatter(variance)
     estimates = [
@@ -95,18 +95,18 @@ def split(
     )
 
 
-def _shifts(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
+def _raised(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
     """Return the path, and those in which systems are some configurations higher or lower throughout."""
     options = []
     for system, configurations in zip(wheel.fss, path.configurations, strict=True):
         visited = configurations.tolist()
         low, high = -min(visited), system.configurations - 1 - max(visited)
-        options.append([0, *(shift for shift in range(low, high + 1) if shift)])
-    if all(len(shifts) == 1 for shifts in options):
+        options.append([0, *(offset for offset in range(low, high + 1) if offset)])
+    if all(len(offsets) == 1 for offsets in options):
         return [path]
     return [
-        replace(path, configurations=tuple(q + d for q, d in zip(path.configurations, shift, strict=True)))
-        for shift in islice(product(*options), MOST_SHIFTS)
+        replace(path, configurations=tuple(q + d for q, d in zip(path.configurations, offset, strict=True)))
+        for offset in islice(product(*options), MOST_OFFSETS)
     ]
 
 
@@ -156,24 +156,24 @@ def _estimate(
 def _alternatives(
     assignment: Assignment, index: IntArray, paths: list[SwitchingPath], scores: list[float], durations: list[float]
 ) -> list[Alternative]:
-    """Return the paths worth weighing: those of the assignment, and the assigned one with systems shifted throughout.
+    """Return the paths worth weighing: those of the assignment, and the assigned one with systems higher or lower.
 
     Parameters
     ----------
     assignment, index
         The assignment and the slots of its jumps.
     paths, scores, durations
-        The assigned path and its shifted versions, their log-likelihoods and the durations' part of these.
+        The assigned path and those with systems higher or lower, their log-likelihoods and the durations' part.
     """
     assigned = (
         assignment.alternatives[0] if assignment.alternatives else Alternative(paths[0], index, durations[0], scores[0])
     )
     found = {_configurations(alternative.path): alternative for alternative in assignment.alternatives}
     for path, score, duration in zip(paths, scores, durations, strict=True):
-        shifted = Alternative(
+        raised = Alternative(
             path, index, assigned.log_durations + duration - durations[0], assigned.log_score + score - scores[0]
         )
-        found.setdefault(_configurations(path), shifted)
+        found.setdefault(_configurations(path), raised)
     likely = [
         alternative for alternative in found.values() if alternative.log_score >= assigned.log_score + LEAST_SCORE
     ]

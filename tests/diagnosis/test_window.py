@@ -274,7 +274,7 @@ def test_a_healthy_system_of_unknown_friction_stays_unjudged_however_long(stated
         assert max(one.anomaly("cage").probability for one in seen) < 0.1
     else:
         assert {one.anomaly("cage").probability for one in seen} == {0.5}
-        assert "nothing says" in seen[-1].reason
+        assert "no file states" in seen[-1].reason
         assert "cage" not in state.probability
 
 
