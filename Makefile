@@ -112,7 +112,7 @@ format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
 # are not looked for. faulthandler would hide where an index was wrong.
 SANITIZED := build/sanitize
 SANITIZED_TESTS := $(addprefix tests/,changepoints diagnosis identification paper simulation switching wheel) \
-  $(addprefix tests/discrepancy/test_,segmentation.py likelihood.py) tests/test_samples.py tests/test_slots.py \
+  $(addprefix tests/discrepancy/test_,segmentation.py likelihood.py) tests/test_samples.py \
   $(addprefix tests/telemetry/test_,pulses.py ring_buffer.py sensor_validation.py) \
   $(addprefix tests/monitor/test_,core.py cuts.py slot_assignment.py wheel_set.py)
 .PHONY: sanitize

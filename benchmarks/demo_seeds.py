@@ -31,7 +31,6 @@ class Row:
 
     seed: int
     hidden: str
-    sigmas: float
     window: int  # number of the window that was searched, 0 where none was
     first: str
     others: tuple[str, ...]
@@ -59,7 +58,7 @@ def try_seed(seed: int) -> Row:
     name = satellite.hidden.effect.name
     found = window_to_search(samples, satellite)
     if found is None:
-        return Row(seed, name, satellite.hidden.sigmas, 0, "not searched", (), (), (0, 0), 1.0, (0, 0), 0.0)
+        return Row(seed, name, 0, "not searched", (), (), (0, 0), 1.0, (0, 0), 0.0)
     number, event = found
     inside = (samples.time_ns >= event.start_ns) & (samples.time_ns < event.end_ns)
     began = time.perf_counter()
@@ -69,7 +68,7 @@ def try_seed(seed: int) -> Row:
     gain = result.gain
     assert gain is not None
     return Row(
-        seed, name, satellite.hidden.sigmas, number, names[0], tuple(names[1:]),
+        seed, name, number, names[0], tuple(names[1:]),
         result.effects[0].equivalent if result.effects else (),
         (gain.rmse_base_Nm, gain.rmse_extended_Nm), gain.noise_std_Nm,
         (gain.changepoints_base, gain.changepoints_extended), seconds,
@@ -90,7 +89,7 @@ def main() -> int:
             rows.append(row)
             mark = "ok  " if row.first == row.hidden else "same" if same(row.first, row.hidden) else "MISS"
             print(
-                f"{row.seed:3} {mark} {row.hidden:18} {row.sigmas:4.2f} σ  window {row.window}: {row.first}"
+                f"{row.seed:3} {mark} {row.hidden:18} window {row.window}: {row.first}"
                 f" {'= ' + ', '.join(row.equivalent) if row.equivalent else ''}"
                 f" {'+ ' + ', '.join(row.others) if row.others else ''}"
                 f"  RMSE {row.rmse[0] / row.noise:.2f} → {row.rmse[1] / row.noise:.2f} σ,"

@@ -124,9 +124,8 @@ def to_markdown(measured: dict[int, dict[str, Any]], few: dict[str, Any], record
         "Many recordings at once",
         f"""<!-- Written by `make fleet`. -->
 
-`diagnose`, `train`, and with `--each` also `identify` and `discrepancy`, work on many recordings at once: in a
-process for each core, or with `--scheduler tcp://host:8786` on a Dask cluster that is there
-(`pip install 'rwa-monitor[fleet]'`).
+`diagnose` and `train` work on many recordings at once: in a process for each core, or with
+`--scheduler tcp://host:8786` on a Dask cluster that is there (`pip install 'rwa-monitor[fleet]'`).
 
 ```sh
 rwa-monitor diagnose day/*.parquet --results results --json

@@ -49,7 +49,7 @@ FULL_SLOTS = 76_000  # of the 80,000 of a window
 FILE_AGE_S = 60.0  # of a recording of the fleet with full windows; it is a day otherwise
 # The command, but for how old a recording may become.
 RUN = f"""
-from rwa_monitor.monitor import recorder
+from rwa_monitor.monitor.recording import recorder
 recorder.MAX_FILE_AGE_S = {FILE_AGE_S}
 from rwa_monitor.cli.main import main
 main()

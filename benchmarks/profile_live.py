@@ -26,7 +26,7 @@ from benchmarks.window import Window, window_of
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import SamplesMessage, samples_json
-from rwa_monitor.monitor import windows
+from rwa_monitor.monitor import core
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
@@ -50,7 +50,7 @@ STAGES: dict[str, tuple[Any, str]] = {
     "friction": (FrictionSource, "friction"),
     "detection: stage 1": (WindowAccumulator, "append"),
     "close: stage 1's end": (WindowAccumulator, "close"),
-    "diagnosis: stages 2 to 4": (windows, "diagnose_window"),
+    "diagnosis: stages 2 to 4": (core, "diagnose_window"),
     "record messages and outputs: MCAP, zstd": (Recorder, "write"),
     "bring to the disk": (Recorder, "sync"),
     "flush, rotate, status by the clock": (Monitor, "tick"),

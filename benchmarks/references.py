@@ -24,6 +24,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Message, SamplesMessage, Status, samples_json
+from rwa_monitor.monitor.bus import MonitorBus
 from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
@@ -179,12 +180,16 @@ REFERENCES: Final = (
 # ---- making them -----------------------------------------------------------------------------------------------------
 
 
-class SilentBus:
-    """A bus on which nobody speaks and nobody listens."""
+class SilentBus(MonitorBus):
+    """A bus on which nobody speaks and nobody listens: it has no session."""
 
     def __init__(self) -> None:
         self.inbox = Inbox()
-        self.missed: dict[str, int] = {}
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """Nobody's messages are lost."""
+        return {}
 
     def take(self) -> None:
         """Take from nobody."""
@@ -200,9 +205,6 @@ class SilentBus:
 
     def publish(self, key: str, message: type[Message], payload: bytes) -> None:
         """Publish to nobody."""
-
-    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
-        """Answer nobody."""
 
 
 def make(reference: Reference, folder: Path) -> None:

@@ -10,7 +10,7 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.simulation.datasets import LabelledWindow
-from rwa_monitor.wheel.torque_balance import mended_friction, torque_per_ampere
+from rwa_monitor.wheel.torque_balance import mended_friction, motor_torque
 from rwa_monitor.wheel.wheel import Wheel
 
 
@@ -94,7 +94,7 @@ def _on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
     if samples.friction_torque_Nm is not None:
         torque[at] = samples.friction_torque_Nm
         return speed, torque
-    assert samples.motor_current_A is not None  # recipes give friction or current
-    motor = np.full(slots, np.nan)
-    motor[at] = torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
+    measured, motor = motor_torque(samples, wheel), np.full(slots, np.nan)
+    assert measured is not None  # recipes give friction or current
+    motor[at] = measured
     return speed, mended_friction(speed, motor, wheel)

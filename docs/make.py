@@ -23,7 +23,7 @@ from pydantic import BaseModel
 
 import rwa_monitor as rwa
 from rwa_monitor.changepoints.candidates import threshold_for
-from rwa_monitor.cli import console, settings
+from rwa_monitor.cli import console
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.messages import MESSAGES, Message
@@ -189,6 +189,26 @@ def draw_slope(file: Path) -> None:
 # ---- reference -------------------------------------------------------------------------------------------------------
 
 
+SETTINGS = """\
+```toml
+[run]
+record = "/var/lib/rwa-monitor"
+connect = ["tls/router:7447"]
+
+[simulate.publish]
+speed = 300.0
+```
+
+The same from the environment: `RWA_MONITOR_RUN_RECORD`, `RWA_MONITOR_SIMULATE_PUBLISH_SPEED`. What may be given several
+times is a list in the file, and parted by spaces in the environment: `RWA_MONITOR_RUN_CONNECT="tls/a:7447 tls/b:7447"`.
+The command line goes before the environment, the environment before the file, and the file before the default.
+
+`--settings S.toml` or `RWA_MONITOR_SETTINGS` names the file.
+
+Shells complete commands and options after `eval "$(_RWA_MONITOR_COMPLETE=bash_source rwa-monitor)"`, or `zsh_source`.
+"""
+
+
 def _reference() -> str:
     parts = [
         "# Reference\n",
@@ -196,8 +216,7 @@ def _reference() -> str:
         "## Commands\n",
         *_commands(),
         "### Options from a file and from the environment\n",
-        *inspect.cleandoc(settings.__doc__ or "").split("\n")[2:],
-        "\n`--settings S.toml` or `RWA_MONITOR_SETTINGS` names the file; `rwa-monitor doctor` reports what is set.\n",
+        SETTINGS,
         "## Exit codes\n",
         _exit_codes(),
         "## On the bus\n",

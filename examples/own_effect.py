@@ -5,17 +5,15 @@
 The effect here is made up: a grease whose drag levels off at high speed, like tanh(ω/ω₀).
 """
 
-from collections.abc import Mapping
-
 import numpy as np
 from numpy.typing import NDArray
 
 import rwa_monitor as rwa
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 from rwa_monitor.wheel.effects.catalogue import register
 
 
-# 1. The class. Metadata say what it is and what it is confused with; `columns` is the formula at unit strength.
+# 1. The class. Metadata say what it is and what it is confused with; `column` is the formula at unit strength.
 @register
 class GreasePlateau(MeanEffect):
     """Drag of a stiff grease that shears off: it grows with the speed and levels off."""
@@ -34,10 +32,8 @@ class GreasePlateau(MeanEffect):
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[NDArray[np.float64], Memory]:
-        return np.tanh(channels.speed_rad_s / shape["plateau_speed_rad_s"])[:, np.newaxis], memory
+    def column(cls, channels: Channels, shape: Shape) -> NDArray[np.float64]:
+        return np.tanh(channels.speed_rad_s / shape["plateau_speed_rad_s"])
 
 
 # 2. A wheel that has it, and a model that does not.

@@ -37,7 +37,8 @@ from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed, trouble_in
+from rwa_monitor.monitor.events import Event, WindowDiagnosed
+from rwa_monitor.monitor.ingest.sequencer import Trouble
 from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
 from rwa_monitor.monitor.telemetry_files import read_telemetry
@@ -204,7 +205,7 @@ class Monitor:
         self.spacecraft = spacecraft
         self.name = name or self.wheel.name
         self.source = source
-        self._troubles: dict[tuple[str | bool, ...], str] = {}
+        self._troubles: dict[str, str] = {}
         self._core = WheelCore(self.wheel, model or built_in_model(), method=method, carried=carried)
 
     @one_thread_of_algebra()
@@ -252,9 +253,8 @@ class Monitor:
 
     def _messages(self, events: Sequence[Event]) -> list[Diagnosis]:
         for event in events:
-            if (trouble := trouble_in(event)) is not None:
-                sensor = (event.channel, event.hangs) if isinstance(event, SensorFault) else ()
-                self._troubles.setdefault((type(event).__name__, *sensor), trouble)
+            if isinstance(event, Trouble):
+                self._troubles.setdefault(event.kind, event.text)
         return [
             event.message(self.spacecraft, self.name, self.source)
             for event in events

@@ -19,7 +19,7 @@ from rwa_monitor.monitor.trends import CoefficientTrend, wheel_trends, window_fr
 from rwa_monitor.reporting.figures import gains_picture as gains
 from rwa_monitor.reporting.figures import overlay as discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.friction import friction_of
+from rwa_monitor.wheel.torque_balance import friction_of
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 __all__ = ["discrepancy", "gains", "trend", "window"]

@@ -6,12 +6,10 @@ so the last bit, would depend on how many there are.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
-from pathlib import Path
 from threading import Lock, local
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -23,20 +21,12 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-CGROUP: Final = Path("/sys/fs/cgroup")  # of a container, as it sees its own
-CPU_LIMITS: Final = ("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")  # of cgroups, versions 2 and 1
-NO_LIMIT: Final = "max", "-1"
-
 
 def cores() -> int:
-    """Return how many processors can work at once here, by the system and the limit of a container; Linux only."""
-    allowed = len(os.sched_getaffinity(0))
-    for files in CPU_LIMITS:  # the time that is given [µs], and in which one
-        if all((CGROUP / file).exists() for file in files):
-            given, of = " ".join((CGROUP / file).read_text(encoding="ascii") for file in files).split()
-            if given not in NO_LIMIT:
-                allowed = min(allowed, -(-int(given) // int(of)))
-    return allowed
+    """Return how many processors can work at once here, by the system and the limit of a container."""
+    from joblib import cpu_count  # noqa: PLC0415 - not on board, where nothing is done side by side
+
+    return int(cpu_count())
 
 
 def on_threads(threads: int) -> Mapper:

@@ -1,26 +1,20 @@
-"""Samples: one struct of arrays."""
+"""Samples: one struct of arrays, and the grid of their slots."""
 
 from __future__ import annotations
 
-import dataclasses
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import TABLE_CHANNELS, Samples, concatenate
+from rwa_monitor.samples import TABLE_CHANNELS, Samples, SlotGrid, concatenate, period_ns
 
 
 def samples(n=10, **channels):
     return Samples(time_ns=np.arange(n), speed_rad_s=np.arange(n) / 2, **channels)
-
-
-def test_every_channel_gets_its_one_type():
-    found = Samples(time_ns=[1, 2], speed_rad_s=[1, 2], motor_current_A=np.array([1, 2], dtype=np.float32)[::1])
-    assert found.time_ns.dtype == np.int64
-    assert found.speed_rad_s.dtype == found.motor_current_A.dtype == np.float64
-    assert found.time_ns.flags.c_contiguous
-    assert len(found) == 2
 
 
 @pytest.mark.parametrize("name", TABLE_CHANNELS)
@@ -40,17 +34,6 @@ def test_selecting_takes_all_channels_alike():
         assert part.motor_current_A is None
 
 
-def test_channels_present_in_order():
-    found = samples(bearing_temperature_degC=np.zeros(10), friction_torque_Nm=np.zeros(10))
-    assert [name for name, _ in found.channels()] == [
-        "time_ns",
-        "speed_rad_s",
-        "friction_torque_Nm",
-        "bearing_temperature_degC",
-    ]
-    assert [field.name for field in dataclasses.fields(Samples)] == ["time_ns", *TABLE_CHANNELS]
-
-
 def test_cut_and_joined_is_the_same():
     found = samples(friction_torque_Nm=np.linspace(0, 1, 10))
     joined = concatenate([found[:4], found[4:4], found[4:]])
@@ -63,3 +46,30 @@ def test_joining_what_does_not_fit_is_refused():
         concatenate([])
     with pytest.raises(InputError, match=r"motor_current_A: is present in some parts"):
         concatenate([samples(), samples(motor_current_A=np.zeros(10))])
+
+
+# ---- the slot grid ---------------------------------------------------------------------------------------------------
+
+times = st.integers(-(2**60), 2**60)
+periods = st.integers(1_000, 10**12)
+
+
+@given(times, periods, st.integers(-(10**6), 10**6))
+def test_the_time_of_a_slot_is_in_that_slot(origin, period, slot):
+    grid = SlotGrid(origin, period)
+    time = grid.time_of(slot)
+    if abs(time) < 2**61:
+        assert grid.slot_of(np.array([time]))[0] == slot
+
+
+@given(times, st.integers(-(2**60), 2**60), periods)
+def test_slots_are_the_rounded_quotient(origin, offset, period):
+    """Against exact fractions; halves go up."""
+    slot = int(SlotGrid(origin, period).slot_of(np.array([origin + offset]))[0])
+    exact = Fraction(offset, period)
+    assert slot - Fraction(1, 2) <= exact < slot + Fraction(1, 2)
+
+
+@pytest.mark.parametrize(("seconds", "expected"), [(0.125, 125_000_000), (0.005, 5_000_000), (1 / 3, 333_333_333)])
+def test_period_in_nanoseconds(seconds, expected):
+    assert period_ns(seconds) == expected

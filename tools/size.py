@@ -15,7 +15,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS = 268, 33_140, 349_760
+MOST_FILES, MOST_LINES, MOST_TOKENS = 242, 30_722, 323_178
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

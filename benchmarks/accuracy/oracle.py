@@ -119,8 +119,7 @@ def jumps_of_ideal_search(window: LabelledWindow) -> tuple[Changepoint, ...]:
     found = []
     for low, place, high in zip(borders[:-2], places, borders[2:], strict=True):
         reach = int(max(min(place - low, high - place) // 2, 1))
-        at, _ = refine_in_colour(int(place), int(low), int(high), reach, slope, colour, sums.arrays)
-        found.append(int(at))
+        found.append(refine_in_colour(int(place), int(low), int(high), reach, slope, colour, sums.arrays))
     index = np.unique(np.array(found, dtype=np.int64))
     borders = np.concatenate([[0], index, [size]])
     moments = evidence.sums.between(borders[:-1], borders[1:])

@@ -3,7 +3,7 @@
     python -m benchmarks.adequacy [--seed N] [--seeds N] [--nominal N] [--processes N] [-o FILE]
 
 Hides each mean effect of the catalogue at 0.5 σ in windows of each motion, runs nominal windows of four recipes, and
-measures what the doubt about an incomplete model does to the diagnosis of healthy and of failing wheels. Thresholds
+measures what an incomplete model does to the diagnosis of healthy and of failing wheels. Thresholds
 were set on seeds 100 to 1307. Prints the page; exit code 1 where a target is missed.
 """
 
@@ -73,12 +73,12 @@ SHORTER_REMARK = """\
 the samples and sees more: it names effects in measured records of 1,760 samples in which this check is silent
 ([measured.md](measured.md))."""
 MISSING = """\
-One window, one effect on one motion, all 17 × 4 that can be shown. *Doubt*: whether the standard deviations hold what
-the missing effect can have moved (`diagnosis/model_error_uncertainty.py`). The anomalies are those of recipe `mild`;
-*near-certain* is a probability above 0.9; *so called*: of the windows near-certain of what is not there, those whose
-verdict is `anomalous`, too; *open*: the verdict is `inconclusive`. A failing wheel that is not detected with doubt is
-mostly inconclusive, with a reason that names what the model lacks; its search is started, and once the wheel file is
-extended nothing is in doubt. Windows without a missing effect are adequate and are not touched."""
+One window, one effect on one motion, all 17 × 4 that can be shown. The standard deviations hold what the missing effect
+can have moved (`diagnosis/model_error_uncertainty.py`). The anomalies are those of recipe `mild`; *near-certain* is a
+probability above 0.9; *so called*: of the windows near-certain of what is not there, those whose verdict is
+`anomalous`, too; *open*: the verdict is `inconclusive`. A failing wheel that is not detected is mostly inconclusive,
+with a reason that names what the model lacks; its search is started, and once the wheel file is extended nothing is
+uncertain for that reason. Windows without a missing effect are adequate and are not touched."""
 COST = """\
 The check takes {check_ms:.1f} ms at the close of a window of 80,000 samples (median of 50), the assignment of the same
 windows {assignment_ms:.1f} ms. It reads running sums only; what they do not hold (direction, the dead band, the wheel's
@@ -136,31 +136,29 @@ def short_table(pool: multiprocessing.pool.Pool, seed: int, seeds: int) -> str:
 
 
 def diagnosis_table(jobs: Sequence[Job], trials: Sequence[Trial]) -> str:
-    """Return the table that compares the diagnosis with and without doubt."""
-    header = ["wheel", "effect", "doubt", "detected", "near-certain", "near-certain of what is not there"]
+    """Return the table of diagnoses by what the wheel fails by."""
+    header = ["wheel", "effect", "detected", "near-certain", "near-certain of what is not there"]
     rows = []
     for anomaly in ("", *MILD_SEVERITIES):
         for sigmas in STRENGTHS:
-            for with_model_error in (False, True):
-                windows = [
-                    trial.windows[0]
-                    for job, trial in zip(jobs, trials, strict=True)
-                    if job[3:] == (sigmas, anomaly, with_model_error) and trial.windows
+            windows = [
+                trial.windows[0]
+                for job, trial in zip(jobs, trials, strict=True)
+                if job[3:] == (sigmas, anomaly) and trial.windows
+            ]
+            there = [a.probability for w in windows for a in w.anomalies if a.name == anomaly]
+            wrong = [w for w in windows if any(a.probability > SURE for a in w.anomalies if a.name != anomaly)]
+            rows.append(
+                [
+                    anomaly or "healthy",
+                    f"{sigmas:g} σ",
+                    f"{sum(p > 0.5 for p in there)} of {len(windows)}" if anomaly else NONE,
+                    f"{sum(p > SURE for p in there)}" if anomaly else NONE,
+                    counted(len(wrong), len(windows)),
+                    f"{sum(w.verdict == 'anomalous' for w in wrong)}",
+                    f"{sum(w.verdict == 'inconclusive' for w in windows)}",
                 ]
-                there = [w.anomaly(anomaly).probability for w in windows] if anomaly else []
-                wrong = [w for w in windows if any(a.probability > SURE for a in w.anomalies if a.name != anomaly)]
-                rows.append(
-                    [
-                        anomaly or "healthy",
-                        f"{sigmas:g} σ",
-                        "yes" if with_model_error else "no",
-                        f"{sum(p > 0.5 for p in there)} of {len(windows)}" if anomaly else NONE,
-                        f"{sum(p > SURE for p in there)}" if anomaly else NONE,
-                        counted(len(wrong), len(windows)),
-                        f"{sum(w.verdict == 'anomalous' for w in wrong)}",
-                        f"{sum(w.verdict == 'inconclusive' for w in windows)}",
-                    ]
-                )
+            )
     return table([*header, "so called", "open"], rows)
 
 
@@ -195,11 +193,10 @@ def main() -> int:
     hidden = [(*case, options.seed + i) for case in _cases() for i in range(options.seeds)]
     recipes = [(name, i, options.seed + 10 + n) for n, name in enumerate(RECIPE_NAMES) for i in range(options.nominal)]
     jobs: list[Job] = [
-        (*case, options.seed + 20, sigmas, anomaly, with_model_error)
+        (*case, options.seed + 20, sigmas, anomaly)
         for case in _cases()
         for sigmas in STRENGTHS
         for anomaly in ("", *MILD_SEVERITIES)
-        for with_model_error in (False, True)
     ]
     check_ms, assignment_ms = time_check()
     with multiprocessing.get_context("spawn").Pool(options.processes) as pool:

@@ -1,7 +1,7 @@
 """How well the check at a window's close sees what the friction model lacks, and what that does to the diagnosis.
 
 A trial hides one effect in a few windows of a wheel of recipe `paper`, at a strength that is the RMS of its part
-orthogonal to sign, speed and true levels (`wheel.effects.strength`), in standard deviations of the noise, over all
+orthogonal to sign, speed and true levels (`strength.py`), in standard deviations of the noise, over all
 slots of the first window, the dead band included. The windows follow each other with the state carried on.
 """
 
@@ -13,21 +13,22 @@ from typing import Final
 
 import numpy as np
 
+from benchmarks.adequacy.strength import level_columns, strength_for
 from benchmarks.window import Window
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.samples import BoolArray
 from rwa_monitor.simulation.datasets import MILD_SEVERITIES, RECIPES
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
-from rwa_monitor.simulation.truth import true_channels
+from rwa_monitor.simulation.truth import Truth
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block
-from rwa_monitor.wheel.effects.strength import level_columns, strength_for
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel
 
 MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich", "orbit")
@@ -35,9 +36,7 @@ MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubc
 WINDOW_SLOTS: Final = 80_000  # of the paper
 SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
 
-Job = tuple[
-    str, ProfileKind, int, float, str, bool
-]  # effect, motion, seed, sigmas, anomaly ("" for none), with_model_error
+Job = tuple[str, ProfileKind, int, float, str]  # effect, motion, seed, sigmas, anomaly ("" for none)
 Diagnosed = tuple[str, WindowDiagnosis, frozenset[str]]  # recipe, diagnosis, the window's anomalies
 
 
@@ -73,7 +72,6 @@ def hide_and_diagnose(
     sigmas: float = 0.5,
     windows: int = 3,
     anomalies: Mapping[str, Anomaly] | None = None,
-    with_model_error: bool = True,
     slots: int = WINDOW_SLOTS,
 ) -> Trial:
     """Hide an effect in windows of a wheel whose model lacks it, and diagnose them.
@@ -90,8 +88,6 @@ def hide_and_diagnose(
         Number of windows, each a motion of its own.
     anomalies
         What the wheel fails by.
-    with_model_error
-        False: standard deviations as if nothing was missing, to show what the doubt changes.
     slots
         Length of a window.
     """
@@ -106,7 +102,7 @@ def hide_and_diagnose(
     scenario = plain.model_copy(update={"effect": (block,), "anomalies": dict(anomalies or {})})
     diagnoses, carried = [], CarriedState.empty()
     for each in seeds:
-        diagnosis, carried = _diagnose(scenario, wheel, int(each), carried, with_model_error=with_model_error)
+        diagnosis, carried = _diagnose(scenario, wheel, int(each), carried)
         diagnoses.append(diagnosis)
     return Trial(name, motion, sigmas, tuple(diagnoses))
 
@@ -116,16 +112,14 @@ def diagnose_plain(motion: ProfileKind, seed: int, slots: int) -> WindowDiagnosi
     rng = np.random.default_rng([seed, MOTIONS.index(motion), slots])
     wheel = RECIPES["paper"].wheel(rng)
     scenario = Scenario(speed=SpeedProfile(kind=motion), duration_s=slots * wheel.sample_period_s)
-    return _diagnose(scenario, wheel, int(rng.integers(2**63)), CarriedState.empty(), with_model_error=True)[0]
+    return _diagnose(scenario, wheel, int(rng.integers(2**63)), CarriedState.empty())[0]
 
 
 def _diagnose(
-    scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState, *, with_model_error: bool
+    scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState
 ) -> tuple[WindowDiagnosis, CarriedState]:
     samples = simulate(scenario, wheel, np.random.default_rng(seed)).samples
-    return diagnose_window(
-        Window.of(samples, wheel).evidence(), wheel, built_in_model(), carried, with_model_error=with_model_error
-    )
+    return diagnose_window(Window.of(samples, wheel).evidence(), wheel, built_in_model(), carried)
 
 
 def _draw(
@@ -140,6 +134,35 @@ def _draw(
     levels = level_columns(channels.direction, np.unique(plain.truth.changepoints.index))
     strengths = strength_for(effect, shape, channels, levels, sigmas * plain.truth.noise_std_Nm, rng)
     return to_block(effect(**shape, **strengths))
+
+
+def true_channels(truth: Truth, wheel: Wheel, good: BoolArray) -> Channels:
+    """Return the true motion of a record as effects see it, without noise: to scale effects that shall be hidden in it.
+
+    Parameters
+    ----------
+    truth
+        Of the record.
+    wheel
+        Its wheel.
+    good
+        bool (n,), slots that count: `~truth.faulty` with the dead band.
+    """
+    speed, period = truth.speed_rad_s, wheel.sample_period_s
+    motor = None if truth.motor_torque_Nm is None else truth.motor_torque_Nm - truth.noise_Nm
+    return Channels(
+        time_s=np.arange(speed.size, dtype=np.float64) * period,
+        speed_rad_s=speed,
+        direction=np.sign(speed),
+        acceleration_rad_s2=truth.acceleration_rad_s2,
+        angle_rad=np.concatenate([[0.0], np.cumsum(0.5 * period * (speed[1:] + speed[:-1]))]),
+        motor_torque_Nm=motor,
+        bearing_temperature_degC=truth.bearing_temperature_degC,
+        dry_level_Nm=truth.base_dry_Nm + np.sum(list(truth.fss_friction_Nm.values()), axis=0),
+        sample_period_s=period,
+        good=good,
+        motor_torque_rate_Nm_s=None if motor is None else np.gradient(motor, period),
+    )
 
 
 def _draw_shape(effect: type[MeanEffect], channels: Channels, rng: np.random.Generator) -> dict[str, float]:
@@ -186,11 +209,9 @@ def seen(job: tuple[str, ProfileKind, int]) -> Trial:
 
 def judged(job: Job) -> Trial:
     """Run one trial of the diagnosis table: a single window."""
-    name, motion, seed, sigmas, anomaly, with_model_error = job
+    name, motion, seed, sigmas, anomaly = job
     anomalies = {anomaly: Anomaly(factor=MILD_SEVERITIES[anomaly])} if anomaly else None
-    return hide_and_diagnose(
-        name, motion, seed, sigmas=sigmas, windows=1, anomalies=anomalies, with_model_error=with_model_error
-    )
+    return hide_and_diagnose(name, motion, seed, sigmas=sigmas, windows=1, anomalies=anomalies)
 
 
 def lacking_nothing(job: tuple[str, int, int, bool]) -> Diagnosed:

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy import optimize, stats
 
-from rwa_monitor.changepoints.tuning import Tuning, TuningCheck, check, information
+from rwa_monitor.changepoints.tuning import Tuning, TuningCheck, check
 from rwa_monitor.samples import FloatArray
 
 MISSED: Final = 1e-3  # the paper's missed detection rate
@@ -21,6 +21,26 @@ PAPER_WEIGHTS: Final = (1e-8, 1e-6, 1e-4)  # W_b; the paper's text names the out
 PAPER_WINDOW: Final = 20
 PAPER_RUN_LENGTHS: Final = {1e-8: 1e4, 1e-4: 1e10}  # read by the paper's text off its figure, at w = 20
 LONGEST_RUN: Final = 1e18  # samples; beyond, an ARL says nothing but "never"
+
+
+def information(jump_sigmas: float, half_width: int, acceleration: float, prior_weight: float) -> float:
+    """Return λ of a jump for a steady acceleration; the formula of `changepoints.tuning`.
+
+    Parameters
+    ----------
+    jump_sigmas
+        Δ/σ.
+    half_width
+        w [slots].
+    acceleration
+        Change of the normalised speed from sample to sample [-].
+    prior_weight
+        W_b [-].
+    """
+    s_xx = acceleration**2 * 2 * half_width * (4 * half_width**2 - 1) / 12
+    s_xz = acceleration * half_width**2 / 2
+    lost = s_xz**2 / (s_xx + prior_weight) if s_xz else 0.0
+    return jump_sigmas**2 * (half_width / 2 - lost)
 
 
 def run_length(
@@ -43,7 +63,7 @@ def run_length(
 
     Notes
     -----
-    At a jump GLR/σ² is non-central χ² with λ of `tuning.information`, elsewhere central; the ARL is one over the
+    At a jump GLR/σ² is non-central χ² with λ of `information`, elsewhere central; the ARL is one over the
     probability that a sample exceeds the threshold.
     """
     threshold = _threshold(half_width, weight, acceleration, jump_sigmas, missed)

@@ -63,7 +63,7 @@ def seven_scales(window: Window) -> Callable[[], object]:
     scales = np.array(SEVEN_SCALES, dtype=np.int64)
     variances = np.full(scales.size, window.noise_std**2)
     floors = KEPT_STATISTIC * variances
-    settings = (scales, WEIGHT, NOMINAL_SLOPE, floors, floors, False)
+    settings = (scales, WEIGHT, NOMINAL_SLOPE, floors, floors)
     x, z, used = window.x, window.z, window.good
 
     def run() -> object:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -20,17 +19,10 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 BLOCK: Final = 64  # recordings for each process at a time: what is finished waits in memory for those before it
-# Parcels of recordings on their way at a time: no worker is idle while the first in order is worked on, and memory does
-# not grow with the number of recordings.
+# Dask's own work for a parcel, some 7 ms, is a third of diagnosing one short recording.
+PARCEL: Final = 8  # recordings, where each worker has so many parcels as this:
+# No worker is idle while the first in order is worked on, and memory does not grow with the number of recordings.
 PARCELS_PER_WORKER: Final = 8
-# Dask's own work for a parcel, some 7 ms of client and scheduler together, is a fifth of diagnosing one short
-# recording; in parcels of several it is lost beside them. Those that take long go one by one.
-PARCEL_S: Final = 0.6
-PARCEL_MOST: Final = 64
-# Parcels that shall be left for each worker, so that all end at nearly the same time; none is made shorter for it than
-# what Dask's own work is little beside.
-PARCELS_LEFT: Final = 3
-PARCEL_LEAST_S: Final = 0.08
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
 IDLE_S: Final = 10  # after which a process with nothing to do ends, also where the one that started it was killed
 CONNECT_TIMEOUT_S: Final = 5
@@ -177,9 +169,9 @@ def _on_cluster(client: Client, task: Callable[[Path], Result], files: Sequence[
     # that held it dies.
     shared = client.submit(_itself, task, pure=False)
     workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-    waiting = deque(files)
-    on_the_way: deque[tuple[list[Path], Any]] = deque()
-    size = 1
+    size = max(1, min(PARCEL, len(files) // (workers * PARCELS_PER_WORKER)))
+    waiting = deque(files[first : first + size] for first in range(0, len(files), size))
+    on_the_way: deque[tuple[Sequence[Path], Any]] = deque()
 
     def submit(parcel: Sequence[Path]) -> Any:
         # Not pure: the same recording named twice is done twice, as it is without a cluster.
@@ -187,32 +179,19 @@ def _on_cluster(client: Client, task: Callable[[Path], Result], files: Sequence[
 
     while waiting or on_the_way:
         while waiting and len(on_the_way) < workers * PARCELS_PER_WORKER:
-            parcel = [waiting.popleft() for _ in range(min(size, len(waiting)))]
-            on_the_way.append((parcel, submit(parcel)))
+            on_the_way.append((waiting[0], submit(waiting.popleft())))
         parcel, future = on_the_way.popleft()
         if future.exception() is None:
-            outcomes, seconds = future.result()
-            yield from outcomes
-            size = parcel_size(seconds / len(parcel), len(waiting), workers)
+            yield from future.result()
             continue
         # Dask gives up all recordings that waited at a worker that ended. Alone, only the one that ends it is given up.
         wait([others for _, others in on_the_way])
         for file in parcel:
             alone = submit([file])
             error = alone.exception()
-            yield Outcome(file, None, f"{file}: {error}") if error else alone.result()[0][0]
+            yield Outcome(file, None, f"{file}: {error}") if error else alone.result()[0]
 
 
-def parcel_size(seconds: float, waiting: int, workers: int) -> int:
-    """Return how many recordings to send at once, from what one took and how many are left."""
-    one = max(seconds, PARCEL_S / PARCEL_MOST)
-    wanted = min(int(PARCEL_S / one), waiting // (workers * PARCELS_LEFT))
-    fair = -(-waiting // workers)
-    return max(1, min(max(wanted, int(PARCEL_LEAST_S / one)), fair))
-
-
-def _parcel(task: Callable[[Path], Result], files: Sequence[Path]) -> tuple[list[Outcome[Result]], float]:
-    """Do the task for some recordings, one after the other; return their outcomes and the time it took [s]."""
-    began = time.perf_counter()
-    outcomes = [_guarded(task, file) for file in files]
-    return outcomes, time.perf_counter() - began
+def _parcel(task: Callable[[Path], Result], files: Sequence[Path]) -> list[Outcome[Result]]:
+    """Do the task for some recordings, one after the other."""
+    return [_guarded(task, file) for file in files]

@@ -14,11 +14,14 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from rwa_monitor.batch.tasks import Done, Task
+from rwa_monitor.batch.tasks import Diagnose, DiagnosedFile
 from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.reporting.rows import diagnosis_row
 from rwa_monitor.telemetry.files import atomic_write, display_name, unreadable, write_text
 
 FAILED: Final = "failed.csv"
+KIND: Final = "diagnosis"  # of results: their names begin so
 PROBLEMS: Final = b"rwa_monitor.problems"  # metadata of a Parquet file: what of the recording could not be read
 # Of the 256 bits of a hash; recordings with the same name whose results meet by chance: one pair in 2^64.
 DIGITS: Final = 16
@@ -27,16 +30,16 @@ NAME_CHARACTERS: Final = 80  # of the recording's name, so that the result's sta
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """Results of one task in one folder; a value that travels to workers, which write for themselves.
+    """Diagnoses of recordings in one folder; a value that travels to workers, which write for themselves.
 
     A result is written whole or not at all. It counts as done while recording, settings and program are the same, so
     that a run that was cut off goes on where it ended, and a changed recording or wheel file is done anew.
     """
 
     folder: Path
-    task: Task
+    task: Diagnose
 
-    def __call__(self, file: Path) -> Done:
+    def __call__(self, file: Path) -> DiagnosedFile:
         """Return the result of a recording, made now or before; raises InputError if the recording cannot be used."""
         path = self.path(file)
         if path.exists():
@@ -55,7 +58,7 @@ class Store:
         key = hashlib.sha256("\n".join((self.task.identity(), str(file), content)).encode()).hexdigest()
         # Whatever stands in a file's name, the result lies in this folder.
         name = re.sub(r"[^A-Za-z0-9._-]", "_", file.name)[:NAME_CHARACTERS]
-        return self.folder / f"{self.task.kind}-{name}-{key[:DIGITS]}.parquet"
+        return self.folder / f"{KIND}-{name}-{key[:DIGITS]}.parquet"
 
     def write_failures(self, failures: Iterable[tuple[Path, str]]) -> None:
         """List the recordings that could not be used, with the reason; an empty list where all could."""
@@ -66,29 +69,30 @@ class Store:
         write_text(self.folder / FAILED, text.getvalue())
 
 
-def read_results(folder: Path, kind: str = "diagnosis") -> pa.Table:
-    """Return all results of one kind in a folder as one table, by recording and time; `to_pandas()` gives a frame.
+def read_results(folder: Path) -> pa.Table:
+    """Return all results in a folder as one table, by recording and time; `to_pandas()` gives a frame.
 
     Raises
     ------
     InputError
         If there are none.
     """
-    tables = [pq.read_table(path) for path in sorted(folder.glob(f"{kind}-*.parquet"))]
+    tables = [pq.read_table(path) for path in sorted(folder.glob(f"{KIND}-*.parquet"))]
     if not tables:
-        raise InputError(display_name(folder), f"holds no results of kind {kind}")
+        raise InputError(display_name(folder), "holds no results")
     table = pa.concat_tables(tables, promote_options="permissive")
-    order = [(column, "ascending") for column in ("source", "window_start_ns") if column in table.column_names]
-    return table.sort_by(order)
+    return table.sort_by([("source", "ascending"), ("window_start_ns", "ascending")])
 
 
-def _write(path: Path, done: Done) -> None:
-    table = pa.Table.from_pylist(done.rows).replace_schema_metadata({PROBLEMS: "\n".join(done.problems).encode()})
+def _write(path: Path, done: DiagnosedFile) -> None:
+    rows = [diagnosis_row(diagnosis) for diagnosis in done.diagnoses]
+    table = pa.Table.from_pylist(rows).replace_schema_metadata({PROBLEMS: "\n".join(done.problems).encode()})
     with atomic_write(path) as part:
         pq.write_table(table, part)
 
 
-def _read(path: Path) -> Done:
+def _read(path: Path) -> DiagnosedFile:
     table = pq.read_table(path)
     problems = (table.schema.metadata or {}).get(PROBLEMS, b"").decode()
-    return Done(table.to_pylist(), tuple(problems.split("\n")) if problems else ())
+    diagnoses = [Diagnosis.model_validate_json(text) for text in table["message"].to_pylist()]
+    return DiagnosedFile(diagnoses, tuple(problems.split("\n")) if problems else ())

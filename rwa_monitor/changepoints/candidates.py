@@ -20,7 +20,7 @@ from rwa_monitor.changepoints.noise import OutlierModel, ar_coefficient
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence
 from rwa_monitor.kernels import changepoints as kernel
-from rwa_monitor.kernels.changepoints import ends_of_gaps
+from rwa_monitor.kernels.running_sums import STRIDE
 from rwa_monitor.kernels.wglr import (
     CHUNK,
     COUNT_PEAKS,
@@ -37,6 +37,7 @@ MOST_PEAKS: Final = 12_288  # rows at most, 0.6 MB; a window with more peaks is 
 # Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
 # candidate must also stand between its final neighbours: simulated windows without a jump show this many.
 TESTS_PER_SLOT: Final = 0.25
+LONG_GAP: Final = MAX_SCALE // 2  # slots without a used sample: too few left on either side
 _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
 
 
@@ -51,7 +52,7 @@ class PeakArrays(NamedTuple):
     slots, values
         int64 (P, 3) and float64 (P, 2): a row for each peak, columns PEAK_….
     open
-        int64 (S, 3): for each scale the last peak of each sign, and the last slot above the floor; -1 for none.
+        int64 (S, 2): for each scale the last peak of each sign; -1 for none.
     counters
         int64 (3,), entries COUNT_….
     confirmed
@@ -107,7 +108,7 @@ class PeakList:
         self.arrays = PeakArrays(
             slots=np.empty((self.chunk_peaks, 3), dtype=np.int64),
             values=np.empty((self.chunk_peaks, 2)),
-            open=np.full((scales.size, 3), -1, dtype=np.int64),
+            open=np.full((scales.size, 2), -1, dtype=np.int64),
             counters=np.zeros(3, dtype=np.int64),
             confirmed=np.empty(self.chunk_peaks, dtype=np.int64),
             reported=np.empty(self.chunk_peaks, dtype=np.int64),
@@ -146,7 +147,7 @@ class PeakList:
     def _prune(self, variances: FloatArray) -> None:
         """Keep the strongest peaks, half as many as there are, and those that are still open."""
         count = len(self)
-        slots, values, last = self.arrays.slots[:count], self.arrays.values[:count], self.arrays.open[:, :2]
+        slots, values, last = self.arrays.slots[:count], self.arrays.values[:count], self.arrays.open
         strength = values[:, PEAK_STATISTIC] / variances[slots[:, PEAK_SCALE]]
         strength[slots[:, PEAK_CONFIRMED] == 0] = np.inf
         strength[last[last >= 0]] = np.inf
@@ -155,7 +156,7 @@ class PeakList:
         place[kept] = np.arange(kept.size)
         self.arrays.slots[: kept.size] = slots[kept]
         self.arrays.values[: kept.size] = values[kept]
-        self.arrays.open[:, :2] = np.where(last >= 0, place[last], -1)
+        self.arrays.open[:] = np.where(last >= 0, place[last], -1)
         self.arrays.counters[COUNT_PEAKS] = kept.size
         self.arrays.counters[COUNT_SETTLED] = 0
 
@@ -192,7 +193,7 @@ def choose(
         return evidence.candidates
     table = variance_table(scales[known], variances[known])
     noise = evidence.noise
-    index, scale, statistic, jump, read = kernel.choose(
+    chosen = kernel.choose(
         peaks.index,
         peaks.scale,
         evidence.slots,
@@ -202,8 +203,7 @@ def choose(
         noise.std**2 * noise.long_run_factor,
         *((math.nan, math.nan) if slope_prior is None else (slope_prior.mean, slope_prior.std)),
     )
-    evidence.sums.samples_read += read
-    return Candidates(index, scale, statistic, jump)
+    return Candidates(*chosen)
 
 
 def threshold_for(false_alarms: float, tests: float) -> float:
@@ -238,8 +238,18 @@ def peaks_behind_gaps(sums: RunningSums) -> Candidates:
     sums
         Running sums of the window; their checkpoints alone show where no sample is used.
     """
-    index, scale = ends_of_gaps(sums.arrays, sums.slots)
-    return Candidates(index, scale, statistic=np.full(index.size, np.inf), jump=np.zeros(index.size))
+    arrays, slots = sums.arrays, sums.slots
+    count = arrays.checkpoints[: slots // STRIDE + 1, 0]
+    empty = count[1:] == count[:-1]
+    begin, end = STRIDE * np.flatnonzero(np.diff(np.concatenate(([False], empty, [False])))).reshape(-1, 2).T
+    index, scale = [], []
+    for first, stop in zip(begin.tolist(), end.tolist(), strict=True):
+        there = np.flatnonzero(arrays.used[stop : min(stop + STRIDE, slots)])
+        if first > 0 and stop - first >= LONG_GAP and there.size:
+            index.append(stop + int(there[0]))
+            scale.append(stop - first + MAX_SCALE)
+    found = np.array(index, dtype=np.int64)
+    return Candidates(found, np.array(scale, dtype=np.int64), np.full(found.size, np.inf), np.zeros(found.size))
 
 
 class Threshold(NamedTuple):

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
-from rwa_monitor.changepoints.running_sums import SufficientStatistics
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence
-from rwa_monitor.kernels.adequacy import cut
-from rwa_monitor.kernels.estimation import slope_within
+from rwa_monitor.kernels.running_sums import cut, slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -77,13 +75,19 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = Non
     known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
     variance = noise.std**2 * noise.long_run_factor
     slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *known)
-    sums, seen, n, mean_variance = _of_intervals(evidence, index)
+    edges = np.concatenate(([0], index, [evidence.slots]))
+    sums = evidence.sums.between(edges[:-1], edges[1:])
+    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
+    mean_variance = mean_variance_factor(noise, n) / n
     x_mean, z_mean = sums.x / n, sums.z / n
     sxx, sxz = np.maximum(sums.xx - sums.x * x_mean, 0.0), sums.xz - sums.x * z_mean
     errors = np.maximum(sums.zz - sums.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
     level = np.where(seen, z_mean - slope * x_mean, np.nan)
     # An interval at zero speed does not feel the slope, however unknown.
     felt = np.where(x_mean != 0.0, slope_std, 0.0)
+    step = np.diff(x_mean)
+    shared = step * step * np.where(step != 0.0, slope_std, 0.0) ** 2
+    jump_std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
     # An interval without samples has the level of the last seen one before it, or of the first.
     place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     total = float(sums.n.sum())
@@ -92,36 +96,12 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = Non
         index=index,
         level=level[place] if seen.any() else np.zeros(n.size),
         level_std=np.where(seen, np.sqrt(noise.std**2 * mean_variance + x_mean * x_mean * felt * felt), np.inf),
+        jump_std=np.where(seen[:-1] & seen[1:], jump_std, np.inf),
         viscous=slope,
         viscous_std=slope_std,
         rmse=rmse,
         excess_rmse=rmse - noise.std if total else 0.0,
     )
-
-
-def _of_intervals(
-    evidence: Evidence, index: IntArray
-) -> tuple[SufficientStatistics, BoolArray, FloatArray, FloatArray]:
-    """Return the sums of the intervals between changepoints; which have samples, how many, and Var(mean) / σ²."""
-    edges = np.concatenate(([0], index, [evidence.slots]))
-    sums = evidence.sums.between(edges[:-1], edges[1:])
-    n = np.maximum(sums.n, 1.0)
-    return sums, sums.n > 0.0, n, mean_variance_factor(evidence.noise, n) / n
-
-
-def jump_std(evidence: Evidence, estimate_: Estimate) -> FloatArray:
-    """Return the standard deviation of each jump, float64 (m,): the slope's share is common to both levels.
-
-    Parameters
-    ----------
-    evidence, estimate_
-        The window and its estimate.
-    """
-    sums, seen, n, mean_variance = _of_intervals(evidence, estimate_.index)
-    step = np.diff(sums.x / n)
-    shared = step * step * np.where(step != 0.0, estimate_.viscous_std, 0.0) ** 2  # however unknown the slope
-    std = np.sqrt(evidence.noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
-    return np.where(seen[:-1] & seen[1:], std, np.inf)
 
 
 # ---- residuals of short blocks, from running sums: no sample is read again -------------------------------------------

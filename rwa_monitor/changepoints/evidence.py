@@ -20,27 +20,30 @@ from scipy import special
 from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanState, choose, threshold_for
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
 from rwa_monitor.changepoints.noise import (
+    NORMAL_MEDIAN,
     OutlierModel,
-    chi_variance,
     estimate_noise,
     estimate_outliers,
     gaussian_outlier,
+    median_size,
 )
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Evidence
 from rwa_monitor.kernels.evidence import (
     ALL_DONE,
     COUNTED,
+    FIRST_CHUNK,
     KEPT_STATISTIC,
     NO_ROOM,
     OUTLIER,
+    SMALLEST_WEIGHT,
     VARIANCE,
+    WEIGHT,
     Window,
     gather,
-    learn_noise,
 )
-from rwa_monitor.kernels.noise import BLOCK, LAGS, SMALLEST_STD, lean
-from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP, wglr
+from rwa_monitor.kernels.noise import BLOCK, LAGS, SMALLEST_STD, learn_noise
+from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -49,6 +52,7 @@ SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [s
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
 FAR_AWAY: Final = -(2**40)  # a slot that lies near none
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
+SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: sure signs of ω beyond
 _NO_VALUES: Final[FloatArray] = np.empty(0)
 _NO_SLOTS: Final[BoolArray] = np.empty(0, dtype=np.bool_)
 
@@ -102,8 +106,8 @@ class Learned(NamedTuple):
         int64 (STEP + 1,): the last indices announced, in turns, and how many there were.
     numbers
         float64 (8,): centre and weight of the slope's prior, dead band, and speed from which its sign is certain, all
-        normalised, the last three NaN until the first chunk is there; the three of `quantiles_of`; and the largest
-        outlier of heavy tails where `gather` asked for it, else NaN.
+        normalised; the three of `quantiles_of`; and the largest outlier of heavy tails where `gather` asked for it.
+        What is not known yet is NaN: all but the first until the first chunk is there.
     """
 
     thresholds: FloatArray
@@ -118,8 +122,6 @@ class WindowSettings(NamedTuple):
     ----------
     speed_unit, torque_unit
         What x and z are normalised by [rad/s], [N m].
-    dead_band
-        Normalised; NaN: what the speed's noise asks for.
     angle_per_x
         Angle by which the wheel turns in one slot at x = 1 [rad].
     block_hop, stretch_hop
@@ -134,13 +136,10 @@ class WindowSettings(NamedTuple):
         Largest outlier by chance of Gaussian noise, in standard deviations.
     chunk_peaks
         As for `scan`.
-    runs
-        Keep the maximum of each contiguous run instead of the maxima within ±w.
     """
 
     speed_unit: float
     torque_unit: float
-    dead_band: float
     angle_per_x: float
     block_hop: int
     stretch_hop: int
@@ -150,7 +149,6 @@ class WindowSettings(NamedTuple):
     nominal_slope: float
     outlier: float
     chunk_peaks: int
-    runs: bool = False
 
 
 class WindowAccumulator:
@@ -206,11 +204,11 @@ class WindowAccumulator:
         self._learned = Learned(
             thresholds=np.repeat([[np.nan], [np.inf], [np.inf]], len(scales), axis=1),
             announced=announced,
-            numbers=np.array([slope, np.nan, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
+            numbers=np.array([slope, *[np.nan] * 7]),
         )
         self._state = ScanState(
             prefix=np.empty((PREFIXES, HISTORY + CHUNK + 1)),
-            histogram=np.empty((self._scales.size, BINS), dtype=np.int64),
+            histogram=np.zeros((self._scales.size, BINS), dtype=np.int64),
         )
 
         # Short windows let the blocks of the noise estimate overlap.
@@ -232,11 +230,10 @@ class WindowAccumulator:
             self._scales,
             self._learned,
         )
-        prior, band = self.slope_prior, wheel.window.dead_band_rad_s
+        prior = self.slope_prior
         self._settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
-            dead_band=math.nan if band is None else band / wheel.speed_unit_rad_s,
             angle_per_x=self._structure.angle_per_x,
             block_hop=self._hop,
             stretch_hop=self._structure.hop,
@@ -356,7 +353,9 @@ class WindowAccumulator:
                 events += self._announced(reported)
             if why == ALL_DONE:
                 return events
-            if why == NO_ROOM:
+            if why == FIRST_CHUNK:
+                self._learned.numbers[WEIGHT:COUNTED] = self._first_learned(min(self.filled, CHUNK))
+            elif why == NO_ROOM:
                 self._peaks.make_room(self._learned.thresholds[VARIANCE])
                 self._window = Window(self._arrays, self._settings, self._peaks.arrays)
             else:
@@ -365,6 +364,23 @@ class WindowAccumulator:
                 outliers = self._outliers(self._learned.thresholds[VARIANCE], (counted, median, far))
                 numbers[OUTLIER] = outliers.largest_outlier
             speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
+
+    def _first_learned(self, stop: int) -> tuple[float, float, float]:
+        """Mark the used of the slots [0, stop); return the weight of the slope's prior, dead band and certain speed."""
+        x, z, good = self._x[:stop], self._z[:stop], self._good[:stop]
+        # The second difference of a smooth speed is noise, of √6 times its standard deviation.
+        certain = SPEED_NOISES * median_size(np.diff(x[good], 2)) / (NORMAL_MEDIAN * math.sqrt(6.0))
+        unit, stated, prior = self.wheel.speed_unit_rad_s, self.wheel.window.dead_band_rad_s, self.slope_prior
+        band = certain if stated is None else stated / unit
+        used = self._sums.arrays.used[:stop]
+        used[:] = good & (x >= band) & (x > 0.0)
+        if prior is None:
+            return SMALLEST_WEIGHT, band, certain
+        std = self._start_std
+        if std is None:
+            std = median_size(np.diff((z - prior.mean * x)[used])) / (NORMAL_MEDIAN * math.sqrt(2.0))
+        std = max(std, SMALLEST_STD)
+        return std * std / (prior.std * prior.std), band, certain
 
     def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> OutlierModel:
         variance = float(variances[0])
@@ -379,76 +395,3 @@ class WindowAccumulator:
         chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
         columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
         return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
-
-
-# ---- the evidence slot by slot, for a person to look at --------------------------------------------------------------
-
-# The slope is the window's own, known: W_b so large against any window's Σ(x - x̄)² that it is not estimated again.
-KNOWN_SLOPE: Final = 1e12
-# Most tests of a window, and so most peaks by chance, are those of one or two samples; what they alone see is a spike.
-SHOWN_SCALES: Final = tuple(scale for scale in SCALES if scale >= 4)
-LEAST_USED: Final = 64  # slots below which no variance can be estimated
-
-
-@dataclass(frozen=True, slots=True)
-class EvidenceCurve:
-    """The wGLR of a window as one curve for a person, thinned so that no peak is lost.
-
-    A slot above the threshold is no jump yet: near a large jump the curve has side lobes (errata 4), and of so many
-    slots and scales some rise above it by chance.
-
-    Attributes
-    ----------
-    index
-        int64 (m,), slots within the window, ascending: the largest of each of m equal stretches.
-    statistic
-        float64 (m,), wGLR there, the largest of all scales, in variances of its noise; about χ² with one degree of
-        freedom where nothing jumps.
-    threshold
-        What a candidate must clear.
-    """
-
-    index: IntArray
-    statistic: FloatArray
-    threshold: float
-
-
-def evidence_curve(
-    speed: FloatArray, friction: FloatArray, used: BoolArray, slope: float, points: int
-) -> EvidenceCurve | None:
-    """Return the curve of a window, None where it has too few samples.
-
-    The kernel of the detection at its wider scales; at each slot the largest, each in units of the variance of its own
-    contrast (errata 17).
-
-    Parameters
-    ----------
-    speed, friction
-        float64 (n,), speed and resisting friction torque of the window's slots, each in a unit of its own choice;
-        anything where not used.
-    used
-        bool (n,), slots with a good sample, outside the dead band.
-    slope
-        The window's viscous coefficient, in those units.
-    points
-        How many points the curve has at most.
-    """
-    if np.count_nonzero(used) < LEAST_USED:
-        return None
-    x = np.where(used, np.abs(speed), 0.0)
-    z = np.where(used, np.sign(speed) * friction, 0.0)
-    # So that what is small is small whatever the units.
-    speed_unit, unit = float(x.max()) or 1.0, float(np.ptp(z[used])) or 1.0
-    largest, variance = np.zeros(x.size), 0.0
-    for scale in SHOWN_SCALES:
-        statistic, _ = wglr(x / speed_unit, z / unit, used, scale, KNOWN_SLOPE, slope * speed_unit / unit)
-        known = np.isfinite(statistic)
-        if np.count_nonzero(known) >= LEAST_USED:
-            measured = max(chi_variance(statistic[known]), SMALLEST_STD**2)
-            variance = lean(measured, variance or measured, np.count_nonzero(known) / scale)
-            largest = np.fmax(largest, statistic / variance)
-    stretch = -(-x.size // points)
-    starts = np.arange(0, x.size, stretch)
-    index = np.array([s + int(np.argmax(largest[s : s + stretch])) for s in starts.tolist()], dtype=np.int64)
-    tests = TESTS_PER_SLOT * int(np.count_nonzero(used))
-    return EvidenceCurve(index, largest[index], max(threshold_for(FALSE_CANDIDATES, tests), KEPT_STATISTIC))

@@ -23,6 +23,8 @@ from scipy import special
 
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
+    CHI_MEDIAN,
+    GAUSSIAN_RATIO,
     JUMPED,
     JUMPED_RATE,
     KEPT,
@@ -30,12 +32,13 @@ from rwa_monitor.kernels.noise import (
     LAGS,
     MOST_JUMPED,
     SMALLEST_STD,
-    combine,
-    mean_variance_factors,
+    are_heavy,
 )
-from rwa_monitor.kernels.outliers import CHI_MEDIAN, GAUSSIAN_RATIO, are_heavy
 from rwa_monitor.samples import FloatArray, IntArray
 
+NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
+_TRIED: Final = 3 * LAGS // 4  # lags at which the noise may remember
+_LEAST_VARIANCE: Final = SMALLEST_STD * SMALLEST_STD
 _LEAST_COLOUR: Final = 0.1  # correlation of neighbours below which noise counts as white
 _AR_TOLERANCE: Final = 0.15  # of ρ(2) = ρ(1)²: a few standard errors in a long window
 
@@ -54,6 +57,12 @@ def chi_variance(statistic: FloatArray) -> float:
         beyond = float(np.mean(ascending > JUMPED * variance))
         jumped = min(max(0.0, beyond - JUMPED_RATE), MOST_JUMPED)
     return variance
+
+
+def median_size(values: FloatArray) -> float:
+    """Return the median of absolute values: as `numpy.median`, the checks of which cost more than it. 0 of none."""
+    middle = [(values.size - 1) // 2, values.size // 2]
+    return 0.5 * float(np.partition(np.abs(values), middle)[middle].sum()) if values.size else 0.0
 
 
 def estimate_noise(
@@ -79,18 +88,52 @@ def estimate_noise(
     """
     if not counts.any():
         known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
-        variance = max(known[0] if known else 0.0, SMALLEST_STD**2)
+        variance = max(known[0] if known else 0.0, _LEAST_VARIANCE)
         return NoiseEstimate(float(np.sqrt(variance)), np.append(variance, np.zeros(LAGS - 1)), 1.0)
-    return NoiseEstimate(*combine(levels, counts, scales, variances, samples))
+    variance, last = _white_level(levels, counts)
+    # Beyond the last certain lag the autocovariance is noise of the estimate: 63 such lags would swamp the long run.
+    autocovariance = np.zeros(LAGS)
+    autocovariance[0], autocovariance[1 : last + 1] = variance, variance - levels[:last]
+    factor = 1.0 + 2.0 * float(autocovariance[1:].sum()) / variance
+    # The widest scale with enough independent contrasts bounds the long run from its own side. A short window has only
+    # narrow ones, which cannot deny a long memory.
+    for scale, measured in zip(scales[::-1].tolist(), variances[::-1].tolist(), strict=True):
+        independent = samples / scale
+        if math.isfinite(measured) and scale >= 8 and independent >= (100 if scale > 16 else 20):
+            error, ratio = 3.0 * 1.5 * math.sqrt(2.0 / independent), measured / variance
+            highest = ratio * (1.0 + error) if independent >= 100 else math.inf
+            factor = min(max(factor, ratio * max(1.0 - error, 0.5)), highest)
+            break
+    return NoiseEstimate(math.sqrt(variance), autocovariance, max(factor, 1e-3))
+
+
+def _white_level(levels: FloatArray, counts: FloatArray) -> tuple[float, int]:
+    """Return the level of the differences at long lags, the variance; and the last lag whose correlation is certain."""
+    variance, last = float(levels[_TRIED:].sum()) / (LAGS - _TRIED), 0
+    tried, weighted = counts[:_TRIED], levels * counts
+    for _ in range(2):
+        correlation = 1.0 - levels[:_TRIED] / max(variance, _LEAST_VARIANCE)
+        spread = 1.0 + 2.0 * float(np.square(correlation[:last]).sum())
+        certain = np.abs(correlation) > 4.0 * np.sqrt(spread / tried)
+        last = _TRIED - int(certain[::-1].argmax()) if certain.any() else 0
+        variance = float(weighted[last:].sum()) / float(counts[last:].sum())
+    return max(variance, _LEAST_VARIANCE), last
 
 
 def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
     """Return n·Var(mean of n neighbouring samples) / variance, float64, the shape of `count`; 1 for white noise.
 
-    For long ranges it tends to the long-run factor.
+    1 + 2 Σ (1 - l/n) ρ(l), and beyond the lags known towards the long-run factor.
     """
-    n = np.asarray(count, dtype=np.float64)
-    return mean_variance_factors(n.ravel(), noise.autocovariance, noise.long_run_factor).reshape(n.shape)
+    n = np.maximum(count, 1.0)
+    shorter, missing = np.float64(1.0), noise.long_run_factor - 1.0
+    variance, *covariances = noise.autocovariance.tolist()
+    for lag, covariance in enumerate(covariances, start=1):
+        if covariance != 0.0:
+            shorter = shorter + np.maximum(2.0 * (1.0 - lag / n), 0.0) * (covariance / variance)
+            missing -= 2.0 * (covariance / variance)
+    # What the autocovariance does not show of the long run comes in once a range is longer than its lags.
+    return np.asarray(np.maximum(shorter + missing * n / (n + noise.autocovariance.size), 1e-3))
 
 
 def ar_coefficient(noise: NoiseEstimate) -> float:

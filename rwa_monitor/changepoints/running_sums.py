@@ -79,8 +79,6 @@ class RunningSums:
         float64 (6,), the centred sums over all slots added.
     slots
         Slots that have been added.
-    samples_read
-        Samples that `between` and the selection of candidates have read so far: a measure of work, for tests.
 
     Examples
     --------
@@ -97,7 +95,6 @@ class RunningSums:
         checkpoints[0] = 0.0
         self.arrays = SumArrays(checkpoints, x, z, used, centre=np.zeros(2))
         self.slots = 0
-        self.samples_read = 0
         self.running: FloatArray = np.zeros(STATISTICS)
 
     @property
@@ -129,10 +126,8 @@ class RunningSums:
         """
         starts, stops = np.asarray(start, dtype=np.int64), np.asarray(stop, dtype=np.int64)
         out = np.empty((STATISTICS, starts.size))
-        read = range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out)
-        if read < 0:
+        if not range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out):
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
-        self.samples_read += read
         table = out.reshape(STATISTICS, *starts.shape)
         n, x, z, xx, xz, zz = table
         return SufficientStatistics(n, x, z, xx, xz, zz, table)

@@ -116,6 +116,8 @@ class Estimate:
         int64 (m,), the changepoints used.
     level, level_std
         float64 (m + 1,), dry friction of each interval and its standard deviation, normalised.
+    jump_std
+        float64 (m,), standard deviation of each jump: the slope's share is common to both levels.
     viscous, viscous_std
         Shared viscous coefficient, normalised.
     rmse, excess_rmse
@@ -125,6 +127,7 @@ class Estimate:
     index: IntArray
     level: FloatArray
     level_std: FloatArray
+    jump_std: FloatArray
     viscous: float
     viscous_std: float
     rmse: float

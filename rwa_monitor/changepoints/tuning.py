@@ -95,23 +95,6 @@ class TuningCheck:
         return least <= missed and least_rate <= 1.0 / run_length
 
 
-def information(jump_sigmas: float, half_width: int, acceleration: float, prior_weight: float) -> float:
-    """Return λ of a jump for a steady acceleration.
-
-    Parameters
-    ----------
-    jump_sigmas
-        Δ/σ.
-    half_width
-        w [slots].
-    acceleration
-        Change of the normalised speed from sample to sample [-].
-    prior_weight
-        W_b [-].
-    """
-    return jump_sigmas**2 * float(_terms(np.array([half_width]), acceleration, prior_weight).energy[0])
-
-
 @dataclass(frozen=True, slots=True)
 class _Terms:
     """What the closed form needs of half widths: D, the standard deviation, the shift by a slope error of one σ."""

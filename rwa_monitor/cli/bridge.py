@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.console import log, stop_on_signals
-from rwa_monitor.cli.options import Whole, bus_options, is_loopback, map_option, udp_option, warn_if_alone, xtce_option
+from rwa_monitor.cli.options import Whole, bus_options, is_loopback, map_option, warn_if_alone, xtce_option
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
 
 
 @click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
-@udp_option(required=True, help="Where packets come in.  [HOST: 127.0.0.1 where none is given]")
+@click.option(
+    "--udp",
+    required=True,
+    metavar="[HOST:]PORT",
+    help="Where packets come in.  [HOST: 127.0.0.1 where none is given]",
+)
 @map_option
 @xtce_option
 @click.option(

@@ -37,15 +37,6 @@ if TYPE_CHECKING:
     help="Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
 )
 @click.option(
-    "--keep",
-    nargs=4,
-    type=Real(min=0, min_open=True),
-    metavar="D F E A",
-    help="Days to keep diagnoses (D), each window's estimates (F), each day's worst ones (E), closed alarms (A).  "
-    "[default: 180 365 3650 3650]",
-)
-@click.option("--webhook", metavar="URL", help="Each change of an alarm is posted there, as JSON.")
-@click.option(
     "--silence",
     "silent_s",
     type=Real(min=0),
@@ -74,7 +65,6 @@ if TYPE_CHECKING:
 @bus_options
 def command(
     record: Path,
-    keep: tuple[float, float, float, float] | None,
     wheel: Path | None,
     no_browser: bool,
     bus: BusOptions,
@@ -87,24 +77,19 @@ def command(
     with needs_extra("dashboard"):
         from rwa_monitor.dashboard.server import DashboardOptions, serve
     from rwa_monitor.dashboard.recordings import import_recordings
-    from rwa_monitor.history.store import History, Retention
+    from rwa_monitor.history.store import History
     from rwa_monitor.monitor.bus import endpoints, open_session
     from rwa_monitor.telemetry.configuration import read_wheel
 
-    try:
-        retention = Retention(*keep) if keep else None
-    except ValueError as error:
-        raise click.BadParameter(str(error), param_hint="--keep") from error
     warn_if_alone(bus)
     options = DashboardOptions(
         record=record,
         wheel=read_wheel(wheel) if wheel else None,
         connect=endpoints(bus),
-        retention=retention,
         **{name: value for name, value in page.items() if value is not None},
     )
     if record.is_dir() and any(record.glob("*.mcap")):
-        with History(options.history_place, retention=retention) as kept:
+        with History(options.history_place) as kept:
             try:
                 imported = import_recordings(kept, record)
             except InputError as error:

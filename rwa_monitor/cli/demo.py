@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
@@ -19,13 +19,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rwa_monitor.cli.console import console_of_stdout, log, stop_on_signals
+from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import Real, Whole, bus_options, no_browser_option, port_option, record_option
 from rwa_monitor.errors import MissingExtraError, needs_extra
 
 if TYPE_CHECKING:
     import zenoh
-    from rich.table import Table
 
     from rwa_monitor.messages import Diagnosis, Discrepancy, Message
     from rwa_monitor.monitor.bus import BusOptions
@@ -145,12 +144,6 @@ class WheelRow:
     ----------
     diagnoses
         All of them, in order.
-    since_ns
-        Start of the first window of the present verdict; None before the first diagnosis.
-    jumps
-        Provisional changepoints of the running window.
-    window_fill
-        Share of the running window that has passed.
     anomalous_s
         Wall-clock time of the first anomalous verdict since the demo began [s]; None while there is none.
     misfits
@@ -159,48 +152,28 @@ class WheelRow:
         Whether there were once so many that the monitor began a search.
     discrepancy, discrepancy_s
         What the search found, and its wall-clock time since the demo began [s]; None while there is none.
-    printed, printed_model
-        How many diagnoses have a line, and what the last line on the model was.
     """
 
     diagnoses: list[Diagnosis] = field(default_factory=list)
-    since_ns: int | None = None
-    jumps: int = 0
-    window_fill: float = 0.0
     anomalous_s: float | None = None
     misfits: int = 0
     searched: bool = False
     discrepancy: Discrepancy | None = None
     discrepancy_s: float | None = None
-    printed: int = 0
-    printed_model: str = "fits"
 
     def take(self, message: Message, elapsed_s: float) -> None:
         """Take a message that came so long after the demo began [s]."""
-        from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Status
+        from rwa_monitor.messages import Diagnosis, Discrepancy
         from rwa_monitor.monitor.searches import PATIENCE
 
-        match message:
-            case Status():
-                self.window_fill = message.window_fill
-            case Changepoints():
-                self.jumps += len(message.changepoints)
-            case Diagnosis():
-                if self.last is None or self.last.verdict != message.verdict:
-                    self.since_ns = message.window_start_ns
-                self.diagnoses.append(message)
-                self.jumps = 0
-                self.misfits = 0 if message.model_adequate else self.misfits + 1
-                self.searched = self.searched or self.misfits >= PATIENCE
-                if message.verdict == "anomalous" and self.anomalous_s is None:
-                    self.anomalous_s = elapsed_s
-            case Discrepancy():
-                self.discrepancy, self.discrepancy_s = message, elapsed_s
-
-    @property
-    def last(self) -> Diagnosis | None:
-        """The latest diagnosis."""
-        return self.diagnoses[-1] if self.diagnoses else None
+        if isinstance(message, Diagnosis):
+            self.diagnoses.append(message)
+            self.misfits = 0 if message.model_adequate else self.misfits + 1
+            self.searched = self.searched or self.misfits >= PATIENCE
+            if message.verdict == "anomalous" and self.anomalous_s is None:
+                self.anomalous_s = elapsed_s
+        elif isinstance(message, Discrepancy):
+            self.discrepancy, self.discrepancy_s = message, elapsed_s
 
     @property
     def model(self) -> str:
@@ -215,9 +188,7 @@ class WheelRow:
 
 
 class DemoView:
-    """Subscribes to the bus, keeps a row for each wheel, and shows them.
-
-    On a terminal it is a live table, otherwise a line for each diagnosis.
+    """Subscribes to the bus, keeps a row for each wheel, and prints a line for each diagnosis.
 
     Parameters
     ----------
@@ -242,19 +213,11 @@ class DemoView:
         )
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
-        """Show what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
-        from rich.live import Live
-
-        console = console_of_stdout()
-        table = Live(get_renderable=self._table, console=console, auto_refresh=False)
+        """Print what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
         end = time.monotonic() + seconds
-        with table if console.is_terminal else nullcontext():
-            refresh = table.refresh if console.is_terminal else self._print_new
-            while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching else 0.0):
-                self._take_messages()
-                refresh()
+        while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching else 0.0):
             self._take_messages()
-            refresh()
+        self._take_messages()
 
     @property
     def _searching(self) -> bool:
@@ -267,56 +230,25 @@ class DemoView:
         self._take_messages()
 
     def _take_messages(self) -> None:
-        """Bring what has come into the rows."""
-        from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Status
+        """Bring what has come into the rows; print each diagnosis, and each change of what is known of a model."""
+        from rwa_monitor.messages import Diagnosis, Discrepancy
 
-        kinds = {kind.kind: kind for kind in (Diagnosis, Changepoints, Discrepancy, Status)}
+        kinds = {kind.kind: kind for kind in (Diagnosis, Discrepancy)}
         while (message := self._inbox.take()) is not None:
             _, _, wheel, kind = message.key.split("/")
-            if kind in kinds:
-                row = self.rows.setdefault(wheel, WheelRow())
-                row.take(kinds[kind].parse(message.payload, message.key), self._elapsed_s())
+            if kind not in kinds:
+                continue
+            row, new = self.rows.setdefault(wheel, WheelRow()), kinds[kind].parse(message.payload, message.key)
+            head, model = f"{self._elapsed_s():6.1f} s  {wheel}", row.model or "fits"
+            row.take(new, self._elapsed_s())
+            if isinstance(new, Diagnosis):
+                click.echo(f"{head}  {self.hours(new.window_end_ns):5.1f} h  {new.verdict:12}  {new.reason}")
+            if row.model != model:
+                click.echo(f"{head}  model {row.model}")
 
     def _elapsed_s(self) -> float:
         """Return how long the demo has been running [s]."""
         return time.monotonic() - self._began
-
-    def _print_new(self) -> None:
-        """Print a line for each new diagnosis, and for each change of what is known of a friction model."""
-        for wheel, row in sorted(self.rows.items()):
-            head = f"{self._elapsed_s():6.1f} s  {wheel}"
-            for new in row.diagnoses[row.printed :]:
-                click.echo(f"{head}  {self.hours(new.window_end_ns):5.1f} h  {new.verdict:12}  {new.reason}")
-            row.printed = len(row.diagnoses)
-            if row.model and row.model != row.printed_model:
-                click.echo(f"{head}  model {row.model}")
-                row.printed_model = row.model
-
-    def _table(self) -> Table:
-        from rich.progress_bar import ProgressBar
-        from rich.table import Table
-        from rich.text import Text
-
-        from rwa_monitor.reporting.diagnosis_text import VERDICT_STYLE
-
-        hours = max((self.hours(row.last.window_end_ns) for row in self.rows.values() if row.last), default=0.0)
-        table = Table(title=f"simulated satellite, {hours:.1f} h of telemetry", title_justify="left", expand=True)
-        for column in ("wheel", "verdict", "since", "reason", "friction model", "windows", "jumps", "window"):
-            wide = column in ("reason", "friction model")
-            table.add_column(column, no_wrap=not wide, ratio=1 if wide else None)
-        for wheel, row in sorted(self.rows.items()):
-            verdict = row.last.verdict if row.last else "waiting"
-            table.add_row(
-                wheel,
-                Text(verdict, VERDICT_STYLE.get(verdict, "dim")),
-                f"{self.hours(row.since_ns):.1f} h" if row.since_ns is not None else "",
-                row.last.reason if row.last else "the first window is being filled",
-                Text(row.model, "bold yellow" if row.misfits or row.discrepancy else "dim"),
-                str(len(row.diagnoses)),
-                str(row.jumps),
-                ProgressBar(total=1.0, completed=row.window_fill, width=12),
-            )
-        return table
 
     def hours(self, time_ns: int) -> float:
         """Return a time of the wheels' clock as hours since the demo's first sample."""
@@ -326,20 +258,10 @@ class DemoView:
 
 
 def _in_words(found: Discrepancy) -> str:
-    """Return what a search found, in a few words with the gain."""
+    """Return what a search found, in a few words."""
     if not found.effects:
         return f"{found.verdict}, no known effect explains it" if found.unexplained else found.verdict
-    first, *others = found.effects
-    words = f"lacks {first.name}"
-    if first.equivalent:
-        words += f" (or {', '.join(first.equivalent)}: the data cannot separate them)"
-    if others:
-        words += f", and {', '.join(other.name for other in others)}"
-    if found.gain is not None:
-        gain = found.gain
-        before, after = gain.rmse_base_Nm / gain.noise_std_Nm, gain.rmse_extended_Nm / gain.noise_std_Nm
-        words += f"; RMSE {before:.3f} → {after:.3f} σ, jumps {gain.changepoints_base} → {gain.changepoints_extended}"
-    return words
+    return f"lacks {', '.join(effect.name for effect in found.effects)}"
 
 
 # ---- at the end ------------------------------------------------------------------------------------------------------
@@ -359,14 +281,6 @@ def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
                 click.echo(f"    {name} = {value.value:.4g}{spread}")
         if found.unexplained is not None:
             click.echo(f"  left unexplained: {found.unexplained.signature}")
-        if found.gain is not None and found.effects:
-            gain = found.gain
-            rmse = f"{gain.rmse_base_Nm * 1e6:.2f} → {gain.rmse_extended_Nm * 1e6:.2f} µN m"
-            click.echo(
-                f"  gain on held-out blocks: RMSE {rmse},"
-                f" log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} a sample;"
-                f" jumps of the friction {gain.changepoints_base} → {gain.changepoints_extended}"
-            )
         if wheel == satellite.hiding and (folder / "extended_wheel.toml").exists():
             after = _diagnose_again(satellite, folder / "extended_wheel.toml")[: len(row.diagnoses)]
             click.echo(f"  its windows as they were diagnosed: {_counts(d.verdict for d in row.diagnoses)}")
@@ -406,9 +320,7 @@ def _print_truth(satellite: Satellite, view: DemoView, record: Path) -> None:
     click.echo(
         f"\nWhat was true: the {ANOMALY} friction of {FAILING} grew to {FACTOR} times its nominal value"
         f" from {view.hours(satellite.onset_ns):.1f} h on; the other wheels were healthy.\n"
-        f"{satellite.hiding} has {effect.name} ({values}), which the monitor's wheel file lacks:"
-        f" {satellite.hidden.sigmas:.1f} standard deviations of the noise beyond what dry and viscous friction can take"
-        " up."
+        f"{satellite.hiding} has {effect.name} ({values}), which the monitor's wheel file lacks."
     )
     for wheel, row in sorted(view.rows.items()):
         verdicts = _counts(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"

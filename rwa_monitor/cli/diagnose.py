@@ -4,15 +4,25 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import console_of_stdout, log
-from rwa_monitor.cli.options import method_option, model_option, wheel_option
-from rwa_monitor.cli.recordings import AT_ONCE, Recordings, recordings_options
+from rwa_monitor.cli.console import console_of_stdout, log, track
+from rwa_monitor.cli.options import (
+    FILE,
+    Recordings,
+    as_one,
+    method_option,
+    model_option,
+    recordings_options,
+    scheduler_option,
+    wheel_option,
+    workers_option,
+)
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,12 +32,36 @@ if TYPE_CHECKING:
     from rwa_monitor.monitor.trends import WindowFriction
 
 
+@dataclass(frozen=True, slots=True)
+class AtOnce:
+    """Where to diagnose many recordings at once, and to keep the results."""
+
+    results: Path | None = None
+    scheduler: str | None = None
+    workers: int | None = None
+
+
+at_once_options = as_one(
+    "many",
+    AtOnce,
+    click.option(
+        "--results",
+        type=FILE,
+        metavar="DIR",
+        help="Keep one Parquet file for each recording there, and do again only what is not done.",
+    ),
+    scheduler_option,
+    workers_option,
+)
+
+
 @click.command(name="diagnose", short_help="Diagnose recordings, from tables to ROS 2 bags.")
 @wheel_option
 @model_option
 @method_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
 @click.option("--carry", is_flag=True, help="Start each file with what the ones before it showed of the wheel.")
+@at_once_options
 @recordings_options
 def command(
     wheel_file: Path | None,
@@ -35,6 +69,7 @@ def command(
     method: Method,
     as_json: bool,
     carry: bool,
+    many: AtOnce,
     recordings: Recordings,
 ) -> int:
     """Diagnose recordings, window by window, in the order given.
@@ -56,8 +91,10 @@ def command(
     from rwa_monitor.telemetry.configuration import read_model, read_wheel
     from rwa_monitor.words import counted
 
-    if carry and recordings.at_once:
-        raise click.UsageError(f"--carry takes one file after the other, {AT_ONCE} many at once")
+    if carry and many != AtOnce():
+        raise click.UsageError("--carry takes one file after the other, --results, --scheduler and --workers many")
+    if many.scheduler is not None and many.workers is not None:
+        raise click.UsageError("--workers is for this machine; the cluster of --scheduler has its own")
     # Read before any file is: a wrong option costs nothing then.
     wheel, model = read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None
     task = Diagnose(wheel, recordings.decoding, model, method)
@@ -65,7 +102,7 @@ def command(
     by_wheel: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)
     not_judged: list[str] = []
     windows = 0
-    for diagnosis in _at_once(task, recordings) if recordings.at_once else _one_by_one(task, recordings, carry):
+    for diagnosis in _one_by_one(task, recordings, carry) if many == AtOnce() else _at_once(task, recordings, many):
         windows += 1
         if has_too_few_samples(diagnosis):
             not_judged.append(diagnosis.reason)
@@ -85,7 +122,7 @@ def _one_by_one(task: Diagnose, recordings: Recordings, carry: bool) -> Iterator
     carried: CarriedStates = {}
     for file in recordings.files:
         try:
-            found = task.diagnose(file, carried if carry else None)
+            found = task(file, carried if carry else None)
         except InputError as error:
             if carry:
                 raise
@@ -96,13 +133,30 @@ def _one_by_one(task: Diagnose, recordings: Recordings, carry: bool) -> Iterator
         yield from found.diagnoses
 
 
-def _at_once(task: Diagnose, recordings: Recordings) -> Iterator[Diagnosis]:
+def _at_once(task: Diagnose, recordings: Recordings, many: AtOnce) -> Iterator[Diagnosis]:
     """Diagnose many files at once."""
-    from rwa_monitor.messages import Diagnosis
+    from rwa_monitor.batch.cluster import each
+    from rwa_monitor.telemetry.files import make_folder
+    from rwa_monitor.telemetry.table import parquet
 
-    for done in recordings.each(task, "diagnosing"):
-        for row in done.rows:
-            yield Diagnosis.model_validate_json(row["message"])
+    store = None
+    if many.results:
+        parquet()  # raises an error that names what to install
+        from rwa_monitor.batch.store import Store
+
+        store = Store(many.results, task)
+        make_folder(many.results)
+    outcomes = each(store or task, recordings.files, scheduler=many.scheduler, workers=many.workers)
+    for outcome in track(outcomes, len(recordings.files), "diagnosing"):
+        if outcome.result is None:
+            recordings.failed(outcome.file, outcome.error)
+            continue
+        recordings.done(outcome.result.problems, outcome.result.notes)
+        yield from outcome.result.diagnoses
+    if store:
+        store.write_failures(recordings.failures)
+        given, failed = len(recordings.files), len(recordings.failures)
+        log(f"results of {given - failed} of {given} recordings in {many.results}")
 
 
 def _print_trends(by_wheel: dict[tuple[str, str], list[WindowFriction]]) -> None:

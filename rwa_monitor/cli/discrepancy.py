@@ -10,8 +10,16 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.console import console_of_stdout, log, status_line
-from rwa_monitor.cli.options import FILE, Whole, as_one, motor_off_option, wheel_option
-from rwa_monitor.cli.recordings import AT_ONCE, Recordings, known_wheel, recordings_options
+from rwa_monitor.cli.options import (
+    FILE,
+    Recordings,
+    Whole,
+    as_one,
+    known_wheel,
+    motor_off_option,
+    recordings_options,
+    wheel_option,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,7 +68,7 @@ report_options = as_one(
     click.option(
         "--search-again",
         is_flag=True,
-        help="Search a part of the data by itself, too, and measure the gain on the rest: takes half as long again.",
+        help="Search parts of the data by themselves, too, and judge on the rest; takes up to three times as long.",
     ),
     click.option(
         "--no-diagnosis",
@@ -78,14 +86,12 @@ report_options = as_one(
 @motor_off_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
-@click.option("--each", is_flag=True, help="Each file is a wheel of its own: a report for each, many at once.")
 @recordings_options
 def command(
     wheel_file: Path | None,
     motor_off: bool,
     as_json: bool,
     wanted: ReportOptions,
-    each: bool,
     recordings: Recordings,
 ) -> int:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
@@ -96,19 +102,8 @@ def command(
     The gain is measured on blocks of the recordings that are left out in turn, or, with --held-out, on other
     recordings of the wheel. The names are those of all data; --search-again shows which are found, and what they gain,
     without the data that they are judged on.
-
-    With --each the files are judged one by one, side by side: a line of verdict and causes, or a JSON object, for each.
     """
     wheel = known_wheel(wheel_file, motor_off=motor_off)
-    if each:
-        if wanted != ReportOptions():
-            raise click.UsageError(
-                "--each gives a short report for each file; --out, --bootstrap, --held-out, --search-again,"
-                " --no-diagnosis and --plan are for the report on one wheel"
-            )
-        return _each(recordings, wheel, as_json)
-    if recordings.at_once:
-        raise click.UsageError(f"{AT_ONCE} need --each: several files are one joint report")
     from rwa_monitor.discrepancy.plan import plan
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.threads import cores, on_threads
@@ -167,20 +162,6 @@ def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
         console.print(part)
     for line in plan_lines(planned) if planned is not None else ():
         click.echo(line)
-
-
-def _each(recordings: Recordings, wheel: Wheel | None, as_json: bool) -> int:
-    """Judge each file by itself, and return the exit code."""
-    from rwa_monitor.batch.tasks import FindDiscrepancy
-
-    for done in recordings.each(FindDiscrepancy(wheel, recordings.decoding), "searching"):
-        for row in done.rows:
-            if as_json:
-                click.echo(json.dumps({"source": row["source"], **json.loads(row["message"])}, ensure_ascii=False))
-            else:
-                causes = row["effects"] or row["unexplained"]
-                click.echo(f"{row['source']}: {row['verdict']}{f': {causes}' if causes else ''}")
-    return recordings.status
 
 
 def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Search:

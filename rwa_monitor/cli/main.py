@@ -25,6 +25,8 @@ from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 # all processes started from here; from Python, rwa_monitor.threads does it.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
+MAX_SETTINGS_BYTES: Final = 1_000_000
+
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
 COMMANDS: Final = (
@@ -42,14 +44,14 @@ COMMANDS: Final = (
     "foxglove",
     "dashboard",
     "doctor",
-    "completion",
 )
+MODULES: Final = {"recover": "replay", "foxglove": "replay"}  # commands beside another one in its module
 
 
 class Program(click.Group):
     """The group of all commands, with the exit codes of this program.
 
-    A command is `command` in a module of its name, loaded only when it is called for, so that --help answers at once.
+    Options come from the command line, before the environment, before the file of --settings, before the default.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -59,7 +61,9 @@ class Program(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in self.commands or cmd_name not in COMMANDS:
             return super().get_command(ctx, cmd_name)
-        command: click.Command = import_module(f"rwa_monitor.cli.{cmd_name}").command
+        module = import_module(f"rwa_monitor.cli.{MODULES.get(cmd_name, cmd_name)}")
+        command: click.Command = getattr(module, cmd_name if cmd_name in MODULES else "command")
+        _name_variables(command, cmd_name)
         return command
 
     def resolve_command(
@@ -148,28 +152,64 @@ def main(ctx: click.Context, settings: Path | None) -> None:
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
-    if settings is not None or any(name.startswith("RWA_MONITOR_") for name in os.environ):
-        from rwa_monitor.cli.settings import read_settings, unknown_variables
+    if settings is not None:
+        from rwa_monitor.telemetry.files import display_name, read_checked_text
+        from rwa_monitor.wheel.toml import parse_toml
 
-        ctx.default_map = read_settings(settings, os.environ, main, ctx)
-        ours = f"RWA_MONITOR_{ctx.invoked_subcommand.upper()}_"
-        for name, hint in unknown_variables(os.environ, main, ctx).items():
-            if name.startswith(ours):
-                log(f"{name} sets no option of {ctx.invoked_subcommand}{hint}; it is ignored")
+        source, text = display_name(settings), read_checked_text(settings, MAX_SETTINGS_BYTES)
+        tables = parse_toml(text, source, MAX_SETTINGS_BYTES, "a settings file")
+        ctx.default_map = _defaults(tables, main, ctx, source, "")
 
 
-@main.command(name="completion", short_help="Let a shell complete commands and options.")
-@click.argument("shell", type=click.Choice(["bash", "fish", "zsh"]))
-@click.pass_context
-def completion(ctx: click.Context, shell: str) -> None:
-    """Print the script for a shell.
+# ---- options from the environment and from a file --------------------------------------------------------------------
 
-    In ~/.bashrc or ~/.zshrc: eval "$(rwa-monitor completion bash)", or zsh. For fish, save what is printed as
-    ~/.config/fish/completions/rwa-monitor.fish.
+
+def _name_variables(command: click.Command, path: str) -> None:
+    """Let the environment set each option of a command: RWA_MONITOR_<COMMAND>_<OPTION>."""
+    if isinstance(command, click.Group):
+        for name, inner in command.commands.items():
+            _name_variables(inner, f"{path}_{name}")
+    for name, option in _options(command).items():
+        option.envvar = option.envvar or f"RWA_MONITOR_{path}_{name}".upper().replace("-", "_")
+
+
+def _options(command: click.Command) -> dict[str, click.Option]:
+    """Return the options of a command by their long names."""
+    return {
+        max(option.opts, key=len).removeprefix("--"): option
+        for option in command.params
+        if isinstance(option, click.Option)
+    }
+
+
+def _defaults(table: Any, command: click.Command, ctx: click.Context, source: str, place: str) -> dict[str, Any]:
+    """Return a table of a settings file as click takes its default map.
+
+    Raises
+    ------
+    InputError
+        If it names a command or an option that does not exist, or gives an option a value that it cannot have.
     """
-    from click.shell_completion import get_completion_class
-
-    script = get_completion_class(shell)
-    assert script is not None, "click supports the three shells"
-    variable = f"_{PROGRAM}_COMPLETE".replace("-", "_").upper()
-    click.echo(script(ctx.find_root().command, {}, PROGRAM, variable).source())
+    if not isinstance(table, dict):
+        raise InputError(source, f"is no table of options, such as [{place}]", place)
+    options = _options(command)
+    known = command.list_commands(ctx) if isinstance(command, click.Group) else list(options)
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        here = f"{place}.{name}" if place else name
+        if name not in known:
+            raise InputError(source, f"is no command and no option{did_you_mean(name, known)}", here)
+        if isinstance(command, click.Group):
+            inner = command.get_command(ctx, name)
+            assert inner is not None, "it is known"
+            found[name] = _defaults(value, inner, ctx, source, here)
+            continue
+        option = options[name]
+        if option.multiple and not isinstance(value, list):
+            raise InputError(source, "write a list: [ … ]", here)
+        try:
+            option.type_cast_value(ctx, value)
+        except (click.BadParameter, TypeError) as error:
+            raise InputError(source, getattr(error, "message", str(error)), here) from error
+        found[str(option.name)] = value
+    return found

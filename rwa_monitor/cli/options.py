@@ -5,16 +5,19 @@ from __future__ import annotations
 import functools
 import ipaddress
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from rwa_monitor.cli.console import log
+from rwa_monitor.cli.console import UNREADABLE, WRONG_USE, log
+from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.samples import Samples
+    from rwa_monitor.wheel.wheel import Wheel
 
 # Transports whose other end shows who it is.
 _PROTECTED: Final = ("tls", "quic", "unixsock-stream", "unixpipe")
@@ -118,11 +121,6 @@ workers_option = click.option(
 )
 
 
-def udp_option(*, required: bool, help: str) -> Callable[[Decorated], Decorated]:  # noqa: A002 - as click names it
-    """Return the option for an address of datagrams; the command gets it as `udp`."""
-    return click.option("--udp", required=required, metavar="[HOST:]PORT", help=help)
-
-
 map_option = click.option(
     "--map",
     "map_file",
@@ -178,3 +176,106 @@ def warn_if_alone(bus: BusOptions) -> None:
         # An endpoint without an address or port is refused when the bus is opened, and nobody is let in.
         if colon and protocol not in _PROTECTED and not is_loopback(host):
             log(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")
+
+
+# ---- recordings ------------------------------------------------------------------------------------------------------
+
+
+class Recordings:
+    """Recordings, how they are read, and what has become of them so far.
+
+    Attributes
+    ----------
+    files
+        Where they are.
+    decoding
+        What files are read with that do not name their channels.
+    failures
+        Those that cannot be used, and why.
+    """
+
+    def __init__(self, files: tuple[Path, ...], map_file: Path | None, xtce_file: Path | None) -> None:
+        from rwa_monitor.telemetry.reader import read_decoding
+
+        self.files = files
+        self.decoding = read_decoding(map_file, xtce_file)
+        self.failures: list[tuple[Path, str]] = []
+        self._logged: set[str] = set()
+        self._unreadable = False
+
+    @property
+    def status(self) -> int:
+        """Exit code so far: 2 if a recording failed, else 3 if bytes of one could not be read, else 0."""
+        if self.failures:
+            return WRONG_USE
+        return UNREADABLE if self._unreadable else 0
+
+    def failed(self, file: Path, error: str) -> None:
+        """Log why a recording cannot be used."""
+        self.failures.append((file, error))
+        log(error)
+
+    def done(self, problems: Sequence[str], notes: Iterable[str]) -> None:
+        """Log what is to be noted of a recording, each line once; `problems` are bytes that could not be read."""
+        new = [note for note in dict.fromkeys((*problems, *notes)) if note not in self._logged]
+        log(*new)
+        self._logged.update(new)
+        self._unreadable |= bool(problems)
+
+    def of_one_wheel(
+        self, wheel: Wheel | None, others: Sequence[Path] | None = None
+    ) -> tuple[list[tuple[str, Samples]], Wheel | None]:
+        """Read the files as recordings of one wheel, or `others` as these are.
+
+        Returns
+        -------
+        samples
+            Name and samples of each file.
+        wheel
+            What was given, else the first wheel that a file carries; None where none does.
+
+        Raises
+        ------
+        InputError
+            If a file cannot be used, or holds several wheels.
+        """
+        from rwa_monitor.monitor.telemetry_files import read_telemetry
+        from rwa_monitor.telemetry.files import display_name
+        from rwa_monitor.telemetry.reader import joined, only_wheel
+
+        found: list[tuple[str, Samples]] = []
+        decoding = self.decoding.of_wheel(wheel)
+        for file in self.files if others is None else others:
+            content = read_telemetry(file, decoding)
+            self.done(content.problems, content.notes)
+            telemetry = only_wheel(content, display_name(file))
+            wheel = wheel or telemetry.constants
+            found.append((str(file), joined(telemetry)))
+        return found, wheel
+
+
+recordings_options = as_one(
+    "recordings",
+    Recordings,
+    click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE..."),
+    map_option,
+    xtce_option,
+)
+
+
+def known_wheel(wheel_file: Path | None, *, motor_off: bool) -> Wheel | None:
+    """Return the wheel of a file, with its motor off where that is asked for; None where there is no file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; if the motor shall be off and no inertia is known.
+    """
+    from rwa_monitor.telemetry.configuration import read_wheel
+
+    wheel = read_wheel(wheel_file) if wheel_file else None
+    if not motor_off:
+        return wheel
+    if wheel is None or wheel.inertia_kg_m2 is None:
+        raise InputError("--motor-off", "needs inertia_kg_m2 under [wheel] of the file given with --wheel")
+    return wheel.model_copy(update={"friction": wheel.friction.model_copy(update={"motor_off": True})})

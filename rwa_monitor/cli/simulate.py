@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
 from rwa_monitor.cli.console import log, stop_on_signals, track
-from rwa_monitor.cli.options import (
-    FILE,
-    Real,
-    Whole,
-    bus_options,
-    speed_option,
-    udp_option,
-    warn_if_alone,
-    wheel_option,
-)
+from rwa_monitor.cli.options import FILE, Whole, bus_options, speed_option, warn_if_alone, wheel_option
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -48,11 +38,10 @@ def command() -> None:
 @seed_option
 @output_option
 def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, output: Path) -> None:
-    """Write one recording: CSV, Parquet, or space packets by the suffix of -o FILE (.csv, .parquet, .ccsds).
+    """Write one recording: CSV or Parquet by the suffix of -o FILE (.csv, .parquet).
 
-    Beside packets lie their definition and their map, FILE.xtce.xml and FILE.map.toml. The truth lies beside every
-    recording: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so does the wheel
-    where it is not the built-in one: FILE.wheel.toml.
+    The truth lies beside it: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so
+    does the wheel where it is not the built-in one: FILE.wheel.toml.
     """
     from rwa_monitor.telemetry.labels import write_truth
     from rwa_monitor.telemetry.table import table_writer
@@ -113,14 +102,6 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 @click.option("--key", default=DEFAULT_KEY, metavar="KEY", help="The samples on the bus; {n} counts wheels.")
 @click.option("--count", type=Whole(1, 4096), default=1, metavar="N", help="So many wheels at once.")
 @click.option("--batch", type=Whole(1, 100_000), default=256, metavar="N", help="Samples of one message.")
-@click.option(
-    "--linger",
-    type=Real(0),
-    default=2.0,
-    metavar="S",
-    help="Stay on at the end [s].",
-)
-@udp_option(required=False, help="Send CCSDS space packets there instead, as `bridge` takes them.")
 @bus_options
 def publish(
     scenario_file: Path | None,
@@ -130,27 +111,17 @@ def publish(
     key: str,
     count: int,
     batch: int,
-    linger: float,
-    udp: str | None,
     bus: BusOptions,
 ) -> None:
     """Publish one recording on the bus in the pace of its own time, as a satellite's computer would.
 
     Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
     `simulate recording`; with --count the second wheel has the next seed, and so on.
-
-    With --udp nothing goes onto the bus: the samples are sent as the packets of `simulate recording -o FILE.ccsds`, one
-    a datagram, from APID 416 on.
     """
-    from rwa_monitor.monitor.bridge import PacketSender, UdpAddress
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.monitor.publisher import SamplesPublisher, SamplesSink, send
-    from rwa_monitor.telemetry.ccsds_packets import FIRST_APID, MAX_EXAMPLE_WHEELS
+    from rwa_monitor.monitor.publisher import SamplesPublisher, send
 
-    if udp is None:
-        warn_if_alone(bus)
-    elif count > MAX_EXAMPLE_WHEELS:
-        raise click.BadParameter(f"with --udp {MAX_EXAMPLE_WHEELS} at most", param_hint="--count")
+    warn_if_alone(bus)
     if count > 1 and "{n}" not in key:
         raise click.BadParameter("with --count, KEY needs {n} where the number of the wheel stands", param_hint="--key")
     keys = [key.replace("{n}", str(number)) for number in range(1, count + 1)]
@@ -158,18 +129,10 @@ def publish(
         key: _simulate(scenario_file, wheel_file, seed + number, "published").telemetry.samples
         for number, key in enumerate(keys)
     }
-    sinks: dict[str, SamplesSink]
-    with stop_on_signals() as stop, ExitStack() as stack:
-        watch: BusWatch | None = None
-        if udp is not None:
-            address = UdpAddress.parse(udp, "--udp")
-            sinks = {key: PacketSender(address, FIRST_APID + number) for number, key in enumerate(keys)}
-        else:
-            session = stack.enter_context(open_session(bus))
-            sinks = {key: SamplesPublisher(session, key) for key in keys}
-            watch = BusWatch(session, endpoints(bus))
-        sent = send(telemetry, sinks, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
-        trouble = watch.trouble() if watch else ""
+    with stop_on_signals() as stop, open_session(bus) as session:
+        publishers = {key: SamplesPublisher(session, key) for key in keys}
+        sent = send(telemetry, publishers, speed=speed, batch_samples=batch, stop=stop)
+        trouble = BusWatch(session, endpoints(bus)).trouble()
     if trouble:
         log(f"{trouble.removesuffix(' Trying again.')} Nobody can have received the last samples.")
     total = sum(len(samples) for samples in telemetry.values())

@@ -8,7 +8,6 @@ from dataclasses import asdict
 import click
 
 from rwa_monitor.cli.console import FAILED
-from rwa_monitor.cli.options import Real
 
 SEED = 20260126  # of the simulated check: the same wishes give the same figures
 
@@ -19,32 +18,16 @@ SEED = 20260126  # of the simulated check: the same wishes give the same figures
     "--run-length", type=float, required=True, metavar="N", help="Wanted mean number of samples between false alarms."
 )
 @click.option("--jump", type=float, required=True, metavar="SIGMAS", help="Size of the jump, in noise deviations.")
-@click.option(
-    "--acceleration",
-    type=float,
-    default=0.0,
-    metavar="A",
-    help="Steady change of ω/ω_nominal from sample to sample for which it must hold; 0: constant speed.",
-)
-@click.option(
-    "--slope-error",
-    type=Real(min=0, min_open=True),
-    default=0.3,
-    metavar="E",
-    help="Possible error of the nominal viscous coefficient, normalised.",
-)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(
     missed: float,
     run_length: float,
     jump: float,
-    acceleration: float,
-    slope_error: float,
     as_json: bool,
 ) -> int:
     """Choose the smallest detection window that keeps both wanted rates, and check it by simulation.
 
-    In closed form for white noise and a steady acceleration; colour and outliers are measured by the monitor itself,
+    In closed form for white noise at constant speed; colour and outliers are measured by the monitor itself,
     which scales its statistic accordingly. The check draws rare events where they happen, so that it has figures also
     for rates that nobody could wait for; exit code 1 where it contradicts a wanted rate.
     """
@@ -52,8 +35,8 @@ def command(
 
     from rwa_monitor.changepoints.tuning import check, tune
 
-    tuning = tune(missed, run_length, jump, acceleration=acceleration, slope_error=slope_error)
-    counted = check(tuning, jump, acceleration, np.random.default_rng(SEED), slope_error=slope_error)
+    tuning = tune(missed, run_length, jump)
+    counted = check(tuning, jump, 0.0, np.random.default_rng(SEED))
     kept = counted.keeps(missed, run_length)
     if as_json:
         click.echo(json.dumps({**asdict(tuning), "check": {**asdict(counted), "kept": kept}}))

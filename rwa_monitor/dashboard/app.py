@@ -26,12 +26,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier
-from rwa_monitor.dashboard.feed import Client, array_json, frame, pulse
+from rwa_monitor.dashboard.feed import AlarmNotifier, Client, array_json, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received, record_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, replay_json
-from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import (
@@ -106,11 +104,10 @@ class TelemetryState(_Shown):
 
 
 class VerdictState(_Shown):
-    """Since when a wheel's verdict is as it is [ns, the wheel's clock], over how many windows, and where it goes."""
+    """Since when a wheel's verdict is as it is [ns, the wheel's clock], over how many windows."""
 
     since_ns: int | None
     windows: int
-    change: str | None
 
 
 class Beat(_Shown):
@@ -138,8 +135,8 @@ class Software(_Shown):
 class Entry(_Shown):
     """One entry of the feed, or of a recording.
 
-    The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm`, `aside` (an audit
-    event of a retired wheel) and `evidence` beside the bus's own; dashboard/beat, dashboard/software, or
+    The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and `aside` (an
+    audit event of a retired wheel) beside the bus's own; dashboard/beat, dashboard/software, or
     dashboard/pulse, which is by "{spacecraft}/{wheel}".
     `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
     diagnosis the history of the verdict. `time_ns`, on the wheel's clock, is of recordings only.
@@ -150,18 +147,17 @@ class Entry(_Shown):
     received_wall_ns: int | None
     beside: TelemetryState | VerdictState | None
     message: (
-        Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | Evidence | AlarmRecord | RetirementEvent
+        Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | AlarmRecord | RetirementEvent
         | Beat | Software
         | dict[str, PulseOfWheel]
     )  # fmt: skip
 
 
 class WheelNow(_Shown):
-    """One wheel as it is now: samples, thinned; changepoints of the open window; the wGLR; latest report and status."""
+    """One wheel as it is now: samples, thinned; changepoints of the open window; latest report and status."""
 
     samples: SamplesMessage | None
     changepoints: list[Changepoints]
-    evidence: list[Evidence]
     discrepancy: Discrepancy | None
     status: Status | None
 
@@ -292,7 +288,6 @@ class Api:
     ) -> None:
         self._fleet, self._history, self.notifier = fleet, history, notifier
         self._folder, self._token = recordings, token
-        self._first = Shared(self._first_frame)
 
     def _first_frame(self) -> str:
         first = [Received("dashboard/software", dump_json({"software": SOFTWARE}), None)]
@@ -320,12 +315,9 @@ class Api:
         known = self._fleet.wheel(spacecraft, wheel)
         samples = discrepancy = status = None
         jumps: list[bytes] = []
-        curves: list[bytes] = []
         if known is not None:
             with self._fleet.lock:
                 samples, jumps = known.decimated.message(), [entry.payload for entry in known.provisional]
-                so_far = known.open_window.evidence_so_far(known.diagnosis, known.constants)
-                curves = [*known.curves, *([so_far.to_json()] if so_far else [])]
                 discrepancy, status = (
                     known.latest[kind].payload if kind in known.latest else None
                     for kind in (Discrepancy.kind, Status.kind)
@@ -335,7 +327,6 @@ class Api:
         parts = {
             "samples": samples or b"null",
             "changepoints": array_json(jumps),
-            "evidence": array_json(curves),
             "discrepancy": discrepancy or self._history.discrepancy(spacecraft, wheel) or b"null",
             "status": status or b"null",
         }
@@ -458,30 +449,10 @@ class Api:
         client = Client()
         self.notifier.hub.clients.add(client)
         try:
-            await socket.send_text(await self._first.get())
+            await socket.send_text(await run_in_threadpool(self._first_frame))
             await _until_first(_send(socket, client), _listen(socket, client))
         finally:
             self.notifier.hub.clients.discard(client)
-
-
-class Shared:
-    """Work for several who ask at once: whoever asks gets what was begun afterwards, and so misses nothing since."""
-
-    def __init__(self, work: Callable[[], str]) -> None:
-        self._work = work
-        self._one_at_a_time = asyncio.Lock()
-        self._next: asyncio.Task[str] | None = None
-
-    async def get(self) -> str:
-        """Return what the next run of the work gives."""
-        if self._next is None:
-            self._next = asyncio.create_task(self._run())
-        return await asyncio.shield(self._next)
-
-    async def _run(self) -> str:
-        async with self._one_at_a_time:
-            self._next = None  # who asks from now on waits for another one
-            return await run_in_threadpool(self._work)
 
 
 async def _send(socket: WebSocket, client: Client) -> None:

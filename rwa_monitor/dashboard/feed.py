@@ -1,7 +1,7 @@
 """The feed: what comes from the bus goes to every open page, in frames, over one WebSocket each.
 
 A frame is a JSON array of entries {key, received_wall_ns, beside, message}; `message` follows the bus's schema of its
-key. What only the view of one wheel shows goes to the pages that show that wheel: samples, changepoints, the wGLR,
+key. What only the view of one wheel shows goes to the pages that show that wheel: samples, changepoints,
 the whole status. Of all other statuses a frame holds one pulse. A page that does not keep up is disconnected and
 connects again, rather than falling behind unnoticed.
 """
@@ -13,10 +13,15 @@ import time
 from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
-from typing import Final
+from threading import Lock
+from typing import Any, Final, Self
 
-from rwa_monitor.dashboard.fleet import Received
-from rwa_monitor.messages import dump_json
+import zenoh
+
+from rwa_monitor.dashboard.fleet import Received, record_entry
+from rwa_monitor.history.records import AlarmRecord
+from rwa_monitor.history.store import History
+from rwa_monitor.messages import Health, HealthAlarm, dump_json, health_message, key_of
 
 FRAME_PERIOD_S: Final = 0.1
 BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds takes the server for gone
@@ -25,7 +30,7 @@ MAX_ENTRIES: Final = 20_000  # of one frame
 MAX_POSTED: Final = 200_000  # that wait for a frame
 BEAT_KEY: Final = "dashboard/beat"
 PULSE_KEY: Final = "dashboard/pulse"
-CLOSE_UP: Final = frozenset({"samples", "evidence", "changepoints"})  # only for pages that show the wheel
+CLOSE_UP: Final = frozenset({"samples", "changepoints"})  # only for pages that show the wheel
 
 
 class Client:
@@ -34,14 +39,12 @@ class Client:
     def __init__(self) -> None:
         self.frames: asyncio.Queue[str | None] = asyncio.Queue(MAX_FRAMES)
         self.watches = ""
-        self.lost = False
 
     def put(self, frame: str) -> None:
         """Queue a frame, or disconnect the page."""
         try:
             self.frames.put_nowait(frame)
         except asyncio.QueueFull:
-            self.lost = True
             with suppress(asyncio.QueueEmpty):
                 self.frames.get_nowait()
             self.frames.put_nowait(None)
@@ -125,3 +128,93 @@ def frame(entries: Iterable[Received]) -> str:
 def array_json(parts: Iterable[bytes]) -> bytes:
     """Return JSON values as one array."""
     return b"[" + b",".join(parts) + b"]"
+
+
+# ---- alarms on their way out -----------------------------------------------------------------------------------------
+
+
+class AlarmNotifier:
+    """Reports changes of alarms, to the pages and in …/health, for which it answers; use it with `with`, in any thread.
+
+    The monitor publishes a wheel's health at each window's close. How many windows in a row were bad, and who has
+    acknowledged what, only the dashboard has. So at each change of an alarm the dashboard publishes the health again,
+    with the state of all alarms. Both answer queries on rwa/**/health; every answer carries the time at which it was
+    published, of which Zenoh gives the latest for each wheel.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session; it is left open.
+    history
+        Of windows and alarms.
+    hub
+        The feed of the pages.
+    """
+
+    def __init__(self, session: zenoh.Session, history: History, hub: Hub) -> None:
+        self.hub = hub
+        self._session = session
+        self._history = history
+        self._publishing = Lock()
+        self._latest: dict[str, tuple[bytes, Any]] = {}
+        self._queryable: Any = session.declare_queryable("rwa/**/health", self._answer)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        with suppress(zenoh.ZError):  # the session may have been closed under us
+            self._queryable.undeclare()
+
+    def publish(self, alarm: AlarmRecord) -> None:
+        """Report a change of an alarm; on the bus in the health of its wheel, if that has a window.
+
+        Raises
+        ------
+        HistoryError
+            If the history cannot be read; the pages have it then.
+        """
+        self.show(alarm)
+        self.publish_health(alarm.spacecraft, alarm.wheel)
+
+    def show(self, alarm: AlarmRecord) -> None:
+        """Report a change of an alarm to the pages."""
+        self.hub.post(record_entry(alarm, "alarm"))
+
+    def publish_health(self, spacecraft: str, wheel: str) -> None:
+        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed.
+
+        Raises
+        ------
+        HistoryError
+            If the history cannot be read.
+        """
+        with self._publishing:  # else what was read before a change could be published after it
+            latest = self._history.windows(spacecraft, wheel, 1)
+            if not latest:
+                return
+            alarms = states(self._history.open_alarms(spacecraft, wheel))
+            health = health_message(latest[0]).model_copy(update={"alarm_states": alarms})
+            key, payload = key_of(Health, spacecraft, wheel), health.to_json()
+            timestamp = self._session.new_timestamp()
+            self._latest[key] = payload, timestamp
+            with suppress(zenoh.ZError):  # the session is closed; a later query is answered
+                self._session.put(key, payload, encoding=Health.encoding(), timestamp=timestamp)
+
+    def _answer(self, query: zenoh.Query) -> None:
+        """Called in Zenoh's threads."""
+        for key, (payload, timestamp) in dict(self._latest).items():  # a copy: others publish meanwhile
+            if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
+        query.drop()  # type: ignore[no-untyped-call]
+
+
+def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
+    """Return the open ones of a wheel's alarms, by name, as the health message has them."""
+    found = {}
+    for alarm in alarms:
+        if alarm.closed_ns is None:
+            seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
+            by = seen[-1] if seen and alarm.phase == "acknowledged" else None
+            found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)
+    return found

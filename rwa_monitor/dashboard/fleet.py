@@ -2,31 +2,192 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Final, Literal
+from typing import Any, Final
 
-from rwa_monitor.dashboard.telemetry import DecimatedSamples, DerivedFriction, Evidence, OpenWindow, Rhythm
+import numpy as np
+from numpy.typing import NDArray
+
 from rwa_monitor.history.records import AlarmRecord, RetirementEvent
-from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json
 from rwa_monitor.monitor.setup import WheelSet
-from rwa_monitor.samples import Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
+from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_torque
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_WHEELS: Final = 5_000
-SHOWN_WINDOWS: Final = 2  # closed ones, that a picture spans beside the open one
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
-MAX_OPEN_SAMPLES: Final = 8_000_000  # of all open windows: 128 MB, 100 wheels with windows of 80,000 slots
-NOTICEABLE: Final = 0.1  # change of the severity from one window to the next that is worth an arrow
-ERRORS: Final = 2.0  # and in standard deviations of the change: less is scatter of the estimates
 REMEMBERED: Final = 50  # windows that a verdict history is begun with
 
-Change = Literal["worse", "better", "steady"]
+
+# ---- samples on their way to the page: friction where it is derived, their rhythm ------------------------------------
+
+
+SPARSEST: Final = 8  # slots per sample up to which a stretch is laid on the slot grid
+LEAST_STALE_S: Final = 10.0
+FIRST_STALE_S: Final = 60.0  # while nothing is known of the rhythm
+RHYTHMS: Final = 8  # messages whose intervals are looked at
+LATE_FACTOR: Final = 3.0  # a message that is three intervals late does not come
+FASTEST: Final = 2_000.0  # times real time: what comes faster is read out of a memory, and is no rhythm
+
+
+class DerivedFriction:
+    """Gives samples a friction torque where they have none: from motor torque or current, with the wheel's constants.
+
+    The derivative needs some slots on either side, so that samples leave as much later; samples that hold a friction
+    torque, and those from which none can be derived, pass as they are.
+    """
+
+    def __init__(self, wheel: WheelConstants) -> None:
+        self.wheel = wheel
+        self._half = half_width(wheel.friction.derivative, wheel.sample_period_s)
+        self._tail: Samples | None = None
+        self._left_ns = -1  # time of the last sample that has left
+
+    def add(self, samples: Samples) -> Samples:
+        """Take samples in; return those whose friction is known now."""
+        torque = motor_torque(samples, self.wheel)
+        if samples.friction_torque_Nm is not None or torque is None or self.wheel.inertia_kg_m2 is None:
+            return samples
+        joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque)
+        tail, period_ns = self._tail, self.wheel.period_ns
+        if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= 2 * self._half * period_ns:
+            joined = concatenate([tail, joined])
+        slot = SlotGrid(int(joined.time_ns[0]), period_ns).slot_of(joined.time_ns)
+        if np.any(np.diff(slot) <= 0) or slot[-1] >= SPARSEST * len(joined):
+            self._tail = None
+            return samples
+        assert joined.motor_torque_Nm is not None  # given above, in both parts
+        speed, torque = _on_grid(slot, joined.speed_rad_s), _on_grid(slot, joined.motor_torque_Nm)
+        friction = mended_friction(speed, torque, self.wheel)[slot]
+        end = int(slot[-1]) - self._half
+        self._tail = joined[slot > end - self._half]
+        ready = (slot <= end) & (joined.time_ns > self._left_ns)
+        if ready.any():
+            self._left_ns = int(joined.time_ns[ready][-1])
+        return Samples(joined.time_ns[ready], joined.speed_rad_s[ready], friction[ready])
+
+
+def _on_grid(slots: IntArray, values: NDArray[np.floating[Any]]) -> FloatArray:
+    """Return values at their slots, NaN where there is none between."""
+    grid = np.full(int(slots.max()) + 1, np.nan)
+    grid[slots] = values
+    return grid
+
+
+class Rhythm:
+    """When a wheel's samples came last, and how long it takes to call them stale, by this machine's clock.
+
+    Telemetry comes every second, every half minute, or once in a pass: late is what is late for this wheel. Until its
+    rhythm is known, a message is expected when the time that it spans has passed again.
+    """
+
+    def __init__(self) -> None:
+        self.wall_ns: int | None = None
+        self._span_s = FIRST_STALE_S / LATE_FACTOR
+        self._last_sample_ns: int | None = None
+        self._intervals: deque[float] = deque(maxlen=RHYTHMS)
+
+    def take_samples(self, time_ns: IntArray, wall_ns: int) -> None:
+        """Note a message of samples."""
+        self._span_s = float(time_ns[-1] - time_ns[0]) / NANOSECONDS_PER_SECOND
+        if self.wall_ns is not None:
+            interval_s = (wall_ns - self.wall_ns) / NANOSECONDS_PER_SECOND
+            if interval_s > self._span_s / FASTEST:
+                self._intervals.append(interval_s)
+        self.wall_ns = wall_ns
+
+    def take_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
+        """Note the latest sample of a status: where no samples are received, its progress stands for them.
+
+        The first one begins the wait, as it does not show how old its sample is.
+        """
+        goes_on = last_sample_ns is not None and last_sample_ns != self._last_sample_ns
+        if self.wall_ns is None or (goes_on and not self._intervals):
+            self.wall_ns = wall_ns
+        self._last_sample_ns = last_sample_ns
+
+    @property
+    def stale_after_s(self) -> float:
+        """Silence after which the samples are no longer those of now [s]."""
+        known = len(self._intervals) >= RHYTHMS // 2
+        expected_s = max(self._intervals) if known else self._span_s
+        return max(LEAST_STALE_S, LATE_FACTOR * expected_s)
+
+    def to_json(self) -> bytes:
+        """Return it as it goes with a status in the feed."""
+        return dump_json({"wall_ns": self.wall_ns, "stale_after_s": round(self.stale_after_s, 3)})
+
+
+# ---- samples thinned for a picture -----------------------------------------------------------------------------------
+
+
+MAX_POINTS: Final = 6_000  # a screen is some 1,500 pixels wide, and a picture spans up to two windows
+
+
+class DecimatedSamples:
+    """The latest samples of one wheel, every `stride`-th of them; the stride doubles where they span too long a time.
+
+    Samples are picked, not averaged: noise looks as it is. What lies before `keep_from` may be dropped.
+    """
+
+    def __init__(self) -> None:
+        self.stride = 1
+        self._phase = 0  # samples to skip before the next one that is picked
+        self._kept = Samples(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+
+    def add(self, samples: Samples) -> Samples:
+        """Take samples in; returns those that were picked."""
+        picked = samples[self._phase :: self.stride]
+        self._phase = (self._phase - len(samples)) % self.stride
+        self._kept = concatenate([self._kept, Samples(picked.time_ns, picked.speed_rad_s, _friction(picked))])
+        if len(self._kept) > MAX_POINTS:
+            self._thin()
+        return picked
+
+    def keep_from(self, time_ns: int) -> None:
+        """Drop what is older than a time; the stride is small again where there is room for it."""
+        self._kept = self._kept[self._kept.time_ns >= time_ns]
+        if len(self._kept) > MAX_POINTS // 2:
+            self._thin()
+
+    def _thin(self) -> None:
+        self.stride *= 2
+        self._phase = 0
+        self._kept = self._kept[::2]
+
+    def message(self) -> bytes:
+        """Return the samples as the JSON of a `SamplesMessage`, "null" where it is empty."""
+        return thinned_json(self._kept) if len(self._kept) else b"null"
+
+
+def thinned_json(samples: Samples) -> bytes:
+    """Return time, speed and friction of samples as the JSON of a `SamplesMessage`."""
+    return dump_json(
+        {
+            "time_ns": samples.time_ns.tolist(),
+            "speed_rad_s": _readings(samples.speed_rad_s),
+            "friction_torque_Nm": _readings(_friction(samples)),
+        }
+    )
+
+
+def _friction(samples: Samples) -> FloatArray:
+    """Return the friction of samples, NaN where it was not measured."""
+    friction = samples.friction_torque_Nm
+    return np.full(len(samples), np.nan) if friction is None else friction
+
+
+def _readings(values: FloatArray) -> list[float | None]:
+    return [value if np.isfinite(value) else None for value in np.round(values, 9).tolist()]
+
+
+# ---- the latest message of each kind of each wheel -------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +223,7 @@ def record_entry(record: AlarmRecord | RetirementEvent, kind: str) -> Received:
 
 @dataclass(slots=True)
 class VerdictHistory:
-    """Since when a wheel has its present verdict, and whether it gets worse.
+    """Since when a wheel has its present verdict.
 
     Attributes
     ----------
@@ -70,14 +231,10 @@ class VerdictHistory:
         Beginning of the first of the windows in a row with the present verdict [ns, wheel's clock].
     windows
         How many these are.
-    change
-        Where the worst severity goes, steady where its errors allow that; None unless the last two windows are
-        anomalous.
     """
 
     since_ns: int | None = None
     windows: int = 0
-    change: Change | None = None
     _last: Diagnosis | None = None
 
     def extend(self, diagnoses: Iterable[Diagnosis]) -> None:
@@ -86,33 +243,14 @@ class VerdictHistory:
             before = self._last
             if before is not None and window.window_end_ns <= before.window_end_ns:
                 continue
-            same = before is not None and before.verdict == window.verdict
-            if not same:
+            if before is None or before.verdict != window.verdict:
                 self.since_ns, self.windows = window.window_start_ns, 0
             self.windows += 1
-            self.change = None
-            if same and before is not None and window.verdict == "anomalous":
-                self.change = _change(before, window)
             self._last = window
 
     def to_json(self) -> bytes:
         """Return it as it goes with a diagnosis in the feed."""
-        return dump_json({"since_ns": self.since_ns, "windows": self.windows, "change": self.change})
-
-
-def _change(before: Diagnosis, after: Diagnosis) -> Change:
-    """Return where the worst severity goes from one anomalous window to the next."""
-    (was, was_std), (now, now_std) = _worst(before), _worst(after)
-    step = now - was
-    if abs(step) <= max(NOTICEABLE, ERRORS * math.hypot(was_std, now_std)):
-        return "steady"
-    return "worse" if step > 0.0 else "better"
-
-
-def _worst(window: Diagnosis) -> tuple[float, float]:
-    """Return the largest severity of a window's active anomalies and its standard deviation; 0 where none is known."""
-    found = [(one.severity, one.severity_std or 0.0) for one in window.anomalies.values() if one.active]
-    return max(((severity, std) for severity, std in found if severity is not None), default=(0.0, 0.0))
+        return dump_json({"since_ns": self.since_ns, "windows": self.windows})
 
 
 @dataclass(slots=True)
@@ -123,18 +261,10 @@ class Wheel:
     latest: dict[str, Received] = field(default_factory=dict)
     provisional: list[Received] = field(default_factory=list)
     decimated: DecimatedSamples = field(default_factory=DecimatedSamples)
-    open_window: OpenWindow = field(default_factory=OpenWindow)
     rhythm: Rhythm = field(default_factory=Rhythm)
     verdicts: VerdictHistory = field(default_factory=VerdictHistory)
     diagnosis: Diagnosis | None = None
     status: Status | None = None
-    curves: deque[bytes] = field(default_factory=lambda: deque(maxlen=SHOWN_WINDOWS))
-    curve_due_ns: int = 0
-
-    @property
-    def constants(self) -> WheelConstants:
-        """What the wheel is, where its friction is derived."""
-        return self.derived.wheel
 
 
 class Fleet:
@@ -149,7 +279,6 @@ class Fleet:
     def __init__(self, constants: WheelSet | None = None) -> None:
         self.lock = Lock()
         self.constants = constants or WheelSet(built_in_wheel())
-        self._open_samples = 0
         self._wheels: dict[tuple[str, str], Wheel] = {}
 
     def wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
@@ -176,14 +305,8 @@ class Fleet:
         """Return all wheels with their names, sorted; to be looked at while the lock is held."""
         return [(*name, self._wheels[name]) for name in sorted(self._wheels)]
 
-    def take(self, wheel: Wheel, message: Message, received: Received) -> tuple[Received, Received | None]:
-        """Bring a message into the picture of its wheel.
-
-        Returns
-        -------
-        shown, curve
-            The message as it is shown; and the wGLR of the window that it closes, if it is a diagnosis.
-        """
+    def take(self, wheel: Wheel, message: Message, received: Received) -> Received:
+        """Bring a message into the picture of its wheel; returns it as it is shown."""
         with self.lock:
             match message:
                 case Discrepancy():
@@ -206,45 +329,18 @@ class Fleet:
                 case Diagnosis():
                     wheel.verdicts.extend([message])
                     received = replace(received, beside=wheel.verdicts.to_json())
-                    return received, self._close(wheel, message, received)
-            return received, None
+                    wheel.latest[Diagnosis.kind] = received
+                    wheel.diagnosis = message
+                    wheel.provisional.clear()
+                    # The picture spans this window and as much before it.
+                    wheel.decimated.keep_from(2 * message.window_start_ns - message.window_end_ns)
+            return received
 
-    def _close(self, wheel: Wheel, window: Diagnosis, received: Received) -> Received | None:
-        wheel.latest[Diagnosis.kind] = received
-        wheel.diagnosis = window
-        wheel.provisional.clear()
-        # The picture spans this window and as much before it.
-        wheel.decimated.keep_from(2 * window.window_start_ns - window.window_end_ns)
-        curve = wheel.open_window.evidence(window, wheel.constants)
-        before = wheel.open_window.count
-        # Windows may overlap: what the next one holds is kept.
-        hop = wheel.constants.window.hop_slots / wheel.constants.window.samples
-        length_ns = window.window_end_ns - window.window_start_ns
-        wheel.open_window.keep_from(window.window_start_ns + int(min(hop, 1.0) * length_ns))
-        self._open_samples += wheel.open_window.count - before
-        if curve is None:
-            return None
-        key = key_of(Evidence, window.spacecraft, window.wheel)
-        wheel.curves.append(curve.to_json())
-        return Received(key, wheel.curves[-1], received.wall_ns)
-
-    def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int, *, watched: bool) -> Samples:
-        """Bring samples into the picture; returns those that are picked for it.
-
-        The open windows' samples are kept while there is room for them; one that a page shows goes before others.
-        """
+    def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int) -> Samples:
+        """Bring samples into the picture; returns those that are picked for it."""
         with self.lock:
             wheel.rhythm.take_samples(samples.time_ns, wall_ns)
-            known = wheel.derived.add(samples)
-            before = wheel.open_window.count
-            if self._open_samples + len(known) <= MAX_OPEN_SAMPLES or watched:
-                wheel.open_window.add(known)
-            else:
-                wheel.open_window.clear()
-            if wheel.open_window.count > MAX_OPEN_SAMPLES:
-                wheel.open_window.clear()  # a wheel that is never diagnosed
-            self._open_samples += wheel.open_window.count - before
-            return wheel.decimated.add(known)
+            return wheel.decimated.add(wheel.derived.add(samples))
 
     def snapshot(self) -> list[Received]:
         """Return the latest diagnosis and status of every wheel, for a page that opens."""

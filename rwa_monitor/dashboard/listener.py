@@ -16,14 +16,13 @@ from typing import Final, Self
 
 import zenoh
 
-from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier
-from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel, record_entry
-from rwa_monitor.dashboard.telemetry import Evidence, thinned_json
+from rwa_monitor.dashboard.feed import AlarmNotifier
+from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, SamplesMessage, Status, key_of, split_key
+from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, SamplesMessage, Status, split_key
 from rwa_monitor.monitor.bus import BusThread, BusWatch
 from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
@@ -35,7 +34,6 @@ BATCH_WINDOWS: Final = 100  # of one transaction
 BATCH_REPORTS: Final = 200  # of monitors; the alarms of a thousand wheels take some seconds
 CHECK_PERIOD_S: Final = 1.0
 PRUNE_PERIOD_S: Final = 3600.0
-CURVE_PERIOD_NS: Final = 1_000_000_000  # between two pictures of a window that is still open
 # Silence of a monitor that is an alarm: a restart takes some seconds, and one that diagnoses many wheels at once may be
 # late by as many.
 SILENT_S: Final = 30 * STATUS_PERIOD_S
@@ -171,12 +169,8 @@ class Listener:
             self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
             if _got_samples(known.status, message):
                 self._telemetry_arrived(spacecraft, wheel)
-        shown, curve = self.fleet.take(
-            known, message, Received(key, message.model_dump_json().encode(), time.time_ns())
-        )
-        self.hub.post(shown)
-        if curve is not None and self.hub.watched(f"{spacecraft}/{wheel}"):
-            self.hub.post(curve)
+        received = Received(key, message.model_dump_json().encode(), time.time_ns())
+        self.hub.post(self.fleet.take(known, message, received))
         if isinstance(message, Diagnosis | Discrepancy):
             self._waiting.append(message)
 
@@ -205,21 +199,10 @@ class Listener:
             return
         self._telemetry_arrived(spacecraft, wheel)
         self._monitors.expect(spacecraft, wheel)
-        watched, wall_ns = self.hub.watched(f"{spacecraft}/{wheel}"), time.time_ns()
-        picked = self.fleet.take_samples(known, samples, wall_ns, watched=watched)
-        if len(picked) and watched:
+        wall_ns = time.time_ns()
+        picked = self.fleet.take_samples(known, samples, wall_ns)
+        if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
             self.hub.post(Received(key, thinned_json(picked), wall_ns))
-            self._curve_so_far(known, spacecraft, wheel, wall_ns)
-
-    def _curve_so_far(self, wheel: Wheel, spacecraft: str, name: str, wall_ns: int) -> None:
-        """Draw the wGLR of a window that is still open, for the page that shows it, at most once a second."""
-        if wall_ns < wheel.curve_due_ns:
-            return
-        with self.fleet.lock:
-            curve = wheel.open_window.evidence_so_far(wheel.diagnosis, wheel.constants)
-        wheel.curve_due_ns = wall_ns + CURVE_PERIOD_NS
-        if curve is not None:
-            self.hub.post(Received(key_of(Evidence, spacecraft, name), curve.to_json(), wall_ns))
 
     def _store(self) -> None:
         """Write what waits into the history, and report alarms that changed."""
@@ -239,7 +222,7 @@ class Listener:
         for alarm in changed:
             self.notifier.show(alarm)
         for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in changed):
-            self.notifier.health.publish(*name)
+            self.notifier.publish_health(*name)
 
 
 def _got_samples(before: Status | None, now: Status) -> bool:

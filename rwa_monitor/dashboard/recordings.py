@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.fleet import Received, VerdictHistory
-from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, thinned_json
+from rwa_monitor.dashboard.fleet import DerivedFriction, Received, VerdictHistory, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, key_of, split_key
+from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, split_key
 from rwa_monitor.monitor.recording.reader import (
     RECORDING_SUFFIX,
     RecordedMessage,
@@ -94,13 +94,10 @@ def replay_json(folder: Path | None, name: str) -> bytes:
 def latest_wheels(folder: Path | None) -> WheelSet | None:
     """Return the constants in the latest recording of a folder that has some; None where there is none."""
     for entry in list_recordings(folder):
-        if folder is not None and entry.size_bytes <= MAX_REPLAY_BYTES:
-            try:
-                recording = read_recording(folder / entry.name)
-                if COMMON in recording.attachments:
-                    return WheelSet.of_recording(recording)
-            except InputError:  # damaged: an earlier one serves as well
-                continue
+        with suppress(InputError):  # damaged, or too large: an earlier one serves as well
+            recording = read_recording((folder or Path()) / entry.name, MAX_REPLAY_BYTES)
+            if COMMON in recording.attachments:
+                return WheelSet.of_recording(recording)
     return None
 
 
@@ -119,7 +116,6 @@ class _Replay:
         self._phases: dict[str, int] = dict.fromkeys(self._counts, 0)
         self._derived = {topic: DerivedFriction(self.wheels.of(*split_key(topic)[:2])) for topic in self._counts}
         self._verdicts: dict[str, VerdictHistory] = {}
-        self._open = {topic: OpenWindow() for topic in self._counts}
 
     def entries(self) -> Iterator[bytes]:
         """Yield the entries {time_ns, key, message} in the recording's order."""
@@ -130,7 +126,7 @@ class _Replay:
                     yield _entry(message, message.topic, payload)
             elif message.schema in SHOWN:
                 if message.schema == Diagnosis.schema_name():
-                    yield from self._diagnosis(message)
+                    yield self._diagnosis(message)
                 else:
                     split_key(message.topic)
                     shown = SHOWN[message.schema].parse(message.data, f"{self.recording.path.name}: {message.topic}")
@@ -139,25 +135,16 @@ class _Replay:
     def _samples(self, message: RecordedMessage) -> bytes | None:
         topic = message.topic
         samples = self._derived[topic].add(SamplesMessage.parse(message.data, topic).samples())
-        self._open[topic].add(samples)
         stride = -(-self._counts[topic] // POINTS_PER_WHEEL)
         picked = samples[self._phases[topic] :: stride]
         self._phases[topic] = (self._phases[topic] - len(samples)) % stride
         return thinned_json(picked) if len(picked) else None
 
-    def _diagnosis(self, message: RecordedMessage) -> Iterator[bytes]:
-        spacecraft, wheel, _ = split_key(message.topic)
+    def _diagnosis(self, message: RecordedMessage) -> bytes:
         window = Diagnosis.parse(message.data, f"{self.recording.path.name}: {message.topic}")
         verdicts = self._verdicts.setdefault(message.topic, VerdictHistory())
         verdicts.extend([window])
-        yield _entry(message, message.topic, window.to_json(), verdicts.to_json())
-        held = self._open.get(key_of(SamplesMessage, spacecraft, wheel))
-        constants = self.wheels.of(spacecraft, wheel)
-        curve = held.evidence(window, constants) if held else None
-        if held is not None:
-            held.keep_from(window.window_start_ns + constants.window.hop_slots * constants.period_ns)
-        if curve is not None:
-            yield _entry(message, key_of(Evidence, spacecraft, wheel), curve.to_json())
+        return _entry(message, message.topic, window.to_json(), verdicts.to_json())
 
 
 def _entry(message: RecordedMessage, key: str, payload: bytes, beside: bytes = b"null") -> bytes:

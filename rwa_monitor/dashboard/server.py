@@ -15,14 +15,13 @@ from typing import TYPE_CHECKING, Final
 import uvicorn
 import zenoh
 
-from rwa_monitor.dashboard.alarm_notifier import AlarmNotifier, HealthPublisher, Webhook
 from rwa_monitor.dashboard.app import Api, create_app
-from rwa_monitor.dashboard.feed import Hub
+from rwa_monitor.dashboard.feed import AlarmNotifier, Hub
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.listener import SILENT_S, Listener
 from rwa_monitor.dashboard.recordings import latest_wheels
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.history.store import History, Retention
+from rwa_monitor.history.store import History
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -55,10 +54,6 @@ class DashboardOptions:
         Endpoints that the session should connect to: the page shows when none of them can be reached.
     history
         URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
-    retention
-        How long the history keeps what; None: as `Retention` has it.
-    webhook
-        URL that each change of an alarm is posted to; None: none is.
     silent_s
         Silence from which a wheel's monitor is an alarm [s]; 0 for none.
     foxglove
@@ -74,8 +69,6 @@ class DashboardOptions:
     wheel: Wheel | None = None
     connect: tuple[str, ...] = ()
     history: str | None = None
-    retention: Retention | None = None
-    webhook: str | None = None
     silent_s: float = SILENT_S
     foxglove: int | None = None
 
@@ -107,11 +100,10 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
     """
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
-        history = stack.enter_context(History(options.history_place, retention=options.retention))
-        fleet, hub = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record)), Hub()
+        history = stack.enter_context(History(options.history_place))
+        fleet = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record))
         listening = stack.enter_context(_socket(options.port))
-        health = stack.enter_context(HealthPublisher(session, history))
-        notifier = AlarmNotifier(hub, stack.enter_context(Webhook(options.webhook, hub)), health)
+        notifier = stack.enter_context(AlarmNotifier(session, history, Hub()))
         app = create_app(Api(fleet, history, notifier, options.record, token))
         config = uvicorn.Config(
             app,

@@ -26,10 +26,10 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
-from rwa_monitor.changepoints.noise import ar_coefficient
+from rwa_monitor.changepoints.noise import NORMAL_MEDIAN, ar_coefficient, median_size
 from rwa_monitor.changepoints.running_sums import HARMONICS
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
-from rwa_monitor.kernels.adequacy import lasting
+from rwa_monitor.kernels.running_sums import lagged_products
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.switching_systems import jumping_chain_law
@@ -49,7 +49,10 @@ EXCESS_SIGMAS: Final = 3.0
 SYSTEMATIC_SHARE: Final = 0.5  # of all jumps unattributed: more than accidents of an assignment
 CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign names an effect
 
-PERSISTENCE_LAGS: Final = (2, 8)
+PERSISTENCE_LAGS: Final = range(2, 9)
+FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
+FEWEST_INTERVALS: Final = 3  # from which one may be left out
+LARGEST_BLOCK: Final = 4.0  # standard deviations that one block counts at most
 # Blocks whose residuals are compared with those two to eight blocks on: at least as far apart as a block is long. Noise
 # of a shorter memory than that gives a χ² value of seven degrees of freedom; one of AR(1) type is allowed for.
 # Least significance, and least size in standard deviations of the noise: friction derived from speed by a filter of 2 s
@@ -359,12 +362,24 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
         χ² with one degree of freedom for each lag, for noise that does not reach as far; and the root mean square of
         what persists [torque]. 0 with too few blocks.
     """
-    lags = range(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
-    expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in lags])
-    significance, mean_product = lasting(
-        blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected, PERSISTENCE_LAGS[0]
-    )
-    return significance, math.sqrt(mean_product / blocks.size)
+    value, interval, intervals = blocks.residual * np.sqrt(blocks.n), blocks.interval, blocks.intervals
+    known = value[blocks.usable]
+    scale = median_size(known) / NORMAL_MEDIAN if known.size >= FEWEST_BLOCKS else 0.0
+    if not scale > 0.0:
+        return 0.0, 0.0
+    first, lags, usable = PERSISTENCE_LAGS.start, len(PERSISTENCE_LAGS), blocks.usable.astype(np.float64)
+    capped = np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK) * usable
+    pairs = lagged_products(usable, interval, intervals, first, lags)
+    # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
+    expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
+    level = 1.0 / np.maximum(np.bincount(interval, usable, intervals), 1.0)
+    products = lagged_products(capped, interval, intervals, first, lags) - pairs * (expected - level[:, None])
+    if np.count_nonzero(pairs[:, 0]) >= FEWEST_INTERVALS:
+        worst = np.argmax(np.square(products).sum(axis=1))
+        products[worst] = pairs[worst] = 0.0
+    total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
+    mean_product = scale * scale * float(np.abs(total / count).max())
+    return float((total * total / count).sum()), math.sqrt(mean_product / blocks.size)
 
 
 def _ar_agreement(correlation: float, size: int, lag: int) -> float:

@@ -23,7 +23,6 @@ from scipy import special
 from rwa_monitor.diagnosis.coefficient import INFORMATIVE_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
 from rwa_monitor.diagnosis.model import AnomalyModel, Model, stray_probabilities, system_evidence
-from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
 
@@ -202,7 +201,7 @@ def _all_combinations(anomalies: int) -> BoolArray:
 
 def shares_of(combinations: BoolArray, weights: FloatArray) -> list[float]:
     """Return the sum of the weights (combinations,) of all combinations that hold each anomaly."""
-    return [sum_up(weights[there]) for there in combinations.T]
+    return [float(np.sum(weights[there])) for there in combinations.T]
 
 
 def _softmax(scores: FloatArray) -> FloatArray:
@@ -390,8 +389,8 @@ class BaseSystemAmbiguity:
         With several such systems the data do not show how they share it, and stage 3's split of them stays.
         """
         weights = self._weights(posterior, number)
-        mean = sum_up(weights * self.base)
-        std = math.sqrt(max(sum_up(weights * (self.base_variance + (self.base - mean) ** 2)), 0.0))
+        mean = float(np.sum(weights * self.base))
+        std = math.sqrt(max(np.sum(weights * (self.base_variance + (self.base - mean) ** 2)), 0.0))
         if len(self.systems) != 1:
             return replace(features, base_dry_std=max(std, features.base_dry_std))
         systems = list(features.systems)
@@ -405,7 +404,7 @@ class BaseSystemAmbiguity:
 
     def held_after(self, posterior: FloatArray, number: IntArray) -> float:
         """Return the probability after the window that the base is still the one of earlier windows."""
-        return sum_up(self._weights(posterior, number) * self.held)
+        return float(np.sum(self._weights(posterior, number) * self.held))
 
     def _weights(self, posterior: FloatArray, number: IntArray) -> FloatArray:
         return np.bincount(number, weights=posterior, minlength=self.base.size).astype(np.float64)
@@ -460,9 +459,9 @@ def integrate_ambiguity(
         mass = float(weight.sum())
         if mass > 0:
             log_likelihood[number] = math.log(mass) + len(unrested) * math.log(step) + log_scale
-            mean[number] = sum_up(weight * base) / mass
-            variance[number] = sum_up(weight * (base - mean[number]) ** 2) / mass
-            held[number] = sum_up(weight * held_of_base[bits[0]]) / mass
+            mean[number] = np.sum(weight * base) / mass
+            variance[number] = np.sum(weight * (base - mean[number]) ** 2) / mass
+            held[number] = np.sum(weight * held_of_base[bits[0]]) / mass
     return BaseSystemAmbiguity(log_likelihood, mean, variance, held, tuple(s for s, _ in unrested))
 
 

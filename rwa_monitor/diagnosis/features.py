@@ -15,7 +15,6 @@ import numpy as np
 
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
 from rwa_monitor.changepoints.stage_results import Assignment, Components
-from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -57,8 +56,8 @@ class SystemFeatures:
             return 0, 0.0, 0.0
         there = self.configuration == q
         count = np.count_nonzero(there)
-        std = math.sqrt(sum_up(np.square(self.friction_std[there])) / count / count)
-        return q, sum_up(self.friction[there]) / count, std
+        std = math.sqrt(np.sum(np.square(self.friction_std[there])) / count / count)
+        return q, float(np.sum(self.friction[there])) / count, std
 
 
 @dataclass(frozen=True, slots=True)

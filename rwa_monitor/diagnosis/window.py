@@ -70,12 +70,7 @@ class Stages:
 
 
 def diagnose_window(
-    evidence: Evidence,
-    wheel: Wheel,
-    model: Model | None,
-    carried: CarriedState,
-    *,
-    with_model_error: bool = True,
+    evidence: Evidence, wheel: Wheel, model: Model | None, carried: CarriedState
 ) -> tuple[WindowDiagnosis, CarriedState]:
     """Diagnose one window.
 
@@ -90,9 +85,6 @@ def diagnose_window(
         hold of this wheel is taken from the wheel file where it is stated (friction of the configurations).
     carried
         What earlier windows showed; `CarriedState.empty()` for the first.
-    with_model_error
-        False keeps the standard deviations as they would be if no effect was missing where the friction model does not
-        fit: to measure what the uncertainty of the model changes.
 
     Returns
     -------
@@ -100,7 +92,7 @@ def diagnose_window(
         The diagnosis, and the state for the next window. A window with too few samples to estimate anything leaves the
         state as it was.
     """
-    inputs = DiagnosisInput(evidence, wheel, model, carried, with_model_error)
+    inputs = DiagnosisInput(evidence, wheel, model, carried)
     if evidence.used < MIN_USED:
         return too_few(inputs), carried
     stages = _run_stages(inputs)
@@ -135,7 +127,7 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
     if inputs.carried.viscous is not None:
         measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0), normalised_nominal_viscous(wheel))
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
-    if inputs.with_model_error and not fits.adequate:
+    if not fits.adequate:
         uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
         unit = normalised_nominal_viscous(wheel)
         features, measured = uncertainty.widen(features, unit), uncertainty.widen(measured, unit)

@@ -164,13 +164,6 @@ class WindowDiagnosis:
     model_adequate: bool = True
     suspected_effect: str | None = None
 
-    def anomaly(self, name: str) -> AnomalyDiagnosis:
-        """Return the entry of one anomaly; KeyError if the wheel has none of that name."""
-        for anomaly in self.anomalies:
-            if anomaly.name == name:
-                return anomaly
-        raise KeyError(name)
-
 
 # ---- what it is a function of ----------------------------------------------------------------------------------------
 
@@ -183,7 +176,6 @@ class DiagnosisInput:
     wheel: Wheel
     model: Model | None
     carried: CarriedState
-    with_model_error: bool = True
     method: Method = "joint"
 
     @cached_property

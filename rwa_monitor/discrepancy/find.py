@@ -35,6 +35,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
 from rwa_monitor.wheel.wheel import Wheel
 
+SPEED_BLOCKS: Final = 5  # ranges of speed, of which the search sees three
 MORE_SAMPLES: Final = f"{FEWEST_FOR_JUMPS} samples or more"
 
 
@@ -114,7 +115,8 @@ def with_search_again(
 ) -> Search:
     """Add what the search finds and gains without the data that it is judged on, see `SearchedAgain`.
 
-    Of several recordings the last is held out, of one every second of `BLOCKS` stretches of time.
+    Of several recordings the last is held out; of one every second of `BLOCKS` stretches of time, and in a search of
+    its own every second of `SPEED_BLOCKS` ranges of |ω| with as many samples each, not the slowest and the fastest.
 
     Parameters
     ----------
@@ -130,27 +132,35 @@ def with_search_again(
     InputError
         If too little is left to be searched.
     """
-    if search.result.gain is None:
+    gain = search.result.gain
+    if gain is None:
         return search
-    *seen, aside = recordings
-    if not seen:
-        name, samples = aside
-        block = np.arange(len(samples)) * BLOCKS // len(samples)
-        seen = [(f"{name}, blocks 1, 3, …", samples[block % 2 == 0])]
-        aside = f"{name}, blocks 2, 4, … of {BLOCKS}", samples[block % 2 == 1]
-    found = find_discrepancy(seen, search.wheel, progress, each, [aside]).result
-    if found.gain is None:
-        return search
-    names = tuple("formula" if one.formula else one.name for one in found.effects if one.family != "noise")
-    again = SearchedAgain(
-        names,
-        (aside[0],),
-        found.gain.rmse_base_Nm,
-        found.gain.rmse_extended_Nm,
-        found.gain.log_score_base,
-        found.gain.log_score_extended,
-    )
-    return replace(search, result=replace(search.result, gain=replace(search.result.gain, searched_again=again)))
+
+    def again(seen: Sequence[tuple[str, Samples]], aside: tuple[str, Samples]) -> SearchedAgain | None:
+        """Search a part of the data, and judge on the rest."""
+        found = find_discrepancy(seen, search.wheel, progress, each, [aside]).result
+        names = tuple("formula" if one.formula else one.name for one in found.effects if one.family != "noise")
+        there = found.gain
+        if there is None:
+            return None
+        before, after = (there.rmse_base_Nm, there.rmse_extended_Nm), (there.log_score_base, there.log_score_extended)
+        return SearchedAgain(names, (aside[0],), *before, *after)
+
+    *seen, (name, samples) = recordings
+    if seen:
+        gain = replace(gain, searched_again=again(seen, (name, samples)))
+    else:
+        place, rank = np.arange(len(samples)), np.argsort(np.argsort(np.abs(samples.speed_rad_s)))
+        of_time, of_speed = place * BLOCKS // place.size % 2 == 0, rank * SPEED_BLOCKS // rank.size % 2 == 0
+        by_time, by_speed = (
+            again([(f"{name}, {part}", samples[kept])], (f"{name}, {rest}", samples[~kept]))
+            for kept, part, rest in (
+                (of_time, "blocks 1, 3, …", f"blocks 2, 4, … of {BLOCKS}"),
+                (of_speed, "speeds 1, 3, …", f"speeds 2, 4, … of {SPEED_BLOCKS}"),
+            )
+        )
+        gain = replace(gain, searched_again=by_time, searched_again_by_speed=by_speed)
+    return replace(search, result=replace(search.result, gain=gain))
 
 
 def _knows_delay(wheel: Wheel) -> bool:

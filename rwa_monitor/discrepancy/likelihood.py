@@ -223,7 +223,7 @@ class Series:
     def whitened(self, rows: FloatArray, law: NoiseLaw) -> tuple[FloatArray, float]:
         """Return the innovations of rows, float64 (p, n), and the log-determinant of their covariance without jumps."""
         whitening = Whitening.of(self, law)
-        return whitening.innovations(rows), whitening.log_determinant
+        return whitening.innovations(np.array(rows, dtype=np.float64, order="C", ndmin=2)), whitening.log_determinant
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,8 +259,8 @@ class Whitening:
         return cls(series, spread, level, gains, filter_gains(level, drift, series.gap, series.jumps, parts, gains))
 
     def innovations(self, rows: FloatArray) -> FloatArray:
-        """Return the innovations of rows, float64 (p, n), over their standard deviations."""
-        rows = np.array(rows, dtype=np.float64, order="C", ndmin=2)
+        """Return the innovations of rows, float64 (p, n), over their standard deviations; in place."""
+        rows = np.ascontiguousarray(rows)
         if self.spread is not None:
             rows /= self.spread
         whiten(rows, self.level, self.series.gap, self.gains)
@@ -298,15 +298,9 @@ class Equations:
     @classmethod
     def of(cls, series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, law: NoiseLaw) -> Self:
         """Whiten friction and regressors, float64 (p, n), and multiply them."""
-        white, log_determinant = series.whitened(np.vstack([series.friction, rows]), law)
-        return cls.from_whitened(series, white, low, high, log_determinant)
-
-    @classmethod
-    def from_whitened(
-        cls, series: Series, white: FloatArray, low: FloatArray, high: FloatArray, log_determinant: float
-    ) -> Self:
-        """Multiply whitened friction and regressors, float64 (1 + p, n)."""
-        return cls.of_products(series, white @ white.T, low, high, log_determinant)
+        whitening = Whitening.of(series, law)
+        white = whitening.innovations(np.vstack([series.friction, rows]))
+        return cls.of_products(series, white @ white.T, low, high, whitening.log_determinant)
 
     @classmethod
     def of_products(

@@ -175,8 +175,6 @@ def _is_quantised(problem: Problem, index: int, view: _View) -> bool:
 def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> LikelihoodFit:
     if name == COLOURED and problem.records[index].friction_is_derived:
         return coloured_beyond_filter(view.residual, view.good, problem.derivative_taps)
-    if name == CAGE:
-        return CageInstability.fit_band(view.residual, view.channels, view.good)
     if name == SPEED:
         twice = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
         return SpeedDependentNoise.fit(view.residual, view.channels, view.good, twice)
@@ -330,9 +328,7 @@ def largest_noise_gain(problem: Problem, model: Model) -> float:
     return max(sum(_fit_noise(problem, i, view, name).penalised_gain for i, view in enumerate(views)) for name in names)
 
 
-def residual_on_slots(
-    problem: Problem, model: Model, index: int, keep_jumps: bool = False
-) -> tuple[FloatArray, BoolArray]:
+def residual_on_slots(problem: Problem, model: Model, index: int) -> tuple[FloatArray, BoolArray]:
     """Return a record's residual along the rotation on its slots [N m], NaN elsewhere, and which slots count."""
     record = problem.records[index]
     begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
@@ -341,16 +337,15 @@ def residual_on_slots(
     measured = model.fit.residual[begin:end] + (problem.z_measured - problem.z)[begin:end]
     residual[slots] = measured * problem.sign[begin:end]
     good = record.used.copy()
-    if not keep_jumps:
-        if record.bent is not None:
-            good &= ~record.bent
-        # A few far outliers are sojourns too short to be segmented; many are heavy tails.
-        outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
-        if np.count_nonzero(outlier) <= FEW_OUTLIERS:
-            good &= ~outlier
-        for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
-            at = int(problem.slot[jump])
-            good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
+    if record.bent is not None:
+        good &= ~record.bent
+    # A few far outliers are sojourns too short to be segmented; many are heavy tails.
+    outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
+    if np.count_nonzero(outlier) <= FEW_OUTLIERS:
+        good &= ~outlier
+    for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
+        at = int(problem.slot[jump])
+        good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
     return residual, good
 
 

@@ -28,7 +28,7 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, I
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
-from rwa_monitor.wheel.torque_balance import torque_per_ampere
+from rwa_monitor.wheel.torque_balance import motor_torque
 from rwa_monitor.wheel.wheel import Wheel
 
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
@@ -274,10 +274,7 @@ def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
     """Return speed, motor torque and given friction on the slots."""
     speed = _on_grid(samples.speed_rad_s, slot)
     assert speed is not None
-    torque = _on_grid(samples.motor_torque_Nm, slot)
-    if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
-        current = _on_grid(samples.motor_current_A, slot)
-        torque = torque_per_ampere(current, speed, wheel) * current if current is not None else None
+    torque = _on_grid(motor_torque(samples, wheel), slot)
     return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel))
 
 

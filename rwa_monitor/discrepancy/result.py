@@ -173,7 +173,8 @@ class Gain:
 
     `held_out` names the recordings that RMSE and log score are of; where it is empty, held-out blocks of the searched
     recordings. `simulated` is of the wheel file with the effects, simulated on the searched records; None without any.
-    `searched_again` is what the search finds and gains without the data that it is judged on; None where not asked for.
+    `searched_again` is what the search finds and gains without the data that it is judged on, other recordings or
+    stretches of time, and `searched_again_by_speed` the same without ranges of speed; None where not asked for.
     """
 
     rmse_base_Nm: float
@@ -187,6 +188,7 @@ class Gain:
     simulated: SimulatedGain | None = None
     held_out: tuple[str, ...] = ()
     searched_again: SearchedAgain | None = None
+    searched_again_by_speed: SearchedAgain | None = None
 
     @property
     def is_a_loss(self) -> bool:
@@ -260,6 +262,7 @@ class DiscrepancyResult:
                     "note": gain.simulated.in_words(),
                 },
                 "held_out": list(gain.held_out),
-                "searched_again": None if gain.searched_again is None else gain.searched_again.to_json(),
+                "searched_again": gain.searched_again and gain.searched_again.to_json(),
+                "searched_again_by_speed": gain.searched_again_by_speed and gain.searched_again_by_speed.to_json(),
             },
         }

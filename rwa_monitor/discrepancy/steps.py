@@ -9,6 +9,7 @@ import numpy as np
 
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
+from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
 from rwa_monitor.wheel.wheel import Wheel
 
 FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be estimated
@@ -28,7 +29,7 @@ class Steps:
 
 def source_of_friction(samples: Samples) -> FloatArray:
     """Return the channel that friction comes from, float64 (n,); NaN where none is there."""
-    channels = (samples.friction_torque_Nm, samples.motor_torque_Nm, samples.motor_current_A)
+    channels = (getattr(samples, name) for name in FRICTION_CHANNELS)
     return next((values for values in channels if values is not None), np.full(len(samples), np.nan))
 
 

@@ -18,7 +18,7 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evidence
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.models import Model
-from rwa_monitor.discrepancy.noise_effects import accepted, residual_on_slots
+from rwa_monitor.discrepancy.noise_effects import accepted
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.samples import FloatArray, IntArray
@@ -89,26 +89,24 @@ def _fits(problem: Problem, model: Model, wheel: Wheel) -> dict[str, list[Likeli
 def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dict[str, LikelihoodFit]:
     """Fit each switching effect to the jumps of a record, attributed where the wheel has switching systems."""
     record = problem.records[index]
-    residual, good = residual_on_slots(problem, model, index, keep_jumps=True)
     begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
     found = model.fit.jumps[(model.fit.jumps > begin) & (model.fit.jumps < end)]
     evidence = SwitchingEvidence(
-        residual,
-        replace(record.channels, dry_level_Nm=problem.spread(model.fit.level)[index]),
-        good,
+        record.channels,
+        record.used,
         Jumps(problem.slot[found], model.fit.level[found] - model.fit.level[found - 1]),
         systems={system.name: system for system in wheel.fss},
-        variance_factor=problem.noise.long_run_variance / problem.noise.std**2,
     )
+    nothing = {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
     plain = wheel.model_copy(update={"effect": ()})
     if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
         gathered = _gather(problem, model, plain, index)
         if len(gathered.candidates) > DOUBTFUL * found.size + FEW_MORE:
             # What the one sees as a jump the other takes for noise: fast slews that the derivative does not follow.
-            return {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
+            return nothing
         if len(gathered.candidates):
-            return _compare(evidence, gathered, plain)
-    return {name: SWITCHING_EFFECTS[name].fit(evidence) for name in (EXTRA, WRONG_LAW, SPEED)}
+            return nothing | _compare(evidence, gathered, plain)
+    return {**nothing, SPEED: SpeedTriggeredJumps.fit(evidence)}
 
 
 def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidence:
@@ -126,7 +124,7 @@ def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidenc
 def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> dict[str, LikelihoodFit]:
     """Return the fits of the three alternatives: gains of one likelihood, that of the known wheel subtracted."""
     base = _attribute(gathered, plain)
-    fits = {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
+    fits: dict[str, LikelihoodFit] = {}
     extra = _with_extra_system(gathered, base)
     if extra is not None:
         fits[EXTRA] = _describe_extra(evidence, extra, base.score)
@@ -273,7 +271,7 @@ def _best_law(plain: Wheel, attributed: _Attributed, system: int) -> tuple[_Law 
         of_these = sojourns.of(configurations)
         if of_these.slots.size < FEWEST_SOJOURNS:
             continue
-        fitted = WrongDurationLaw.fit_system(known, of_these)
+        fitted = WrongDurationLaw.fit(known, of_these)
         if best[0] is None or fitted.log_likelihood_gain > best[1].log_likelihood_gain:
             best = _Law(fitted.values["duration_factor"], fitted.values["weibull_shape"], configurations), fitted
     return best

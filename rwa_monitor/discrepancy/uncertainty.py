@@ -27,13 +27,14 @@ from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Parameter
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
-from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_range_turns
 
-DEAD_ZONE: Final = "dead_zone_rad_s"
 ORDER: Final = "harmonic"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
 WIDTH: Final = 2.0  # standard deviations each way: 95 %
+# Of -2 log likelihood, to the ends of a 95 % interval of a step: 0.95 = (1 - exp(-x/2))² (Y.-C. Yao, Annals of
+# Statistics 15, 1987; D. Siegmund, International Statistical Review 56, 1988).
+STEP_RISE: Final = 7.35
 STRETCHES: Final = 20  # of the samples: residuals two of them apart are taken as nearly independent
 FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residual cannot be estimated
 
@@ -76,8 +77,8 @@ def spread(problem: Problem, model: Model) -> Spread:
     std = _standard_deviations(problem, model, np.column_stack(columns))
     known = dict(zip(owners, std.tolist(), strict=True))
     for index, term in enumerate(model.terms):
-        if term.effect is SpeedDeadZone:
-            known[index, DEAD_ZONE] = _half_width_of_zone(problem, model, index)
+        if term.effect.threshold:
+            known[index, term.effect.threshold] = _threshold_std(problem, model, index)
     for owner, slope in exact.items():
         known[owner] = float(_standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
     return Spread(
@@ -89,24 +90,24 @@ def spread(problem: Problem, model: Model) -> Spread:
     )
 
 
-def _half_width_of_zone(problem: Problem, model: Model, index: int) -> float:
-    """Return by how much the end of a dead zone may be moved [rad/s]: its likelihood is a step at each sample's speed.
+def _threshold_std(problem: Problem, model: Model, index: int) -> float:
+    """Return the standard deviation of a threshold of the speed [rad/s]: its likelihood is a step at each sample.
 
-    Half the range, between speeds of samples, over which the log likelihood falls by less than a half: an interval of
-    one standard deviation of a likelihood that is no step.
+    A quarter of the range, between speeds of samples, over which -2 log likelihood rises by less than `STEP_RISE`; and
+    the noise of the speed, by which each sample may lie on the other side.
     """
     term = model.terms[index]
-    low, high = shape_limits(problem, term.effect)[DEAD_ZONE]
-    end = float(term.shape[DEAD_ZONE])
+    name = term.effect.threshold
+    low, high = shape_limits(problem, term.effect)[name]
     others = tuple(other for i, other in enumerate(model.terms) if i != index)
     beside = Background.of(problem, others, law_of(model), model.fit.jumps)
 
     def criterion(at: float) -> float:
-        return beside.criterion_with(make_term(problem, term.effect, {DEAD_ZONE: at}, None))
+        return beside.criterion_with(make_term(problem, term.effect, {**term.shape, name: at}, None))
 
     speeds = np.unique(problem.speed)
-    above = int(np.searchsorted(speeds, end))  # the first speed that is outside
-    most = criterion(end) + 1.0
+    above = int(np.searchsorted(speeds, term.shape[name]))  # the first speed that is outside
+    most = criterion(float(term.shape[name])) + STEP_RISE
     first, last = above, above
     while first > 1 and speeds[first - 1] > low and criterion(float(speeds[first - 1])) < most:
         first -= 1
@@ -114,7 +115,8 @@ def _half_width_of_zone(problem: Problem, model: Model, index: int) -> float:
         last += 1
     lower = float(speeds[first - 1]) if first > 0 else 0.0
     upper = float(speeds[min(last, speeds.size - 1)])
-    return 0.5 * (upper - lower)
+    noise = max(record.speed_noise_rad_s for record in problem.records)
+    return float(np.hypot((upper - lower) / (2.0 * WIDTH), noise))
 
 
 def described(

@@ -1,4 +1,4 @@
-"""The database under the history: opens it, gives sessions, and keeps what was written when its file is taken away.
+"""The database under the history: opens it, and gives sessions.
 
 SQLite without set-up: one file, write-ahead log, so that readers and the one writer do not wait for each other. Or
 PostgreSQL by URL, for several dashboards and for years of a large fleet. In its tables, times of the wheels' clocks end
@@ -7,11 +7,9 @@ in `_ns`, times of this machine's in `_wall_ns`.
 
 from __future__ import annotations
 
-import sqlite3
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from threading import Condition
 from typing import Any, Final
 from urllib.parse import quote
 
@@ -40,7 +38,6 @@ from rwa_monitor.telemetry.files import make_folder
 
 POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
 BUSY_TIMEOUT_S: Final = 5.0
-LOGS: Final = ("-wal", "-shm")  # SQLite's write-ahead log and its index, beside the file
 
 
 class HistoryError(RwaMonitorError):
@@ -50,9 +47,8 @@ class HistoryError(RwaMonitorError):
 class Database:
     """An open database with the history's tables.
 
-    A file that is removed while it is open lives on, nameless, as long as it is open. Before the next session it is
-    written back to its place, so that nothing of it is lost when the program ends; where that cannot be done, there is
-    no session. A file that somebody put in its place is used from then on.
+    A file that is removed while it is open would live on, nameless, until the program ends, and be lost then: there is
+    no session while another file, or none, lies in its place.
 
     Parameters
     ----------
@@ -69,94 +65,38 @@ class Database:
     def __init__(self, place: Path | str | None) -> None:
         self.path = path = place if isinstance(place, Path) else None
         self._url = _url(place)
-        self._gate = Condition()
-        self._sessions = 0  # that are open: the file is put back while there is none
         if path is not None:
             _make(path)
         self._engine = _open_engine(self._url)
-        self._keeper: Any = None
-        self._files = self._hold()
+        self._file = _identity(path)
 
     def close(self) -> None:
         """Close the database."""
-        if self._keeper is not None:
-            self._keeper.close()
         self._engine.dispose()
 
     @contextmanager
     def session(self) -> Iterator[Session]:
         """Give a session in a transaction; what the database itself refuses becomes a HistoryError."""
         self.check()
-        with self._gate:
-            self._sessions += 1
         try:
             with Session(self._engine) as session, session.begin():
                 yield session
         except SQLAlchemyError as error:
             raise HistoryError(self._message(f"cannot be used: {_reason(error)}")) from error
-        finally:
-            with self._gate:
-                self._sessions -= 1
-                self._gate.notify_all()
 
     def check(self) -> None:
-        """Put the file back if it was removed; use another one that lies in its place.
-
-        Raises
-        ------
-        HistoryError
-            If that cannot be done now.
-        """
-        if self.path is None or self._is_in_place(self.path):
-            return
-        with self._gate:
-            self._gate.wait_for(lambda: not self._sessions, BUSY_TIMEOUT_S)
-            if self._is_in_place(self.path):
-                return
-            try:
-                if self._sessions:
-                    raise OSError("it is in use")
-                self._reopen(self.path)
-            except (OSError, sqlite3.Error, InputError) as error:
-                raise HistoryError(self._message(f"is gone, and cannot be put back: {_reason(error)}")) from error
-
-    def _is_in_place(self, path: Path) -> bool:
-        there = _identity(path)
-        return there is not None and there == self._files[0]
-
-    def _reopen(self, path: Path) -> None:
-        copy = path.with_name(f"{path.name}.new")
-        gone = _identity(path) is None
-        if gone:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            copy.unlink(missing_ok=True)
-            with closing(sqlite3.connect(copy)) as target:
-                self._keeper.connection.driver_connection.backup(target)
-        # The log of the file that was removed is no log of the one that comes now.
-        for suffix, held in zip(LOGS, self._files[1:], strict=True):
-            log = path.with_name(path.name + suffix)
-            if gone or _identity(log) == held:
-                log.unlink(missing_ok=True)
-        if gone:
-            copy.replace(path)
-        opened = _open_engine(self._url)
-        self.close()  # only now: the old file, nameless, holds everything until there is a new one
-        self._engine = opened
-        self._files = self._hold()
-
-    def _hold(self) -> tuple[tuple[int, int] | None, ...]:
-        """Keep a connection open, so that a file without a name lives; return which files they are."""
-        if self.path is None:
-            return ()
-        self._keeper = self._engine.connect()
-        return tuple(_identity(self.path.with_name(self.path.name + suffix)) for suffix in ("", *LOGS))
+        """Raise HistoryError if the file was removed or replaced."""
+        if _identity(self.path) != self._file:
+            raise HistoryError(self._message("is gone: put it back, or start the dashboard again"))
 
     def _message(self, text: str) -> str:
         return f"the history ({self.path or self._url.render_as_string()}) {text}"
 
 
-def _identity(path: Path) -> tuple[int, int] | None:
+def _identity(path: Path | None) -> tuple[int, int] | None:
     """Return which file lies at a path, None for none."""
+    if path is None:
+        return None
     try:
         facts = path.stat()
     except OSError:
@@ -195,7 +135,7 @@ def _open_engine(url: URL) -> Engine:
         # A connection that the server has closed meanwhile is replaced by a new one.
         options = {"pool_pre_ping": True, "connect_args": {"connect_timeout": int(BUSY_TIMEOUT_S)}}
     else:
-        # A connection is used by one thread at a time, as the pool ensures; the keeper by the thread that puts it back.
+        # A connection is used by one thread at a time, as the pool ensures.
         options = {"connect_args": {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}}
         if url.database is None:
             options["poolclass"] = StaticPool

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from threading import RLock
 from typing import Any, Final, Self
 
 from sqlalchemy import Delete, delete, func, select
@@ -39,9 +39,9 @@ from rwa_monitor.history.database import (
     DiagnosisRow,
     DiscrepancyRow,
     EstimateRow,
+    WheelEventRow,
 )
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, signed
-from rwa_monitor.history.retired_wheels import RetiredWheels
+from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent, signed
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
@@ -60,8 +60,6 @@ class History:
         SQLite file, made where it is missing; URL of a PostgreSQL database; None keeps everything in memory.
     policy
         When windows make an alarm.
-    retention
-        How long what is kept.
     wall_ns
         This machine's clock [ns], for the audit trail.
 
@@ -80,11 +78,9 @@ class History:
         self,
         place: Path | str | None,
         policy: Policy | None = None,
-        retention: Retention | None = None,
         wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
         self.policy = policy or Policy()
-        self.retention = retention or Retention()
         self._wall_ns = wall_ns
         self._database = Database(place)
         self.retired = RetiredWheels(self._database, wall_ns)
@@ -161,12 +157,12 @@ class History:
             return _changed(session)
 
     def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:
-        """Return whether a window is older than the policy keeps any: of an old recording that is imported again."""
+        """Return whether a window is older than any that is kept: of an old recording that is imported again."""
         newest = select(func.max(EstimateRow.window_end_ns)).filter_by(
             spacecraft=diagnosis.spacecraft, wheel=diagnosis.wheel
         )
         end_ns = session.scalar(newest)
-        return end_ns is not None and diagnosis.window_end_ns < oldest_ns(end_ns, self.retention.diagnoses_days)
+        return end_ns is not None and diagnosis.window_end_ns < oldest_ns(end_ns, DIAGNOSES_DAYS)
 
     def add_discrepancy(self, found: Discrepancy) -> bool:
         """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
@@ -278,12 +274,12 @@ class History:
         return row, state
 
     def prune(self) -> int:
-        """Remove what is older than the policy keeps; returns the number of diagnoses removed."""
+        """Remove what is older than is kept; returns the number of diagnoses removed."""
         with self._database.session() as session:
-            return prune(session, self.retention)
+            return prune(session)
 
     def check(self) -> None:
-        """Put the database back in its place if it was removed; raises HistoryError where that cannot be done."""
+        """Raise HistoryError if the database was removed."""
         self._database.check()
 
     # ---- out -----------------------------------------------------------------------------------------------------
@@ -459,31 +455,10 @@ def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
 DAY_NS: Final = 86_400 * NANOSECONDS_PER_SECOND
 
 
-@dataclass(frozen=True, slots=True)
-class Retention:
-    """How long things are kept, in days before the latest window of the wheel.
-
-    Attributes
-    ----------
-    diagnoses_days
-        Whole diagnoses. What is older is not taken in again either.
-    fine_days
-        Estimates of every window; older ones are thinned to the worst of each day.
-    estimates_days
-        Estimates at all.
-    alarms_days
-        Closed alarms with their audit trail; open ones are kept always.
-    """
-
-    diagnoses_days: float = 180.0
-    fine_days: float = 365.0
-    estimates_days: float = 3650.0
-    alarms_days: float = 3650.0
-
-    def __post_init__(self) -> None:
-        """Check that estimates last as long as the diagnoses that they are of."""
-        if not 0 < self.diagnoses_days <= self.fine_days <= self.estimates_days:
-            raise ValueError("diagnoses_days, fine_days and estimates_days must be positive and in this order")
+# What is older than so many days before the latest window of its wheel is removed; open alarms are kept always.
+DIAGNOSES_DAYS: Final = 180.0  # what is older is not taken in again either
+ESTIMATES_DAYS: Final = 730.0
+ALARMS_DAYS: Final = 3650.0  # closed ones, with their audit trail
 
 
 def oldest_ns(end_ns: int, days: float) -> int:
@@ -491,17 +466,16 @@ def oldest_ns(end_ns: int, days: float) -> int:
     return end_ns - int(days * DAY_NS)
 
 
-def prune(session: Session, retention: Retention) -> int:
-    """Remove what is older than the policy keeps; returns the number of diagnoses removed."""
+def prune(session: Session) -> int:
+    """Remove what is older than is kept; returns the number of diagnoses removed."""
     latest = select(EstimateRow.spacecraft, EstimateRow.wheel, func.max(EstimateRow.window_end_ns)).group_by(
         EstimateRow.spacecraft, EstimateRow.wheel
     )
     removed = 0
     for spacecraft, wheel, end_ns in session.execute(latest).all():
-        alarms_end = oldest_ns(end_ns, retention.alarms_days)
-        removed += _run(session, _older(DiagnosisRow, spacecraft, wheel, oldest_ns(end_ns, retention.diagnoses_days)))
-        _run(session, _older(EstimateRow, spacecraft, wheel, oldest_ns(end_ns, retention.estimates_days)))
-        _run(session, _thin(spacecraft, wheel, oldest_ns(end_ns, retention.fine_days)))
+        alarms_end = oldest_ns(end_ns, ALARMS_DAYS)
+        removed += _run(session, _older(DiagnosisRow, spacecraft, wheel, oldest_ns(end_ns, DIAGNOSES_DAYS)))
+        _run(session, _older(EstimateRow, spacecraft, wheel, oldest_ns(end_ns, ESTIMATES_DAYS)))
         _run(
             session,
             delete(AlarmRow).filter_by(spacecraft=spacecraft, wheel=wheel).where(AlarmRow.closed_ns < alarms_end),
@@ -513,27 +487,171 @@ def _older(table: type[DiagnosisRow | EstimateRow], spacecraft: str, wheel: str,
     return delete(table).filter_by(spacecraft=spacecraft, wheel=wheel).where(table.window_end_ns < before_ns)
 
 
-def _thin(spacecraft: str, wheel: str, before_ns: int) -> Delete:
-    """Return what removes old estimates but the worst of each part and day; of equals, the latest."""
-    own = (EstimateRow.spacecraft == spacecraft) & (EstimateRow.wheel == wheel)
-    day = EstimateRow.window_end_ns - EstimateRow.window_end_ns % DAY_NS
-    rank = func.row_number().over(
-        partition_by=(EstimateRow.name, day),
-        order_by=(func.coalesce(EstimateRow.severity, -1.0).desc(), EstimateRow.window_end_ns.desc()),
-    )
-    old = (
-        select(EstimateRow.name, EstimateRow.window_start_ns, rank.label("rank"))
-        .where(own, EstimateRow.window_end_ns < before_ns)
-        .subquery()
-    )
-    superfluous = (
-        select(old.c.name)
-        .where(old.c.rank > 1, old.c.name == EstimateRow.name, old.c.window_start_ns == EstimateRow.window_start_ns)
-        .exists()
-    )
-    return delete(EstimateRow).where(own, superfluous)
-
-
 def _run(session: Session, statement: Delete) -> int:
     result: Any = session.execute(statement, execution_options={"synchronize_session": False})
     return int(result.rowcount)
+
+
+# ---- retired wheels --------------------------------------------------------------------------------------------------
+# Each change is an audit event that is never changed; where a wheel stands is in its last event. A retired wheel
+# reappears when its telemetry arrives, also where the history cannot be written just now: what was done here goes
+# before what is written, until all of it is. Other dashboards may work on the same history; what they write is read
+# again and again.
+
+
+class RetiredWheels:
+    """Which wheels are retired, and the audit events of it. It may be called from any thread.
+
+    Parameters
+    ----------
+    database
+        Of the history.
+    wall_ns
+        This machine's clock [ns].
+
+    Raises
+    ------
+    HistoryError
+        If the database cannot be read.
+    """
+
+    def __init__(self, database: Database, wall_ns: Callable[[], int]) -> None:
+        self._database = database
+        self._wall_ns = wall_ns
+        self._lock = RLock()
+        self._changes = 0  # made here so far
+        self._last = {(event.spacecraft, event.wheel): event for event in self._read()}
+
+    def latest(self) -> list[RetirementEvent]:
+        """Return the last event of each wheel that has one."""
+        with self._lock:
+            return list(self._last.values())
+
+    def names(self) -> set[tuple[str, str]]:
+        """Return spacecraft and wheel of all that are retired."""
+        return {(event.spacecraft, event.wheel) for event in self.latest() if event.retired}
+
+    def events(self, spacecraft: str, wheel: str) -> list[RetirementEvent]:
+        """Return all that was done with a wheel, the oldest first; raises HistoryError."""
+        wanted = select(WheelEventRow).filter_by(spacecraft=spacecraft, wheel=wheel).order_by(WheelEventRow.id)
+        with self._database.session() as session:
+            return [_event(row) for row in session.scalars(wanted)]
+
+    def refresh(self) -> list[RetirementEvent]:
+        """Read the history again, where all that was done here is written; returns what others did since then.
+
+        Raises
+        ------
+        HistoryError
+            If the history cannot be read; nothing is changed then.
+        """
+        with self._lock:
+            changes = self._changes
+        written = self._read()
+        with self._lock:
+            if changes != self._changes:
+                return []  # something was done here meanwhile, perhaps after the history was read: the next time
+            new = [event for event in written if self._last.get((event.spacecraft, event.wheel)) != event]
+            self._last |= {(event.spacecraft, event.wheel): event for event in new}
+        return new
+
+    def retire(self, spacecraft: str, wheel: str, person: str, note: str = "") -> RetirementEvent:
+        """Retire a wheel; returns the audit event.
+
+        Raises
+        ------
+        InputError
+            If the wheel is retired already, an alarm of it waits to be acknowledged, or the name is missing or too
+            long.
+        HistoryError
+            If the database cannot be written; nothing is changed then.
+        """
+        person, note = signed(person, note)
+        with self._database.session() as session:
+            last = _last(session, spacecraft, wheel)
+            if last is not None and last.retired:
+                raise InputError(f"{spacecraft}/{wheel}", f"is retired already, by {last.person}")
+            alarms = select(AlarmRow.name).filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None)
+            waiting = session.scalars(alarms.where(AlarmRow.phase != "acknowledged")).all()
+            if waiting:
+                raise InputError(f"{spacecraft}/{wheel}", f"has alarms to acknowledge first: {', '.join(waiting)}")
+            windows = select(func.max(DiagnosisRow.window_end_ns)).filter_by(spacecraft=spacecraft, wheel=wheel)
+            event = RetirementEvent(
+                spacecraft=spacecraft, wheel=wheel, event="put_aside", time_ns=session.scalar(windows),
+                wall_ns=self._wall_ns(), person=person, note=note,
+            )  # fmt: skip
+            session.add(WheelEventRow(**event.model_dump()))
+        return self._keep(event)
+
+    def restore(self, spacecraft: str, wheel: str, person: str, note: str = "") -> RetirementEvent:
+        """Bring a retired wheel back to the list; returns the audit event.
+
+        Raises
+        ------
+        InputError
+            If the wheel is not retired, or the name is missing or too long.
+        HistoryError
+            If the database cannot be written; nothing is changed then.
+        """
+        person, note = signed(person, note)
+        with self._database.session() as session:
+            last = _last(session, spacecraft, wheel)
+            if last is None or not last.retired:
+                raise InputError(f"{spacecraft}/{wheel}", "is not retired")
+            changes = {"event": "brought_back", "wall_ns": self._wall_ns(), "person": person, "note": note}
+            event = last.model_copy(update=changes)
+            session.add(WheelEventRow(**event.model_dump()))
+        return self._keep(event)
+
+    def _keep(self, event: RetirementEvent) -> RetirementEvent:
+        with self._lock:
+            self._changes += 1
+            self._last[event.spacecraft, event.wheel] = event
+        return event
+
+    def telemetry_arrived(
+        self, spacecraft: str, wheel: str, window_end_ns: int | None = None
+    ) -> RetirementEvent | None:
+        """Note samples or a window of a wheel; returns the event to be recorded if the wheel reappears by that.
+
+        A window that was known when the wheel was retired is a repetition, and brings nothing back.
+        """
+        with self._lock:
+            last = self._last.get((spacecraft, wheel))
+            if last is None or not last.retired:
+                return None
+            if window_end_ns is not None and last.time_ns is not None and window_end_ns <= last.time_ns:
+                return None
+            changes = {"event": "spoke_again", "wall_ns": self._wall_ns(), "person": "", "note": ""}
+            return self._keep(last.model_copy(update=changes))
+
+    def record(self, events: Iterable[RetirementEvent]) -> None:
+        """Write down which wheels reappeared; of one that is not retired nothing is written.
+
+        Raises
+        ------
+        HistoryError
+            If the database cannot be written; nothing is changed then.
+        """
+        with self._database.session() as session:
+            for event in events:
+                last = _last(session, event.spacecraft, event.wheel)
+                if last is not None and last.retired:
+                    session.add(WheelEventRow(**event.model_dump()))
+
+    def _read(self) -> list[RetirementEvent]:
+        """Return the last event of every wheel as the database has it."""
+        last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
+        wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
+        with self._database.session() as session:
+            return [_event(row) for row in session.scalars(wanted)]
+
+
+def _last(session: Session, spacecraft: str, wheel: str) -> RetirementEvent | None:
+    wanted = select(WheelEventRow).filter_by(spacecraft=spacecraft, wheel=wheel).order_by(WheelEventRow.id.desc())
+    row = session.scalar(wanted.limit(1))
+    return None if row is None else _event(row)
+
+
+def _event(row: WheelEventRow) -> RetirementEvent:
+    return RetirementEvent.model_validate(row, from_attributes=True)

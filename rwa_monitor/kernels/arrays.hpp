@@ -1,4 +1,4 @@
-// Arrays at the border between Python and the kernels, and nothing else.
+// Arrays at the border between Python and the kernels, and the few functions of numbers that stages share.
 //
 // Array<T, N>   a view of a NumPy array that Python owns; const T is only read. It must be contiguous and of just this
 //               type: anything else is a TypeError, never a silent copy.
@@ -13,6 +13,7 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/tuple.h>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -22,13 +23,16 @@
 #include <utility>
 #include <vector>
 
-// Vectorised loops are compiled twice, for processors with AVX2 and without; fused multiply-add stays off in both, so
-// that both give the same bits.
+// Vectorised loops are compiled for processors with AVX-512, with AVX2 and without; fused multiply-add stays off in all,
+// so that they give the same bits.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(RWA_SANITIZE)
-#define VECTORISED __attribute__((target_clones("arch=x86-64-v3", "default")))
+#define VECTORISED __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
 #define VECTORISED
 #endif
+
+// What such loops share is compiled into each of them.
+#define ALWAYS_INLINE [[gnu::always_inline]] inline
 
 #ifdef RWA_SANITIZE
 #define REQUIRE(condition) ((condition) ? void() : std::abort())
@@ -37,18 +41,19 @@
 #endif
 
 namespace rwa {
+using std::int64_t;
 
 template <typename T, std::size_t N>
 struct Array {
     T* data = nullptr;
     std::array<std::size_t, N> shape{};
 
-    std::int64_t size() const {
+    int64_t size() const {
         std::size_t product = 1;
         for (auto extent : shape) product *= extent;
-        return static_cast<std::int64_t>(product);
+        return static_cast<int64_t>(product);
     }
-    std::int64_t extent(std::size_t axis) const { return static_cast<std::int64_t>(shape[axis]); }
+    int64_t extent(std::size_t axis) const { return static_cast<int64_t>(shape[axis]); }
     T* begin() const { return data; }
     T* end() const { return data + size(); }
 
@@ -60,13 +65,13 @@ struct Array {
           place = place * shape[axis++] + static_cast<std::size_t>(index)), ...);
         return data[place];
     }
-    T& operator[](std::int64_t index) const {
+    T& operator[](int64_t index) const {
         static_assert(N == 1, "use (i, j)");
         REQUIRE(static_cast<std::size_t>(index) < shape[0]);
         return data[index];
     }
     // The sub-array at the first index: a row of a table.
-    Array<T, N - 1> row(std::int64_t index) const {
+    Array<T, N - 1> row(int64_t index) const {
         static_assert(N > 1, "a vector has no rows");
         REQUIRE(static_cast<std::size_t>(index) < shape[0]);
         Array<T, N - 1> part;
@@ -76,7 +81,7 @@ struct Array {
         return part;
     }
     // The elements [start, stop) of a vector.
-    Array slice(std::int64_t start, std::int64_t stop) const {
+    Array slice(int64_t start, int64_t stop) const {
         static_assert(N == 1, "only of a vector");
         REQUIRE(start >= 0 && (stop <= start || static_cast<std::size_t>(stop) <= shape[0]));
         return {data + start, {static_cast<std::size_t>(stop > start ? stop - start : 0)}};
@@ -88,6 +93,13 @@ template <typename T>
 using Vector = Array<T, 1>;
 template <typename T>
 using Matrix = Array<T, 2>;
+using Floats = Vector<const double>;
+using Integers = Vector<const int64_t>;
+using Flags = Vector<const bool>;
+template <typename T>
+Vector<const T> view(const std::vector<T>& values) {
+    return {values.data(), {values.size()}};
+}
 
 template <typename T, std::size_t N>
 struct Table {
@@ -123,15 +135,26 @@ struct Table {
     T& operator()(Index... index) {
         return view()(index...);
     }
-    T& operator[](std::int64_t index) { return values[static_cast<std::size_t>(index)]; }
+    T& operator[](int64_t index) { return values[static_cast<std::size_t>(index)]; }
 };
 
+using NewFloats = Table<double, 1>;
+using NewIntegers = Table<int64_t, 1>;
+
 // Python's // and % for whole numbers: rounded down, also below zero.
-inline std::int64_t floor_divide(std::int64_t a, std::int64_t b) {
-    std::int64_t quotient = a / b;
+inline int64_t floor_divide(int64_t a, int64_t b) {
+    int64_t quotient = a / b;
     return (a % b != 0 && ((a < 0) != (b < 0))) ? quotient - 1 : quotient;
 }
-inline std::int64_t modulo(std::int64_t a, std::int64_t b) { return a - b * floor_divide(a, b); }
+inline int64_t modulo(int64_t a, int64_t b) { return a - b * floor_divide(a, b); }
+
+// The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
+inline double median_in_place(std::vector<double>& values) {
+    const std::size_t n = values.size(), half = n / 2;
+    std::nth_element(values.begin(), values.begin() + half, values.end());
+    const double above = values[half];
+    return n % 2 == 1 ? above : 0.5 * (*std::max_element(values.begin(), values.begin() + half) + above);
+}
 
 template <typename Function, typename... Extra>
 void kernel(nanobind::module_& module, const char* name, Function&& function, const Extra&... extra) {

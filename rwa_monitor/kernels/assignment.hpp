@@ -9,9 +9,37 @@
 namespace rwa {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
-constexpr std::int64_t REJECT = 0, NO_SYSTEM = 1;         // the first two rows of every table of actions
-constexpr std::int64_t STEPS = 6;                         // that a system can take at a candidate, see `step_from`
-constexpr std::int64_t REJECTED = -1, UNATTRIBUTED = -2;  // in place of a system: no changepoint; one that none made
+constexpr int64_t REJECT = 0, NO_SYSTEM = 1;         // the first two rows of every table of actions
+constexpr int64_t STEPS = 6;                         // that a system can take at a candidate, see `step_from`
+constexpr int64_t REJECTED = -1, UNATTRIBUTED = -2;  // in place of a system: no changepoint; one that none made
+
+// ---- levels between candidates (segments.cpp) ----
+
+// Of the statistics (6, m + 2, m + 2) of all pairs, those of the segments between consecutive nodes: (6, segments).
+Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes);
+
+// ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----
+
+// See results.FlatStory.
+struct FlatStory {
+    Integers configurations, starts, sojourns, unattributed;
+    auto fields() { return std::tie(configurations, starts, sojourns, unattributed); }
+};
+
+// See friction_model.Cases.
+struct Cases {
+    Array<const double, 3> states;
+    Matrix<const int64_t> choice;
+    Floats log_prior, rest;
+    auto fields() { return std::tie(states, choice, log_prior, rest); }
+};
+
+// The log evidence of `solve_cases` alone, without the posterior.
+double evidence_of_cases(
+    const FlatStory& story, Integers borders, Array<const double, 3> table, Matrix<const double> moments,
+    const Cases& cases, double variance, double scatter);
+
+// ---- the scores of paths, and what bounds them (assignment_bounds.cpp) ----
 
 // See assignment.Scores.
 struct Scores {
@@ -19,12 +47,12 @@ struct Scores {
     Array<const double, 4> jump;
     Array<const double, 3> stay, turn;
     Array<const double, 5> missed;
-    Vector<const std::int64_t> configurations;
+    Integers configurations;
     Matrix<const bool> signs;
-    Matrix<const std::int64_t> actions;
-    Vector<const double> priors;
+    Matrix<const int64_t> actions;
+    Floats priors;
     bool sized;
-    Vector<const double> size, size_variance;
+    Floats size, size_variance;
     Matrix<const double> law_mean, law_variance;
     double log_range, unattributed_variance;
     auto fields() {
@@ -44,9 +72,9 @@ struct Bounds {
 // The most that a jump at each node can be worth [log density over the flat one that the fits assume].
 struct Worth {
     Array<const double, 4> single;  // (S, Q, 2, m + 1): by its size, down or up from q; -inf where there is none
-    Vector<const double> twice;     // by its size, of one that two systems make at once
-    Vector<const double> alone;     // by its size, of one that no system makes
-    Vector<const double> with_law;  // of any, by its size and the best law
+    Floats twice;     // by its size, of one that two systems make at once
+    Floats alone;     // by its size, of one that no system makes
+    Floats with_law;  // of any, by its size and the best law
     auto fields() { return std::tie(single, twice, alone, with_law); }
 };
 
@@ -57,27 +85,26 @@ Views view_of(const std::tuple<Tables...>& tables) {
 }
 
 struct Step {
-    std::int64_t direction;      // 0 down, 1 up
-    std::int64_t skipped;        // a jump without a candidate before it: 0 none, 1 down, 2 up
-    std::int64_t before, after;  // configurations
+    int64_t direction;      // 0 down, 1 up
+    int64_t skipped;        // a jump without a candidate before it: 0 none, 1 down, 2 up
+    int64_t before, after;  // configurations
 };
-inline Step step_from(std::int64_t configuration, std::int64_t number) {
-    const std::int64_t direction = number % 2, skipped = number / 2;
-    const std::int64_t before = configuration + (skipped == 0 ? 0 : 2 * skipped - 3);
+inline Step step_from(int64_t configuration, int64_t number) {
+    const int64_t direction = number % 2, skipped = number / 2;
+    const int64_t before = configuration + (skipped == 0 ? 0 : 2 * skipped - 3);
     return {direction, skipped, before, before + 2 * direction - 1};
 }
-inline bool possible(const Step& step, std::int64_t configurations) {
+inline bool possible(const Step& step, int64_t configurations) {
     return std::min(step.before, step.after) >= 0 && std::max(step.before, step.after) < configurations;
 }
 
 // log P of a sojourn of system s in q from one node to each other, and of the jump that was skipped at its end.
-inline const double* sojourn_laws(
-    const Scores& scores, std::int64_t s, std::int64_t q, std::int64_t since, const Step& step) {
+inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, int64_t since, const Step& step) {
     return step.skipped == 0 ? &scores.jump(s, q, since, 0) : &scores.missed(s, q, step.skipped - 1, since, 0);
 }
 
 // log P(size of the jump at candidate k), Gaussian, over the flat density that the fits assume.
-inline double size_term(const Scores& scores, std::int64_t k, double mean, double variance) {
+inline double size_term(const Scores& scores, int64_t k, double mean, double variance) {
     if (!scores.sized) return 0.0;
     const double total = variance + scores.size_variance[k - 1], miss = scores.size[k - 1] - mean;
     return scores.log_range - 0.5 * std::log(2.0 * M_PI * total) - 0.5 * (miss * miss) / total;
@@ -85,23 +112,23 @@ inline double size_term(const Scores& scores, std::int64_t k, double mean, doubl
 
 // The bounds without prices, and what jumps are worth; every law term must be ≤ 0.
 using MadeBounds = std::tuple<Table<double, 2>, Table<double, 2>, Table<double, 4>>;
-using MadeWorth = std::tuple<Table<double, 4>, Table<double, 1>, Table<double, 1>, Table<double, 1>>;
+using MadeWorth = std::tuple<Table<double, 4>, NewFloats, NewFloats, NewFloats>;
 std::tuple<MadeBounds, MadeWorth> free_bounds(const Scores& scores);
 
 // The bounds `rest_fit` and `own` with prices from a complete path: its start and the actions taken.
 std::tuple<Table<double, 2>, Table<double, 4>> priced_bounds(
-    const Scores& scores, const Worth& worth, Vector<const std::int64_t> start, Vector<const std::int64_t> taken);
+    const Scores& scores, const Worth& worth, Integers start, Integers taken);
 
 // The entries kept as a tree (the entry before, and the action; at the root the start), and the complete paths (last
 // entry and score); how many entries were expanded, and the highest bound of what the budget cut.
 struct Expansion {
     std::vector<std::int32_t> parent, action, last;
     std::vector<double> score;
-    std::int64_t expanded = 0;
+    int64_t expanded = 0;
     double lost = -INFINITE;
 };
 // Expand all states candidate by candidate. Dropped: extensions with a bound below the cutoff, and those past the
 // budget of a candidate, by their bound; `kept` entries are kept of each state.
-Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, std::int64_t budget, std::int64_t kept);
+Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept);
 
 }  // namespace rwa

@@ -14,28 +14,28 @@ namespace {
 constexpr double LEAST_WORTH = -5.0;  // of the size of a path's own jump: an odd one must not make all others free
 
 // The most that `size_term` can be for any mean and at least this variance.
-double highest_size(const Scores& scores, std::int64_t k, double variance) {
+double highest_size(const Scores& scores, int64_t k, double variance) {
     return size_term(scores, k, scores.size[k - 1], variance);
 }
 
 // What sizes are worth at most: `single`, `twice` and `alone` of Worth.
-std::tuple<Table<double, 4>, Table<double, 1>, Table<double, 1>> size_worth(const Scores& scores) {
+std::tuple<Table<double, 4>, NewFloats, NewFloats> size_worth(const Scores& scores) {
     const auto systems = scores.stay.extent(0), nodes = scores.stay.extent(2);
     auto single = Table<double, 4>::full(-INFINITE, systems, scores.stay.extent(1), 2, nodes);
-    auto twice = Table<double, 1>::zeros(nodes), alone = twice;
+    auto twice = NewFloats::zeros(nodes), alone = twice;
     double smallest = INFINITE;  // variance of a friction that moves at all
-    for (std::int64_t s = 0; s < systems; ++s) {
-        for (std::int64_t q = 0; q < scores.configurations[s]; ++q) {
+    for (int64_t s = 0; s < systems; ++s) {
+        for (int64_t q = 0; q < scores.configurations[s]; ++q) {
             if (scores.law_variance(s, q) > 0.0) smallest = std::min(smallest, scores.law_variance(s, q));
         }
     }
-    for (std::int64_t k = 1; k < nodes; ++k) {
+    for (int64_t k = 1; k < nodes; ++k) {
         alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
         // Both of two may return to rest only where the level may fall; otherwise one of them takes up friction.
         twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITE ? 0.0 : smallest);
-        for (std::int64_t s = 0; s < systems; ++s) {
-            for (std::int64_t q = 0; q < scores.configurations[s]; ++q) {
-                for (std::int64_t direction = 0; direction < 2; ++direction) {
+        for (int64_t s = 0; s < systems; ++s) {
+            for (int64_t q = 0; q < scores.configurations[s]; ++q) {
+                for (int64_t direction = 0; direction < 2; ++direction) {
                     const auto after = q + 2 * direction - 1;
                     if (after < 0 || after >= scores.configurations[s]) continue;
                     const double variance = scores.law_variance(s, after);
@@ -52,38 +52,38 @@ std::tuple<Table<double, 4>, Table<double, 1>, Table<double, 1>> size_worth(cons
 
 // Raise `highest` to the highest entry of each column above the diagonal.
 void raise(Vector<double> highest, Matrix<const double> table) {
-    for (std::int64_t i = 0; i < table.extent(0); ++i) {
-        for (std::int64_t k = i + 1; k < table.extent(1); ++k) highest[k] = std::max(highest[k], table(i, k));
+    for (int64_t i = 0; i < table.extent(0); ++i) {
+        for (int64_t k = i + 1; k < table.extent(1); ++k) highest[k] = std::max(highest[k], table(i, k));
     }
 }
 
 // The most that a jump at each node can be worth by law and size, and by size alone.
-std::tuple<Table<double, 1>, Table<double, 1>> best_jump(
-    const Scores& scores, Array<const double, 4> single, Vector<const double> twice, Vector<const double> alone) {
+std::tuple<NewFloats, NewFloats> best_jump(
+    const Scores& scores, Array<const double, 4> single, Floats twice, Floats alone) {
     const auto systems = scores.stay.extent(0), configurations = scores.stay.extent(1), nodes = scores.stay.extent(2);
     auto law = Table<double, 3>::full(-INFINITE, systems, configurations, nodes);
-    for (std::int64_t s = 0; s < systems; ++s) {
-        auto skips = Table<double, 1>::full(-INFINITE, nodes);
-        for (std::int64_t q = 0; q < configurations; ++q) {
-            for (std::int64_t skipped = 0; skipped < 2; ++skipped) {
+    for (int64_t s = 0; s < systems; ++s) {
+        auto skips = NewFloats::full(-INFINITE, nodes);
+        for (int64_t q = 0; q < configurations; ++q) {
+            for (int64_t skipped = 0; skipped < 2; ++skipped) {
                 raise(skips.view(), scores.missed.row(s).row(q).row(skipped));
             }
         }
-        for (std::int64_t q = 0; q < scores.configurations[s]; ++q) {
+        for (int64_t q = 0; q < scores.configurations[s]; ++q) {
             const auto best = law.view().row(s).row(q);
             std::copy(skips.values.begin(), skips.values.end(), best.begin());
             raise(best, scores.jump.row(s).row(q));
         }
     }
-    auto with_law = Table<double, 1>::full(scores.priors[1], nodes), size_only = Table<double, 1>::zeros(nodes);
-    for (std::int64_t k = 1; k < nodes; ++k) {
+    auto with_law = NewFloats::full(scores.priors[1], nodes), size_only = NewFloats::zeros(nodes);
+    for (int64_t k = 1; k < nodes; ++k) {
         with_law[k] += alone[k];
         size_only[k] = std::max(0.0, alone[k]);
         double first = -INFINITE, second = -INFINITE;  // the best laws of any two systems
-        for (std::int64_t s = 0; s < systems; ++s) {
+        for (int64_t s = 0; s < systems; ++s) {
             double plain = -INFINITE;
-            for (std::int64_t q = 0; q < scores.configurations[s]; ++q) {
-                for (std::int64_t direction = 0; direction < 2; ++direction) {
+            for (int64_t q = 0; q < scores.configurations[s]; ++q) {
+                for (int64_t direction = 0; direction < 2; ++direction) {
                     const double size = single(s, q, direction, k);
                     if (size == -INFINITE) continue;
                     const double turned = law(s, q, k) + scores.turn(s, q, direction);
@@ -102,13 +102,13 @@ std::tuple<Table<double, 1>, Table<double, 1>> best_jump(
 }
 
 // The best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k: (m + 1, m + 1).
-Table<double, 2> best_rest(Matrix<const double> fit, Vector<const double> gain) {
+Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
     const auto nodes = fit.extent(0) - 1;
     auto rest = Table<double, 2>::full(-INFINITE, nodes, nodes);
     std::vector<double> from_node(nodes);
-    for (std::int64_t i = nodes - 1; i >= 0; --i) {
+    for (int64_t i = nodes - 1; i >= 0; --i) {
         double best = rest(i, nodes - 1) = fit(i, nodes);
-        for (std::int64_t k = nodes - 1; k > i; --k) {
+        for (int64_t k = nodes - 1; k > i; --k) {
             rest(i, k - 1) = best = std::max(best, fit(i, k) + gain[k] + from_node[k]);
         }
         from_node[i] = best;
@@ -121,11 +121,11 @@ Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned
     const auto systems = scores.stay.extent(0), configurations = scores.stay.extent(1), nodes = scores.stay.extent(2);
     auto own = Table<double, 4>::full(-INFINITE, systems, configurations, nodes, nodes);
     auto begun = Table<double, 2>::full(-INFINITE, configurations, nodes);  // of a sojourn that begins at the node
-    for (std::int64_t s = 0; s < systems; ++s) {
-        for (std::int64_t i = nodes - 1; i >= 0; --i) {
-            for (std::int64_t q = 0; q < configurations; ++q) {
+    for (int64_t s = 0; s < systems; ++s) {
+        for (int64_t i = nodes - 1; i >= 0; --i) {
+            for (int64_t q = 0; q < configurations; ++q) {
                 double* best = &own(s, q, i, 0);
-                for (std::int64_t number = 0; number < STEPS; ++number) {
+                for (int64_t number = 0; number < STEPS; ++number) {
                     const Step step = step_from(q, number);
                     if (!possible(step, configurations)) continue;
                     const double turn = scores.turn(s, step.before, step.direction);
@@ -139,7 +139,7 @@ Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned
                 best[nodes - 1] = scores.stay(s, q, i);
                 for (auto k = nodes - 1; k > i; --k) best[k - 1] = std::max(best[k], best[k - 1]);
             }
-            for (std::int64_t q = 0; q < configurations; ++q) begun(q, i) = own(s, q, i, i);
+            for (int64_t q = 0; q < configurations; ++q) begun(q, i) = own(s, q, i, i);
         }
     }
     return own;
@@ -147,12 +147,11 @@ Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned
 
 // Prices under which the path's jumps cost their systems nothing on balance; where it rejects, no jump earns more than
 // it costs.
-std::vector<double> prices(
-    const Scores& scores, const Worth& worth, Vector<const std::int64_t> start, Vector<const std::int64_t> taken) {
+std::vector<double> prices(const Scores& scores, const Worth& worth, Integers start, Integers taken) {
     std::vector<double> price(worth.with_law.size());
     for (std::size_t k = 0; k < price.size(); ++k) price[k] = -worth.with_law[k];
-    std::vector<std::int64_t> configuration(start.begin(), start.end()), since(start.size());
-    for (std::int64_t node = 1; node <= taken.size(); ++node) {
+    std::vector<int64_t> configuration(start.begin(), start.end()), since(start.size());
+    for (int64_t node = 1; node <= taken.size(); ++node) {
         const auto action = taken[node - 1];
         if (action == REJECT) continue;
         if (action == NO_SYSTEM) {
@@ -187,7 +186,7 @@ std::tuple<MadeBounds, MadeWorth> free_bounds(const Scores& scores) {
 }
 
 std::tuple<Table<double, 2>, Table<double, 4>> priced_bounds(
-    const Scores& scores, const Worth& worth, Vector<const std::int64_t> start, Vector<const std::int64_t> taken) {
+    const Scores& scores, const Worth& worth, Integers start, Integers taken) {
     const auto price = prices(scores, worth, start, taken);
     auto earned = Table<double, 4>::full(-INFINITE, worth.single.extent(0), worth.single.extent(1), 2, price.size());
     std::vector<double> paid(price.size());
@@ -195,8 +194,8 @@ std::tuple<Table<double, 2>, Table<double, 4>> priced_bounds(
         paid[k] = std::max(-price[k], scores.priors[1] + worth.alone[k]);
         // Two that jump at once earn twice, and share one size: each is taken to be worth half of it at least.
         const double least = 0.5 * (worth.twice[k] + scores.priors[2] - price[k]);
-        for (std::int64_t s = 0; s < worth.single.extent(0); ++s) {
-            for (std::int64_t q = 0; q < worth.single.extent(1); ++q) {
+        for (int64_t s = 0; s < worth.single.extent(0); ++s) {
+            for (int64_t q = 0; q < worth.single.extent(1); ++q) {
                 for (int direction = 0; direction < 2; ++direction) {
                     double size = worth.single(s, q, direction, k);
                     if (!(size > -INFINITE)) continue;
@@ -207,7 +206,7 @@ std::tuple<Table<double, 2>, Table<double, 4>> priced_bounds(
             }
         }
     }
-    return {best_rest(scores.fit, {paid.data(), {paid.size()}}), best_chains(scores, earned.view())};
+    return {best_rest(scores.fit, view(paid)), best_chains(scores, earned.view())};
 }
 
 }  // namespace rwa

@@ -1,7 +1,5 @@
 // Loops over whole paths of the search: found, traced back, weighed, compared.
 #include "assignment.hpp"
-#include "friction.hpp"
-#include "segments.hpp"
 
 #include <algorithm>
 #include <cstdlib>
@@ -10,12 +8,11 @@
 namespace rwa {
 namespace {
 
-using Indices = Table<std::int64_t, 1>;
-using IndexTable = Table<std::int64_t, 2>;
+using IndexTable = Table<int64_t, 2>;
 
 // See assignment.Knowns.
 struct Knowns {
-    std::int64_t slots;
+    int64_t slots;
     Array<const double, 3> table;
     Cases cases;
     double variance, scatter;
@@ -24,29 +21,28 @@ struct Knowns {
 
 // Paths, best first: configurations at the window's begin and actions; entries expanded, highest bound of what was cut.
 struct Found {
-    Table<double, 1> score;
+    NewFloats score;
     IndexTable start, taken;
-    std::int64_t states;
+    int64_t states;
     double lost;
 };
 
 // The best of all expanded paths, traced back from their leaves in the tree.
 Found search_once(
-    const Scores& scores, const Bounds& bounds, double cutoff, std::int64_t budget, std::int64_t kept,
-    std::int64_t paths) {
+    const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept, int64_t paths) {
     const Expansion tree = expand(scores, bounds, cutoff, budget, kept);
     std::vector<std::size_t> best(tree.score.size());
     std::iota(best.begin(), best.end(), 0);
     std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return tree.score[a] > tree.score[b]; });
     best.resize(std::min(best.size(), static_cast<std::size_t>(paths)));
     const auto systems = scores.configurations.size(), candidates = scores.signs.extent(0);
-    Found found{Table<double, 1>::zeros(best.size()), IndexTable::zeros(best.size(), systems),
+    Found found{NewFloats::zeros(best.size()), IndexTable::zeros(best.size(), systems),
                 IndexTable::zeros(best.size(), candidates), tree.expanded, tree.lost};
     for (std::size_t path = 0; path < best.size(); ++path) {
         found.score[path] = tree.score[best[path]];
         auto node = tree.last[best[path]];
         for (auto k = candidates - 1; k >= 0; --k, node = tree.parent[node]) found.taken(path, k) = tree.action[node];
-        std::int64_t number = tree.action[node];  // of the start; the last system counts fastest
+        int64_t number = tree.action[node];  // of the start; the last system counts fastest
         for (auto s = systems - 1; s >= 0; number /= scores.configurations[s--]) {
             found.start(path, s) = number % scores.configurations[s];
         }
@@ -56,9 +52,8 @@ Found search_once(
 
 // Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all. Where values
 // are wild the full search may drop every path within its budget; then the path of the narrow beam.
-std::tuple<Table<double, 1>, IndexTable, IndexTable, std::int64_t, bool> find_paths(
-    const Scores& scores, std::int64_t paths, double margin, std::int64_t budget, std::int64_t quick_budget,
-    std::int64_t kept) {
+std::tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
+    const Scores& scores, int64_t paths, double margin, int64_t budget, int64_t quick_budget, int64_t kept) {
     const auto [free, worth] = free_bounds(scores);
     auto bounds = view_of<Bounds>(free);
     Found quick = search_once(scores, bounds, -INFINITE, std::min(quick_budget, budget), 1, 1);
@@ -73,10 +68,10 @@ std::tuple<Table<double, 1>, IndexTable, IndexTable, std::int64_t, bool> find_pa
 }
 
 // The part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
-double add_up_laws(const Scores& scores, Vector<const std::int64_t> start, Vector<const std::int64_t> taken) {
-    std::vector<std::int64_t> configuration(start.begin(), start.end()), since(start.size());
+double add_up_laws(const Scores& scores, Integers start, Integers taken) {
+    std::vector<int64_t> configuration(start.begin(), start.end()), since(start.size());
     double total = 0.0, staying = 0.0;
-    for (std::int64_t node = 1; node <= taken.size(); ++node) {
+    for (int64_t node = 1; node <= taken.size(); ++node) {
         const auto action = taken[node - 1];
         if (action == REJECT || action == NO_SYSTEM) {
             total += scores.priors[action];
@@ -92,23 +87,22 @@ double add_up_laws(const Scores& scores, Vector<const std::int64_t> start, Vecto
         }
         if (scores.actions(action, 2) >= 0) total += scores.priors[2];
     }
-    for (std::int64_t s = 0; s < start.size(); ++s) staying += scores.stay(s, configuration[s], since[s]);
+    for (int64_t s = 0; s < start.size(); ++s) staying += scores.stay(s, configuration[s], since[s]);
     return total + staying;
 }
 
-using MadeStory = std::tuple<Indices, Indices, Indices, Indices>;  // see FlatStory
+using MadeStory = std::tuple<NewIntegers, NewIntegers, NewIntegers, NewIntegers>;  // see FlatStory
 
 // A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
 // which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.
-std::tuple<MadeStory, Indices, IndexTable, IndexTable> tell(
-    Matrix<const std::int64_t> actions, Vector<const std::int64_t> index, Vector<const std::int64_t> start,
-    Vector<const std::int64_t> taken) {
+std::tuple<MadeStory, NewIntegers, IndexTable, IndexTable> tell(
+    Matrix<const int64_t> actions, Integers index, Integers start, Integers taken) {
     const auto systems = start.size();
     auto system = IndexTable::full(REJECTED, taken.size(), 2), direction = IndexTable::zeros(taken.size(), 2);
-    std::vector<std::vector<std::int64_t>> configurations(systems), starts(systems, {0});
-    for (std::int64_t s = 0; s < systems; ++s) configurations[s] = {start[s]};
-    std::vector<std::int64_t> nodes{0}, unattributed, all_configurations, all_starts, sojourns;
-    for (std::int64_t k = 0; k < taken.size(); ++k) {
+    std::vector<std::vector<int64_t>> configurations(systems), starts(systems, {0});
+    for (int64_t s = 0; s < systems; ++s) configurations[s] = {start[s]};
+    std::vector<int64_t> nodes{0}, unattributed, all_configurations, all_starts, sojourns;
+    for (int64_t k = 0; k < taken.size(); ++k) {
         if (taken[k] == REJECT) continue;
         nodes.push_back(k + 1);
         if (taken[k] == NO_SYSTEM) {
@@ -130,21 +124,21 @@ std::tuple<MadeStory, Indices, IndexTable, IndexTable> tell(
         }
     }
     nodes.push_back(taken.size() + 1);
-    for (std::int64_t s = 0; s < systems; ++s) {
+    for (int64_t s = 0; s < systems; ++s) {
         all_configurations.insert(all_configurations.end(), configurations[s].begin(), configurations[s].end());
         all_starts.insert(all_starts.end(), starts[s].begin(), starts[s].end());
-        sojourns.push_back(static_cast<std::int64_t>(starts[s].size()));
+        sojourns.push_back(static_cast<int64_t>(starts[s].size()));
     }
-    return {{Indices::from(std::move(all_configurations)), Indices::from(std::move(all_starts)),
-             Indices::from(std::move(sojourns)), Indices::from(std::move(unattributed))},
-            Indices::from(std::move(nodes)), std::move(system), std::move(direction)};
+    return {{NewIntegers::from(std::move(all_configurations)), NewIntegers::from(std::move(all_starts)),
+             NewIntegers::from(std::move(sojourns)), NewIntegers::from(std::move(unattributed))},
+            NewIntegers::from(std::move(nodes)), std::move(system), std::move(direction)};
 }
 
 // A path weighed by its full likelihood: switching path, systems and directions as from `tell`; slots at which its
 // segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
-std::tuple<MadeStory, IndexTable, IndexTable, Indices, Table<double, 2>, double, double> weigh(
-    const Scores& scores, Vector<const std::int64_t> start, Vector<const std::int64_t> taken,
-    Vector<const std::int64_t> index, Array<const double, 3> pairs, const Knowns& knowns) {
+std::tuple<MadeStory, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
+    const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs,
+    const Knowns& knowns) {
     auto [story, borders, system, direction] = tell(scores.actions, index, start, taken);
     auto moments = chain_of(pairs, borders.view());
     for (auto& node : borders.values) node = node == 0 ? 0 : node > index.size() ? knowns.slots : index[node - 1];
@@ -159,16 +153,15 @@ std::tuple<MadeStory, IndexTable, IndexTable, Indices, Table<double, 2>, double,
 // at a candidate at most `apart` slots away. Two that jump at once are listed in the order of their systems, so places
 // correspond.
 void add_agreement(
-    Vector<const std::int64_t> index, std::int64_t apart, Matrix<const std::int64_t> system,
-    Matrix<const std::int64_t> direction, Matrix<const std::int64_t> other_system,
-    Matrix<const std::int64_t> other_direction, double weight, Matrix<double> sure) {
-    for (std::int64_t k = 0; k < index.size(); ++k) {
+    Integers index, int64_t apart, Matrix<const int64_t> system, Matrix<const int64_t> direction,
+    Matrix<const int64_t> other_system, Matrix<const int64_t> other_direction, double weight, Matrix<double> sure) {
+    for (int64_t k = 0; k < index.size(); ++k) {
         for (int place = 0; place < 2; ++place) {
-            const auto shared = [&, who = system(k, place), way = direction(k, place)](std::int64_t near, int beside) {
+            const auto shared = [&, who = system(k, place), way = direction(k, place)](int64_t near, int beside) {
                 return other_system(near, beside) == who && other_direction(near, beside) == way;
             };
             bool same = shared(k, place);
-            for (std::int64_t near = 0; near < index.size() && !same && system(k, place) != REJECTED; ++near) {
+            for (int64_t near = 0; near < index.size() && !same && system(k, place) != REJECTED; ++near) {
                 same = std::abs(index[near] - index[k]) <= apart && (shared(near, 0) || shared(near, 1));
             }
             if (same) sure(k, place) += weight;
@@ -177,10 +170,10 @@ void add_agreement(
 }
 
 // The scores of all complete paths that `expand` finds, and how many entries it expanded.
-std::tuple<Table<double, 1>, std::int64_t> scores_of_expanded(
-    const Scores& scores, const Bounds& bounds, double cutoff, std::int64_t budget, std::int64_t kept) {
+std::tuple<NewFloats, int64_t> scores_of_expanded(
+    const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept) {
     auto found = expand(scores, bounds, cutoff, budget, kept);
-    return {Table<double, 1>::from(std::move(found.score)), found.expanded};
+    return {NewFloats::from(std::move(found.score)), found.expanded};
 }
 
 }  // namespace

@@ -38,24 +38,24 @@ struct Weighed {
 };
 
 // An upper bound of what can follow a state when candidates up to k are decided.
-double bound_of(const Bounds& bounds, Row row, std::int64_t systems, std::int64_t k) {
+double bound_of(const Bounds& bounds, Row row, int64_t systems, int64_t k) {
     double by_own = bounds.rest_fit(row[0], k);
-    for (std::int64_t s = 0; s < systems; ++s) by_own += bounds.own(s, row[1 + 2 * s], row[2 + 2 * s], k);
+    for (int64_t s = 0; s < systems; ++s) by_own += bounds.own(s, row[1 + 2 * s], row[2 + 2 * s], k);
     return std::min(bounds.rest(row[0], k), by_own);
 }
 
 // Enter all configurations that the systems may be in at the window's begin.
 void enter(
-    const Scores& scores, const Bounds& bounds, double cutoff, std::int64_t starts, Entries& entries, Expansion& tree) {
+    const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Entries& entries, Expansion& tree) {
     const auto systems = scores.configurations.size();
     std::vector<std::int16_t> row(1 + 2 * systems);
-    for (std::int64_t start = 0; start < starts; ++start) {
-        for (std::int64_t s = systems - 1, rest = start; s >= 0; rest /= scores.configurations[s--]) {
+    for (int64_t start = 0; start < starts; ++start) {
+        for (int64_t s = systems - 1, rest = start; s >= 0; rest /= scores.configurations[s--]) {
             row[1 + 2 * s] = static_cast<std::int16_t>(rest % scores.configurations[s]);
         }
         if (!(bound_of(bounds, row.data(), systems, 0) >= cutoff)) continue;
         entries.rows.insert(entries.rows.end(), row.begin(), row.end());
-        for (std::int64_t s = 0; s < systems; ++s) {
+        for (int64_t s = 0; s < systems; ++s) {
             entries.friction.push_back(scores.law_mean(s, row[1 + 2 * s]));
             entries.friction.push_back(scores.law_variance(s, row[1 + 2 * s]));
         }
@@ -68,11 +68,11 @@ void enter(
 
 // Weigh each step of each system, see `list_offers`; a law of -inf where it is impossible.
 void weigh_steps(
-    const Scores& scores, const Bounds& bounds, Row row, const double* friction, std::int64_t k, Weighed* steps) {
-    for (std::int64_t s = 0; s < scores.configurations.size(); ++s) {
-        const std::int64_t q = row[1 + 2 * s], since = row[2 + 2 * s];
+    const Scores& scores, const Bounds& bounds, Row row, const double* friction, int64_t k, Weighed* steps) {
+    for (int64_t s = 0; s < scores.configurations.size(); ++s) {
+        const int64_t q = row[1 + 2 * s], since = row[2 + 2 * s];
         const double now = bounds.own(s, q, since, k), now_mean = friction[2 * s], now_variance = friction[2 * s + 1];
-        for (std::int64_t number = 0; number < STEPS; ++number, ++steps) {
+        for (int64_t number = 0; number < STEPS; ++number, ++steps) {
             const Step step = step_from(q, number);
             if (!possible(step, scores.configurations[s])) {
                 steps->law = -INFINITE;
@@ -104,7 +104,7 @@ std::vector<double> divided_bounds(const std::vector<Offer>& offers, std::size_t
 // List what may happen to each entry at candidate k and is within reach of the best. All of the `wanted` best by their
 // bound are among them, those that tie with the last of these too; others are left out while the list grows.
 void list_offers(
-    const Scores& scores, const Bounds& bounds, std::int64_t k, double cutoff, std::size_t wanted, const Entries& entries,
+    const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, std::size_t wanted, const Entries& entries,
     std::vector<Offer>& offers) {
     const auto systems = scores.configurations.size(), width = 1 + 2 * systems, actions = scores.actions.extent(0);
     const double unattributed = scores.priors[1] + size_term(scores, k, 0.0, scores.unattributed_variance);
@@ -123,9 +123,9 @@ void list_offers(
         const Row row = &entries.rows[at * width];
         const double so_far = entries.score[at];
         double by_own = 0.0;  // what the systems may still do without a step here
-        for (std::int64_t s = 0; s < systems; ++s) by_own += bounds.own(s, row[1 + 2 * s], row[2 + 2 * s], k);
+        for (int64_t s = 0; s < systems; ++s) by_own += bounds.own(s, row[1 + 2 * s], row[2 + 2 * s], k);
         if (by_own == -INFINITE) continue;
-        const auto offer = [&, at](std::int64_t action, double score, double follows) {
+        const auto offer = [&, at](int64_t action, double score, double follows) {
             const double bound = score + follows;
             if (bound >= cutoff && (bound > -INFINITE || action == REJECT)) {
                 offers.push_back({static_cast<std::int32_t>(at), static_cast<std::int32_t>(action), score, bound});
@@ -138,8 +138,8 @@ void list_offers(
         const double best = so_far + fit + highest + rest;
         if (best < cutoff - SLACK) continue;
         weigh_steps(scores, bounds, row, entries.friction.data() + 2 * systems * at, k, steps.data());
-        for (std::int64_t a = NO_SYSTEM + 1; a < actions; ++a) {
-            const std::int64_t* action = &scores.actions(a, 0);
+        for (int64_t a = NO_SYSTEM + 1; a < actions; ++a) {
+            const int64_t* action = &scores.actions(a, 0);
             const Weighed& one = steps[action[0] * STEPS + action[1]];
             if (best + one.law < cutoff - SLACK || one.law == -INFINITE) continue;
             const bool two = action[3] >= 0;
@@ -161,7 +161,7 @@ void list_offers(
 }
 
 // Write the state that an action at candidate k makes of one.
-void move(const Scores& scores, Row row, std::int64_t k, std::int64_t action, std::int16_t* out) {
+void move(const Scores& scores, Row row, int64_t k, int64_t action, std::int16_t* out) {
     std::copy_n(row, 1 + 2 * scores.configurations.size(), out);
     if (action == REJECT) return;
     out[0] = static_cast<std::int16_t>(k);
@@ -174,17 +174,16 @@ void move(const Scores& scores, Row row, std::int64_t k, std::int64_t action, st
 }
 
 // Scatters states over a table (FNV-1a over the columns).
-std::uint64_t hash(Row row, std::int64_t width) {
+std::uint64_t hash(Row row, int64_t width) {
     std::uint64_t key = 1469598103934665603u;
-    for (std::int64_t column = 0; column < width; ++column) {
+    for (int64_t column = 0; column < width; ++column) {
         key = (key ^ static_cast<std::uint64_t>(row[column])) * 1099511628211u;
     }
     return (key ^ (key >> 29)) >> 1;
 }
 
 // Put an offer among the best of its state, after those that score as much.
-void keep(
-    const std::vector<Offer>& offers, std::int32_t offer, std::int32_t* best, std::int32_t& kept, std::int64_t most) {
+void keep(const std::vector<Offer>& offers, std::int32_t offer, std::int32_t* best, std::int32_t& kept, int64_t most) {
     const double score = offers[offer].score;
     if (kept < most) {
         ++kept;
@@ -198,8 +197,8 @@ void keep(
 
 // Bring the first `room` offers that reach the cutoff together by state.
 void merge(
-    const Scores& scores, std::int64_t k, double cutoff, std::size_t room, const Entries& entries,
-    const std::vector<Offer>& offers, std::int64_t kept, States& states) {
+    const Scores& scores, int64_t k, double cutoff, std::size_t room, const Entries& entries,
+    const std::vector<Offer>& offers, int64_t kept, States& states) {
     const auto width = 1 + 2 * scores.configurations.size();
     std::size_t slots = 16, taken = 0;
     while (slots < 2 * std::min(room, offers.size())) slots *= 2;
@@ -228,7 +227,7 @@ void merge(
 
 // Change the friction of each system by an action at candidate k. The jump's size gives the new friction: the law's
 // mean and variance are conditioned on it (a scalar Kalman step).
-void learn(const Scores& scores, Row row, std::int64_t k, std::int64_t action, double* friction) {
+void learn(const Scores& scores, Row row, int64_t k, int64_t action, double* friction) {
     if (action == REJECT) return;
     double surprise = scores.size[k - 1], total = scores.size_variance[k - 1];
     for (int place : {0, 2}) {
@@ -254,9 +253,9 @@ void learn(const Scores& scores, Row row, std::int64_t k, std::int64_t action, d
 
 }  // namespace
 
-Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, std::int64_t budget, std::int64_t kept) {
+Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept) {
     const auto candidates = scores.signs.extent(0), systems = scores.configurations.size(), width = 1 + 2 * systems;
-    std::int64_t starts = 1;
+    int64_t starts = 1;
     for (auto configurations : scores.configurations) starts *= configurations;
     const auto room = static_cast<std::size_t>(std::max(budget, starts));
     Expansion found;
@@ -264,10 +263,10 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, std:
     std::vector<Offer> offers;
     States states;
     enter(scores, bounds, cutoff, starts, entries, found);
-    for (std::int64_t k = 1; k <= candidates; ++k) {
+    for (int64_t k = 1; k <= candidates; ++k) {
         // One more than there is room for: the best that is cut shows whether the search missed anything.
         list_offers(scores, bounds, k, cutoff, room + 1, entries, offers);
-        found.expanded += static_cast<std::int64_t>(entries.score.size());
+        found.expanded += static_cast<int64_t>(entries.score.size());
         double stage_cutoff = cutoff;
         if (offers.size() > room) {
             const auto divided = divided_bounds(offers, offers.size() - room);
@@ -297,7 +296,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, std:
     for (std::size_t at = 0; at < entries.score.size(); ++at) {
         const Row row = &entries.rows[at * width];
         entries.score[at] += scores.fit(row[0], candidates + 1);
-        for (std::int64_t s = 0; s < systems; ++s) entries.score[at] += scores.stay(s, row[1 + 2 * s], row[2 + 2 * s]);
+        for (int64_t s = 0; s < systems; ++s) entries.score[at] += scores.stay(s, row[1 + 2 * s], row[2 + 2 * s]);
     }
     found.last = std::move(entries.node);
     found.score = std::move(entries.score);

@@ -11,10 +11,8 @@ def contrast(k: int, w: int, slope: float, weight: float, sums: SumArrays) -> tu
 def kept_apart(index: IntArray, scale: IntArray) -> IntArray:
     """Return the slots of peaks, taken `in_turn`, with no kept one within ±w; sorted."""
 
-def refine_in_colour(
-    k: int, low: int, high: int, reach: int, slope: float, correlation: float, sums: SumArrays
-) -> tuple[int, int]:
-    """Return the most likely slot of a jump near k where the noise is AR(1), and the samples read.
+def refine_in_colour(k: int, low: int, high: int, reach: int, slope: float, correlation: float, sums: SumArrays) -> int:
+    """Return the most likely slot of a jump near k where the noise is AR(1).
 
     The levels are those of [low, k) and [k, high); slots within `reach` of k are tried.
     """
@@ -27,7 +25,7 @@ def select(
     correlation: float,
     sums: SumArrays,
     threshold: Threshold,
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Choose the candidates of a window among the peaks of all scales.
 
     Parameters
@@ -47,8 +45,7 @@ def select(
 
     Returns
     -------
-    index, scale, statistic, jump, read
-        The fields of their `Candidates`, and how many samples were read.
+    The fields of their `Candidates`: index, scale, statistic, jump.
     """
 
 def choose(
@@ -61,8 +58,5 @@ def choose(
     variance: float,
     prior_mean: float,
     prior_std: float,
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Estimate the slope and choose candidates in turns, until they agree; as `select` and `slope_within` do."""
-
-def ends_of_gaps(sums: SumArrays, slots: int) -> tuple[IntArray, IntArray]:
-    """Return slot and scale of each peak of `peaks_behind_gaps`."""

@@ -7,15 +7,6 @@ bool (n,), results are float64 (n,).
 
 from rwa_monitor.samples import BoolArray, FloatArray
 
-def first_order_lag(
-    values: FloatArray, usable: BoolArray, period_s: float, time_constant_s: float, state: FloatArray
-) -> FloatArray:
-    """Follow `values` with a first-order lag, dx/dt = (u - x)/τ, exact for values that are linear between slots.
-
-    At the start of a record x equals u: the wheel has run at that speed for long. `state` is x and the last u, NaN at
-    the start. Returns x, NaN before the first usable slot.
-    """
-
 def dahl_bristle(
     speed_rad_s: FloatArray, usable: BoolArray, period_s: float, scale_rad: float, state: FloatArray
 ) -> FloatArray:
@@ -26,23 +17,6 @@ def dahl_bristle(
     z_c; `state` is z/z_c and the last ω, NaN at the start, when the bristle is taken as fully deflected. Returns z/z_c
     in [-1, 1], NaN before the first usable slot.
     """
-
-def turned_angle(speed_rad_s: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
-    """Integrate the speed by the trapezoidal rule; across a gap as if the speed had changed evenly.
-
-    The one recursion that does not hold its state through gaps: the wheel turns on. `state` is the angle, the last ω
-    (NaN at the start), and the slots since. Returns the angle [rad], 0 at the first usable slot of a record; NaN where
-    not usable.
-    """
-
-def backward_difference(values: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
-    """Return the rate of change since the last usable slot, 0 at the first of a record; NaN where not usable.
-
-    `state` is the last value (NaN at the start) and the slots since.
-    """
-
-def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
-    """Return x_k = φ x_{k-1} + √(1-φ²) e_k, with the variance of e, begun in its stationary law."""
 
 def forward(
     squares: FloatArray,

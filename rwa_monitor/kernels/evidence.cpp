@@ -1,39 +1,29 @@
 // A window's samples on their way in: normalised, through detection, into all that the window keeps of them; and what
 // it learns of itself meanwhile: noise, what counts as a peak, the slope, certain jumps. A batch is one call of
 // `gather`, the path of every message of the live monitor.
-#include "changepoints.hpp"
-#include "estimation.hpp"
-#include "noise.hpp"
-#include "order_statistics.hpp"
-#include "outliers.hpp"
-#include "structure.hpp"
-#include "wglr.hpp"
+#include "detection.hpp"
 
 namespace rwa {
 namespace {
 constexpr double LARGEST_VALUE = 1e4;  // normalised; speed or friction beyond is a broken word of telemetry
-constexpr double SPEED_NOISES = 5.0;   // dead band in standard deviations of the speed's noise: sure signs of ω beyond
-constexpr double NORMAL_MEDIAN = 0.6744897501960817;  // median of |N(0, 1)|
-
 constexpr double CONFIRMED_STATISTIC = 37.324893051362324;  // χ²₁ exceeds it with probability 1e-9, as in the paper
 constexpr double KEPT_STATISTIC = 12.0;     // peaks below are not kept: no threshold at the close is as low
 constexpr double CERTAIN_STATISTIC = 30.0;  // peaks that split the window while its slope is first estimated
-constexpr double LEAST_SHARE = 0.8;         // of the variance by mean squares: heavy tails make a robust one smaller
-constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the slope: only keeps 0/0 away
+constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the slope: only keeps 0/0 away (errata 3)
 constexpr double SMALLEST_SLOPE_SPREAD = 0.05;  // [of the slope] the slope so far is never trusted further than that
 constexpr double ANY_SLOPE = 3.0;  // times the slope learned or nominal: no anomaly of viscous friction is further off
 constexpr double SMALLEST_SLOPE = 0.1;  // of the dry torque at nominal speed, for next to no viscous friction
-constexpr double PAPER_WEIGHT = 1e-4;   // W_b, in the paper's units
 
-// Why `gather` ended: all is done, there is no room for the peaks of the next chunk, or the tails of the noise look
-// heavy: only Python has Student's t, and so the size of an outlier then.
-enum Why : std::int64_t { ALL_DONE, NO_ROOM, HEAVY_TAILS };
-enum Bar : std::int64_t { VARIANCE, FLOOR, SURE };  // rows of Learned::bars
-enum Number : std::int64_t { SLOPE, WEIGHT, BAND, CERTAIN, COUNTED, MEDIAN, FAR, OUTLIER };  // of Learned::numbers
+// Why `gather` ended: all is done; the first chunk is there, of which Python learns dead band and noise; there is no
+// room for the peaks of the next chunk; or the tails of the noise look heavy: only Python has Student's t, and so the
+// size of an outlier then.
+enum Why : int64_t { ALL_DONE, FIRST_CHUNK, NO_ROOM, HEAVY_TAILS };
+enum Bar : int64_t { VARIANCE, FLOOR, SURE };  // rows of Learned::bars
+enum Number : int64_t { SLOPE, WEIGHT, BAND, CERTAIN, COUNTED, MEDIAN, FAR, OUTLIER };  // of Learned::numbers
 
 struct Learned {
     Matrix<double> bars;
-    Vector<std::int64_t> announced;
+    Vector<int64_t> announced;
     Vector<double> numbers;
     auto fields() { return std::tie(bars, announced, numbers); }
 };
@@ -46,7 +36,7 @@ struct WindowArrays {
     StructureArrays structure;
     Matrix<double> block_sums, block_pairs;
     ScanState state;
-    Vector<const std::int64_t> scales;
+    Integers scales;
     Learned learned;
     auto fields() {
         return std::tie(x, z, good, used, sums, running, structure, block_sums, block_pairs, state, scales, learned);
@@ -54,15 +44,14 @@ struct WindowArrays {
 };
 
 struct WindowSettings {
-    double speed_unit, torque_unit, dead_band, angle_per_x;
-    std::int64_t block_hop, stretch_hop;
+    double speed_unit, torque_unit, angle_per_x;
+    int64_t block_hop, stretch_hop;
     double start_std, prior_mean, prior_std, nominal_slope, outlier;
-    std::int64_t chunk_peaks;
-    bool paper;
+    int64_t chunk_peaks;
     auto fields() {
         return std::tie(
-            speed_unit, torque_unit, dead_band, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
-            nominal_slope, outlier, chunk_peaks, paper);
+            speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
+            nominal_slope, outlier, chunk_peaks);
     }
 };
 
@@ -75,55 +64,32 @@ struct Window : WindowArrays {
     void fields() = delete;  // an object of its own, no tuple
 };
 
-template <typename T>
-Vector<const T> view_of(const std::vector<T>& values) {
-    return {values.data(), {values.size()}};
-}
-
 // ---- noise ----------------------------------------------------------------------------------------------------------
 
-using Noise = std::tuple<Table<double, 1>, Table<double, 1>, Table<double, 1>, Quantiles>;
-
-// Levels and counts of the complete blocks (`quiet_levels`), the variance of each scale's contrast, and the quantiles
-// of the narrowest scale's statistic.
-Noise learn_noise(
-    Matrix<const double> block_sums, Matrix<const double> block_pairs, Matrix<const std::int64_t> histogram,
-    Vector<const std::int64_t> scales, double start_variance) {
-    auto [levels, counts] = quiet_levels(block_sums, block_pairs);
-    auto variances = scale_variances(histogram, scales, start_variance);
-    auto implied = contrast_variances(levels.view(), scales);
-    for (std::int64_t s = 0; s < scales.size(); ++s) {
-        // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
-        variances[s] = std::max(variances[s], LEAST_SHARE * implied[s]);
-    }
-    return {std::move(levels), std::move(counts), std::move(variances), quantiles_of(histogram.row(0))};
-}
-
 // The statistics from which a peak of each scale is sure, and from which it is kept. A tail is known to a factor: twice
-// the largest outlier by chance is sure, half of it is worth keeping. The paper keeps what is sure.
+// the largest outlier by chance is sure, half of it is worth keeping.
 void set_bars(const Window& window, double outlier) {
     const auto& bars = window.learned.bars;
-    for (std::int64_t s = 0; s < window.scales.size(); ++s) {
+    for (int64_t s = 0; s < window.scales.size(); ++s) {
         const double variance = bars(VARIANCE, s);
         if (!std::isfinite(variance)) {
             bars(FLOOR, s) = bars(SURE, s) = INFINITY;
             continue;
         }
         const double by_chance = outlier * outlier / (2.0 * static_cast<double>(window.scales[s]));
-        const double sure = std::max(CONFIRMED_STATISTIC * variance, 4.0 * by_chance);
-        bars(FLOOR, s) = window.by.paper ? sure : std::max(KEPT_STATISTIC * variance, 0.25 * by_chance);
-        bars(SURE, s) = sure;
+        bars(FLOOR, s) = std::max(KEPT_STATISTIC * variance, 0.25 * by_chance);
+        bars(SURE, s) = std::max(CONFIRMED_STATISTIC * variance, 4.0 * by_chance);
     }
 }
 
 // The blocks of the noise that end by `slot`.
-std::int64_t blocks_before(std::int64_t slot, const Window& window) {
-    return pieces_before(slot, BLOCK + LAGS, window.by.block_hop, window.block_sums.extent(0));
+int64_t blocks_before(int64_t slot, const Window& window) {
+    return pieces_before(slot, NOISE_BLOCK + LAGS, window.by.block_hop, window.block_sums.extent(0));
 }
 
 // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise look
 // heavy: then the thresholds, made for Gaussian ones, are to be set again.
-bool refresh(std::int64_t done, const Window& window) {
+bool refresh(int64_t done, const Window& window) {
     const auto whole = [&](Matrix<double> table) -> Matrix<const double> {
         return {table.data, {static_cast<std::size_t>(blocks_before(done, window)), table.shape[1]}};
     };
@@ -131,28 +97,23 @@ bool refresh(std::int64_t done, const Window& window) {
     const auto [levels, counts, variances, quantiles] = learn_noise(
         whole(window.block_sums), whole(window.block_pairs), window.state.histogram, window.scales,
         start_std * start_std);
-    const Vector<const double> variance = variances.view();
+    const Floats variance = variances.view();
     std::copy(variance.begin(), variance.end(), window.learned.bars.row(VARIANCE).begin());
     const auto& numbers = window.learned.numbers;
     std::tie(numbers[COUNTED], numbers[MEDIAN], numbers[FAR]) = quantiles;
-    const bool gaussian = std::isfinite(variance[0]) && !window.by.paper;  // which takes no outlier into account
-    set_bars(window, gaussian ? window.by.outlier * std::sqrt(variance[0]) : 0.0);
-    return gaussian && are_heavy(quantiles, variance[0]);
+    if (!std::isfinite(variance[0])) {
+        set_bars(window, 0.0);
+        return false;
+    }
+    set_bars(window, window.by.outlier * std::sqrt(variance[0]));
+    return are_heavy(quantiles, variance[0]);
 }
 
 // ---- slope ----------------------------------------------------------------------------------------------------------
 
-// The weight of the slope's prior before the window has shown anything of it; NaN: nothing known.
-double first_weight(double noise_std, const WindowSettings& by) {
-    if (std::isnan(by.prior_std)) return SMALLEST_WEIGHT;
-    if (by.paper) return PAPER_WEIGHT;
-    const double deviation = std::max(noise_std, SMALLEST_STD);
-    return deviation * deviation / (by.prior_std * by.prior_std);
-}
-
 // Centre the slope's prior on what the window has shown so far; takes effect with the next slot.
-void learn_slope(std::int64_t slots, const Window& window) {
-    const Vector<const double> variances = window.learned.bars.row(VARIANCE);
+void learn_slope(int64_t slots, const Window& window) {
+    const Floats variances = window.learned.bars.row(VARIANCE);
     double variance = 0.0;
     for (double v : variances) {
         if (std::isfinite(v)) variance = std::max(variance, v);
@@ -161,15 +122,15 @@ void learn_slope(std::int64_t slots, const Window& window) {
     const auto& peaks = window.peaks;
     const auto [index, scale, statistic, jump] = peaks_above(
         peaks.slots, peaks.values, peaks.counters[COUNT_PEAKS], window.scales, variances, CERTAIN_STATISTIC);
-    std::vector<std::int64_t> slot, width;
+    std::vector<int64_t> slot, width;
     for (auto p : order_in_turn(scale.view(), statistic.view())) {
         slot.push_back(index.view()[p]);
         width.push_back(scale.view()[p]);
     }
-    const auto certain = kept_apart(view_of(slot), view_of(width));
-    const std::vector<std::int64_t> exclude(certain.size(), STEP / 4);
+    const auto certain = kept_apart(view(slot), view(width));
+    const std::vector<int64_t> exclude(certain.size(), STEP / 4);
     const auto [slope, error] = slope_within(
-        slots, view_of(certain), view_of(exclude), window.sums, variance, window.by.prior_mean, window.by.prior_std);
+        slots, view(certain), view(exclude), window.sums, variance, window.by.prior_mean, window.by.prior_std);
     if (!std::isfinite(error)) return;
     const double spread = std::max({error, SMALLEST_SLOPE_SPREAD * std::abs(slope), SMALLEST_STD});
     window.learned.numbers[SLOPE] = slope;
@@ -183,26 +144,23 @@ void learn_slope(std::int64_t slots, const Window& window) {
 //
 // In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous friction is
 // anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one for any slope is
-// certain while the window is open; at its close the window's own slope decides. The paper's are reported as they are.
-std::int64_t report_confirmed(const Window& window, std::int64_t told) {
+// certain while the window is open; at its close the window's own slope decides.
+int64_t report_confirmed(const Window& window, int64_t told) {
     const auto& [bars, announced, numbers] = window.learned;
     const auto& peaks = window.peaks;
     const double slope = numbers[SLOPE];
     const double largest = std::max({std::abs(slope), std::abs(window.by.nominal_slope), SMALLEST_SLOPE});
     const double most_slope = ANY_SLOPE * largest;
-    for (std::int64_t row = 0; row < peaks.counters[COUNT_CONFIRMED]; ++row) {
-        const std::int64_t p = peaks.confirmed[row], s = peaks.slots(p, PEAK_SCALE), index = peaks.slots(p, PEAK_INDEX);
-        const std::int64_t w = window.scales[s];
+    for (int64_t row = 0; row < peaks.counters[COUNT_CONFIRMED]; ++row) {
+        const int64_t p = peaks.confirmed[row], s = peaks.slots(p, PEAK_SCALE), index = peaks.slots(p, PEAK_INDEX);
+        const int64_t w = window.scales[s];
         const double variance = bars(VARIANCE, s);
-        double statistic = peaks.values(p, PEAK_STATISTIC), jump = peaks.values(p, PEAK_JUMP);
-        if (!window.by.paper) {
-            const auto near = [&](std::int64_t other) { return std::abs(other - index) <= w; };
-            if (std::any_of(announced.begin(), announced.begin() + STEP, near)) continue;
-            const double weight = std::min(numbers[WEIGHT], variance / (most_slope * most_slope));
-            std::tie(statistic, jump) = contrast(index, w, slope, weight, window.sums);
-            if (!(statistic > bars(SURE, s))) continue;
-            announced[announced[STEP]++ % STEP] = index;
-        }
+        const auto near = [&](int64_t other) { return std::abs(other - index) <= w; };
+        if (std::any_of(announced.begin(), announced.begin() + STEP, near)) continue;
+        const double weight = std::min(numbers[WEIGHT], variance / (most_slope * most_slope));
+        const auto [statistic, jump] = contrast(index, w, slope, weight, window.sums);
+        if (!(statistic > bars(SURE, s))) continue;
+        announced[announced[STEP]++ % STEP] = index;
         const double normalised = statistic / variance;
         peaks.told[told] = index;
         peaks.told_values(0, told) = jump;
@@ -221,21 +179,21 @@ inline unsigned char* bytes(bool* values) { return reinterpret_cast<unsigned cha
 
 // x = |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; x and z are zero where it is not. Returns the
 // number of good slots. Written so that NaN fails.
-VECTORISED std::int64_t normalise(
-    const double* __restrict speed, const double* __restrict torque, const bool* good, std::int64_t n,
-    double speed_unit, double torque_unit, double* __restrict x, double* __restrict z, bool* is_good) {
+VECTORISED int64_t normalise(
+    const double* __restrict speed, const double* __restrict torque, const bool* good, int64_t n, double speed_unit,
+    double torque_unit, double* __restrict x, double* __restrict z, bool* is_good) {
     const double most_speed = LARGEST_VALUE * speed_unit, most_torque = LARGEST_VALUE * torque_unit;
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict fits = bytes(is_good);
-    std::int64_t count = 0;
-    for (std::int64_t k = 0; k < n; ++k) {
-        std::int64_t fit = there[k];
+    int64_t count = 0;
+    for (int64_t k = 0; k < n; ++k) {
+        int64_t fit = there[k];
         fit = std::abs(speed[k]) <= most_speed ? fit : 0;
         fit = std::abs(torque[k]) <= most_torque ? fit : 0;
         fits[k] = static_cast<unsigned char>(fit);
         count += fit;
     }
-    for (std::int64_t k = 0; k < n; ++k) {
+    for (int64_t k = 0; k < n; ++k) {
         const double turning = fits[k] != 0 ? speed[k] : 0.0, friction = fits[k] != 0 ? torque[k] : 0.0;
         x[k] = std::abs(turning) / speed_unit;
         z[k] = static_cast<double>((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
@@ -244,89 +202,41 @@ VECTORISED std::int64_t normalise(
 }
 
 // Mark the slots that are good and turn faster than the dead band.
-VECTORISED void mark_used(const double* __restrict x, const bool* good, double band, std::int64_t n, bool* used) {
+VECTORISED void mark_used(const double* __restrict x, const bool* good, double band, int64_t n, bool* used) {
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict out = bytes(used);
-    for (std::int64_t k = 0; k < n; ++k) {
-        const std::int64_t turns = x[k] >= band ? there[k] : 0;
+    for (int64_t k = 0; k < n; ++k) {
+        const int64_t turns = x[k] >= band ? there[k] : 0;
         out[k] = static_cast<unsigned char>(x[k] > 0.0 ? turns : 0);
     }
 }
 
-void mark_used(const Window& window, std::int64_t start, std::int64_t stop) {
+void mark_used(const Window& window, int64_t start, int64_t stop) {
     mark_used(
         window.x.data + start, window.good.data + start, window.learned.numbers[BAND], stop - start,
         window.used.data + start);
 }
 
-// The median size of the second differences of the good samples; 0 with less than three.
-double median_bend(Vector<const double> x, Vector<const bool> good) {
-    std::vector<double> there;
-    for (std::int64_t k = 0; k < x.size(); ++k) {
-        if (good[k]) there.push_back(x[k]);
-    }
-    if (there.size() < 3) return 0.0;
-    for (std::size_t i = 0; i + 2 < there.size(); ++i) {
-        there[i] = std::abs((there[i + 2] - there[i + 1]) - (there[i + 1] - there[i]));
-    }
-    there.resize(there.size() - 2);
-    return median(view_of(there));
-}
-
-// The median size of the differences of neighbouring used z - slope x; 0 with less than two.
-double median_step(Vector<const double> x, Vector<const double> z, Vector<const bool> used, double slope) {
-    std::vector<double> residual;
-    for (std::int64_t k = 0; k < x.size(); ++k) {
-        if (used[k]) residual.push_back(z[k] - slope * x[k]);
-    }
-    if (residual.size() < 2) return 0.0;
-    for (std::size_t i = 0; i + 1 < residual.size(); ++i) residual[i] = std::abs(residual[i + 1] - residual[i]);
-    residual.pop_back();
-    return median(view_of(residual));
-}
-
-std::int64_t scan_window(const Window& window, std::int64_t start, std::int64_t stop, bool count_bins) {
+int64_t scan_window(const Window& window, int64_t start, int64_t stop, bool count_bins) {
     const auto& [bars, announced, numbers] = window.learned;
     const ScanSettings settings{
-        window.scales, numbers[WEIGHT], numbers[SLOPE], bars.row(FLOOR), bars.row(SURE), window.by.paper};
+        window.scales, numbers[WEIGHT], numbers[SLOPE], bars.row(FLOOR), bars.row(SURE)};
     return scan(
         window.x, window.z, window.used, start, stop, count_bins, settings, window.state, window.peaks,
         window.by.chunk_peaks);
 }
 
-// Learn dead band, weight of the prior and first variances from the slots [0, stop); returns as `refresh`.
-bool begin(std::int64_t stop, const Window& window) {
-    const auto& numbers = window.learned.numbers;
-    // The second difference of a smooth speed is noise, of √6 times its standard deviation.
-    const double bend = median_bend(window.x.slice(0, stop), window.good.slice(0, stop));
-    const double certain = SPEED_NOISES * bend / (NORMAL_MEDIAN * std::sqrt(6.0));
-    numbers[BAND] = std::isnan(window.by.dead_band) ? certain : window.by.dead_band;
-    numbers[CERTAIN] = certain;
-    mark_used(window, 0, stop);
-    double deviation = window.by.start_std;
-    if (std::isnan(deviation)) {
-        const double step = median_step(
-            window.x.slice(0, stop), window.z.slice(0, stop), window.used.slice(0, stop), numbers[SLOPE]);
-        deviation = step / (NORMAL_MEDIAN * std::sqrt(2.0));
-    }
-    numbers[WEIGHT] = first_weight(deviation, window.by);
-    // The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
-    std::fill(window.state.histogram.begin(), window.state.histogram.end(), 0);
-    scan_window(window, 0, stop, true);
-    return refresh(0, window);
-}
-
 // Detect in the slots [start, stop) and add them to all sums, as far as there is room for peaks; returns the end.
-std::int64_t detect(std::int64_t start, std::int64_t stop, const Window& window) {
+int64_t detect(int64_t start, int64_t stop, const Window& window) {
     if (start >= CHUNK) mark_used(window, start, stop);
     const auto& [bars, announced, numbers] = window.learned;
-    const std::int64_t end = scan_window(window, start, stop, start >= CHUNK);
+    const int64_t end = scan_window(window, start, stop, start >= CHUNK);
     find_centre(window.sums, window.running, start, end);
     extend_checkpoints(window.sums, window.running, start, end);
     extend_structure(
         window.x, window.z, window.good, window.used, start, end, numbers[CERTAIN], window.by.angle_per_x,
         window.by.stretch_hop, window.structure);
-    const std::int64_t first = blocks_before(start, window), last = blocks_before(end, window);
+    const int64_t first = blocks_before(start, window), last = blocks_before(end, window);
     if (last > first) {
         block_differences(
             window.x, window.z, window.used, first, last, window.by.block_hop, numbers[SLOPE], numbers[WEIGHT],
@@ -336,31 +246,32 @@ std::int64_t detect(std::int64_t start, std::int64_t stop, const Window& window)
 }
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
-bool is_odd_power(std::int64_t chunks) {
+bool is_odd_power(int64_t chunks) {
     while (chunks > 2) chunks /= 4;
     return chunks == 2;
 }
 
 // Take new slots into a window that holds `filled`, and detect in all that are there, from `done` on. Returns how many
 // are good, where detection ended, how many jumps are reported, and why it ended.
-std::tuple<std::int64_t, std::int64_t, std::int64_t, std::int64_t> gather(
-    const Window& window, Vector<const double> speed, Vector<const double> torque, Vector<const bool> good,
-    std::int64_t filled, std::int64_t done, bool last) {
+std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
+    const Window& window, Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
     const auto& by = window.by;
     const auto& numbers = window.learned.numbers;
     const auto& counters = window.peaks.counters;
-    const std::int64_t n = speed.size();
-    const std::int64_t count = normalise(
+    const int64_t n = speed.size();
+    const int64_t count = normalise(
         speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, window.x.data + filled,
         window.z.data + filled, window.good.data + filled);
-    count_signs(
-        filled, speed, window.good.slice(filled, filled + n), window.structure.signs, window.structure.counts);
+    count_signs(filled, speed, window.good.slice(filled, filled + n), window.structure.signs, window.structure.counts);
     filled += n;
-    std::int64_t told = 0;
-    const std::int64_t ready = last ? filled : filled - filled % STEP;
-    if (std::isnan(numbers[BAND])) {
+    int64_t told = 0;
+    const int64_t ready = last ? filled : filled - filled % STEP;
+    if (std::isnan(numbers[COUNTED])) {
         if (ready < CHUNK && !last) return {count, done, told, ALL_DONE};
-        if (begin(std::min(ready, CHUNK), window)) return {count, done, told, HEAVY_TAILS};
+        if (std::isnan(numbers[BAND])) return {count, done, told, FIRST_CHUNK};
+        // The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
+        scan_window(window, 0, std::min(ready, CHUNK), true);
+        if (refresh(0, window)) return {count, done, told, HEAVY_TAILS};
     }
     if (!std::isnan(numbers[OUTLIER])) {
         set_bars(window, numbers[OUTLIER]);
@@ -370,15 +281,14 @@ std::tuple<std::int64_t, std::int64_t, std::int64_t, std::int64_t> gather(
         if (done % CHUNK == 0 && counters[COUNT_PEAKS] + by.chunk_peaks > window.peaks.slots.extent(0)) {
             return {count, done, told, NO_ROOM};
         }
-        std::int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
+        int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
         while (change <= done) change *= 2;
         done = detect(done, std::min(ready, change), window);
         if (counters[COUNT_CONFIRMED] > 0) told = report_confirmed(window, told);
         if (done == change && done > CHUNK) {
             const bool heavy = refresh(done, window);
-            if (!by.paper && window.running[0] >= static_cast<double>(CHUNK) && is_odd_power(done / CHUNK)) {
-                learn_slope(done, window);
-            }
+            const bool enough = window.running[0] >= static_cast<double>(CHUNK);
+            if (enough && is_odd_power(done / CHUNK)) learn_slope(done, window);
             if (heavy) return {count, done, told, HEAVY_TAILS};
         }
     }
@@ -387,17 +297,16 @@ std::tuple<std::int64_t, std::int64_t, std::int64_t, std::int64_t> gather(
 }  // namespace
 
 void bind_evidence(nanobind::module_& module) {
-    module.attr("CONFIRMED_STATISTIC") = CONFIRMED_STATISTIC;
     module.attr("KEPT_STATISTIC") = KEPT_STATISTIC;
-    module.attr("PAPER_WEIGHT") = PAPER_WEIGHT;
-    const std::pair<const char*, std::int64_t> places[] = {
-        {"ALL_DONE", ALL_DONE}, {"NO_ROOM", NO_ROOM}, {"VARIANCE", VARIANCE}, {"COUNTED", COUNTED}, {"OUTLIER", OUTLIER}};
+    module.attr("SMALLEST_WEIGHT") = SMALLEST_WEIGHT;
+    const std::pair<const char*, int64_t> places[] = {
+        {"ALL_DONE", ALL_DONE}, {"FIRST_CHUNK", FIRST_CHUNK}, {"NO_ROOM", NO_ROOM}, {"VARIANCE", VARIANCE},
+        {"WEIGHT", WEIGHT},     {"COUNTED", COUNTED},         {"OUTLIER", OUTLIER}};
     for (auto [name, place] : places) module.attr(name) = place;
     using nanobind::keep_alive;
     nanobind::class_<Window>(module, "Window")
         .def(nanobind::init<WindowArrays, WindowSettings, PeakArrays>(), keep_alive<1, 2>(), keep_alive<1, 4>());
     kernel(module, "gather", &gather);
-    kernel(module, "learn_noise", &learn_noise);
 }
 
 }  // namespace rwa

@@ -5,12 +5,13 @@ from rwa_monitor.changepoints.evidence import Learned, WindowSettings
 from rwa_monitor.changepoints.running_sums import StructureArrays, SumArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-CONFIRMED_STATISTIC: Final[float]
 KEPT_STATISTIC: Final[float]
-PAPER_WEIGHT: Final[float]
+SMALLEST_WEIGHT: Final[float]
 ALL_DONE: Final[int]
+FIRST_CHUNK: Final[int]
 NO_ROOM: Final[int]
 VARIANCE: Final[int]
+WEIGHT: Final[int]
 COUNTED: Final[int]
 OUTLIER: Final[int]
 
@@ -63,30 +64,8 @@ def gather(
     -------
     tuple[int, int, int, int]
         How many of the new slots are good, where detection ended, how many jumps it reports, see `PeakArrays`, and why
-        it ended: ALL_DONE; NO_ROOM for the peaks of the next chunk; else the tails of the noise look heavy, and
-        `Learned.numbers` is to hold the largest OUTLIER by chance. In the last two cases it is to be called again,
-        without a slot.
-    """
-
-def learn_noise(
-    block_sums: FloatArray,
-    block_pairs: FloatArray,
-    histogram: IntArray,
-    scales: IntArray,
-    start_variance: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
-    """Return what the noise is as far as a window has come.
-
-    Parameters
-    ----------
-    block_sums, block_pairs
-        Of the blocks that are complete, see `block_differences`.
-    histogram, scales, start_variance
-        As for `scale_variances`.
-
-    Returns
-    -------
-    levels, counts, variances, quantiles
-        As `quiet_levels` has them; float64 (S,), the variance of each scale's contrast; and `quantiles_of` the
-        narrowest scale's statistic.
+        it ended: ALL_DONE; FIRST_CHUNK, of which what counts as used is to be marked, and `Learned.numbers` is to hold
+        WEIGHT, dead band and certain speed; NO_ROOM for the peaks of the next chunk; else the tails of the noise look
+        heavy, and `Learned.numbers` is to hold the largest OUTLIER by chance. In all cases but the first it is to be
+        called again, without a slot.
     """

@@ -1,23 +1,20 @@
-#include "friction.hpp"
+// A switching path as a linear model with a Gaussian prior (see rwa_monitor/switching/friction_model.py).
+#include "assignment.hpp"
 
 #include <algorithm>
-#include <cmath>
 
 namespace rwa {
 namespace {
-using std::int64_t;
-
 constexpr double PIVOT_ROUNDING = 0x1p-52;  // of a pivot, relative to the diagonal
 constexpr double LEAST_PIVOT = 1e-60;       // of a coefficient that a wheel file leaves no room for
 constexpr int64_t PANEL = 4;                // columns of a factor
 
-// The linear model of a switching path, with the unknowns base, sojourns, unattributed jumps, and slope: levels,
-// column and laws
-// (see friction.pyi).
-std::tuple<Table<double, 2>, Table<int64_t, 1>, Table<double, 2>> lay_out(
-    const FlatStory& story, Vector<const int64_t> borders, Array<const double, 3> table) {
+// The linear model of a switching path, with the unknowns base, sojourns, unattributed jumps, and slope: levels, column
+// and laws (see friction.pyi).
+std::tuple<Table<double, 2>, NewIntegers, Table<double, 2>> lay_out(
+    const FlatStory& story, Integers borders, Array<const double, 3> table) {
     const auto [configurations, starts, sojourns, unattributed] = story;
-    auto column = Table<int64_t, 1>::full(-1, configurations.size());
+    auto column = NewIntegers::full(-1, configurations.size());
     std::vector<std::array<double, 3>> free;
     for (int64_t s = 0, at = 0; s < sojourns.size(); ++s) {
         for (const int64_t end = at + sojourns[s]; at < end; ++at) {
@@ -63,7 +60,7 @@ VECTORISED void take_panel(Matrix<double> matrix, Matrix<double> panel, int64_t 
 // diagonal block that each row belongs to (beyond the blocks the matrix is zero). `PANEL` columns are finished before
 // they are taken from those beyond, so that a matrix larger than the fastest cache is read less often; each element is
 // still reached by one column after the other.
-double factorise(Matrix<double> matrix, Vector<const int64_t> block, Vector<double> log_pivot) {
+double factorise(Matrix<double> matrix, Integers block, Vector<double> log_pivot) {
     const int64_t size = matrix.extent(0);
     std::vector<double> diagonal(size);
     for (int64_t i = 0; i < size; ++i) diagonal[i] = matrix(i, i);
@@ -91,7 +88,7 @@ double factorise(Matrix<double> matrix, Vector<const int64_t> block, Vector<doub
 }
 
 // The inverse of a Cholesky factor with diagonal blocks, to `lower`, which holds zeros.
-VECTORISED void invert_factor(Matrix<const double> factor, Vector<const int64_t> block, Matrix<double> lower) {
+VECTORISED void invert_factor(Matrix<const double> factor, Integers block, Matrix<double> lower) {
     for (int64_t i = 0; i < factor.extent(0); ++i) {
         double* __restrict row = lower.row(i).data;
         const double pivot = factor(i, i);
@@ -106,7 +103,7 @@ VECTORISED void invert_factor(Matrix<const double> factor, Vector<const int64_t>
 }
 
 // The lower triangle of LᵀL, L in diagonal blocks, to `product`, which holds zeros.
-VECTORISED void square(Matrix<const double> lower, Vector<const int64_t> block, Matrix<double> product) {
+VECTORISED void square(Matrix<const double> lower, Integers block, Matrix<double> product) {
     for (int64_t c = 0; c < lower.extent(0); ++c) {
         const double* __restrict row = lower.row(c).data;
         for (int64_t i = block[c]; i <= c; ++i) {
@@ -119,7 +116,7 @@ VECTORISED void square(Matrix<const double> lower, Vector<const int64_t> block, 
 
 // Write the inverse of a symmetric positive definite matrix, of which the lower triangle is read and destroyed; return
 // its log-determinant, the sum of `log_pivot`.
-double invert(Matrix<double> matrix, Vector<const int64_t> block, Matrix<double> inverse, Vector<double> log_pivot) {
+double invert(Matrix<double> matrix, Integers block, Matrix<double> inverse, Vector<double> log_pivot) {
     const int64_t size = matrix.extent(0);
     const double log_determinant = factorise(matrix, block, log_pivot);
     auto lower = Table<double, 2>::zeros(size, size);
@@ -137,7 +134,7 @@ double invert(Matrix<double> matrix, Vector<const int64_t> block, Matrix<double>
 // covariance, and a case takes it from the state that it chooses.
 struct Prior {
     std::vector<int64_t> part;            // whose state each unknown depends on
-    Table<int64_t, 1> block;              // see `factorise`
+    NewIntegers block;                    // see `factorise`
     Table<double, 2> mean, log_variance;  // (states, unknowns); the logarithm of each pivot of the covariance
     Table<double, 3> precision;           // (states, unknowns, unknowns)
 };
@@ -145,8 +142,8 @@ struct Prior {
 // Mean, and the lower triangle within the blocks of the covariance, with each part in one state: of a factor 1 + a of a
 // system's laws (m, s), with a of N(mean, spread²), the covariance is spread² m mᵀ + (1 + mean)² diag(s²).
 void write_prior(
-    Matrix<const double> state, Matrix<const double> laws, Vector<const double> rest, Vector<const int64_t> block,
-    Vector<double> mean, Matrix<double> covariance) {
+    Matrix<const double> state, Matrix<const double> laws, Floats rest, Integers block, Vector<double> mean,
+    Matrix<double> covariance) {
     const int64_t unknowns = mean.size(), sojourns = laws.extent(1);
     mean[0] = state(0, 0), covariance(0, 0) = state(0, 1) * state(0, 1);
     for (int64_t i = 0; i < sojourns; ++i) {
@@ -165,14 +162,14 @@ void write_prior(
 Prior prior_of_states(const Cases& cases, Matrix<const double> laws, int64_t unknowns) {
     const int64_t states = cases.states.extent(0);
     Prior prior{
-        std::vector<int64_t>(unknowns), Table<int64_t, 1>::zeros(unknowns), Table<double, 2>::zeros(states, unknowns),
+        std::vector<int64_t>(unknowns), NewIntegers::zeros(unknowns), Table<double, 2>::zeros(states, unknowns),
         Table<double, 2>::zeros(states, unknowns), Table<double, 3>::zeros(states, unknowns, unknowns)};
     for (int64_t i = 0; i < unknowns; ++i) prior.block[i] = i;
     for (int64_t i = 0; i < laws.extent(1); ++i) {
         prior.part[1 + i] = 1 + static_cast<int64_t>(laws(0, i));
         if (i > 0 && laws(0, i) == laws(0, i - 1)) prior.block[1 + i] = prior.block[i];
     }
-    const Vector<const int64_t> block = prior.block.view();
+    const Integers block = prior.block.view();
     auto covariance = Table<double, 2>::zeros(unknowns, unknowns);
     for (int64_t state = 0; state < states; ++state) {
         const auto log_variance = prior.log_variance.view().row(state);
@@ -183,7 +180,7 @@ Prior prior_of_states(const Cases& cases, Matrix<const double> laws, int64_t unk
 }
 
 // Write mean, and the lower triangle of the precision, of one case; return its covariance's log-determinant.
-double choose(const Prior& prior, Vector<const int64_t> choice, Vector<double> mean, Matrix<double> precision) {
+double choose(const Prior& prior, Integers choice, Vector<double> mean, Matrix<double> precision) {
     double log_determinant = 0.0;
     for (int64_t i = 0; i < mean.size(); ++i) {
         const int64_t state = choice[prior.part[i]], begin = prior.block.view()[i];
@@ -207,8 +204,7 @@ struct Seen {
 // times the change of the mean. Returns the squared misses of the prior's mean, and the log-determinant with that of the
 // segments' variances.
 std::tuple<double, double> add_segments(
-    const Seen& seen, Vector<const double> mean, Matrix<double> precision, Vector<double> response,
-    double log_determinant) {
+    const Seen& seen, Floats mean, Matrix<double> precision, Vector<double> response, double log_determinant) {
     const auto [levels, moments, variance, scatter] = seen;
     const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
     std::fill(response.begin(), response.end(), 0.0);
@@ -251,12 +247,12 @@ std::tuple<double, double> add_segments(
 // Condition the prior of this mean, precision (destroyed) and covariance's log-determinant on the segments; write mean
 // and covariance of the posterior, return the log evidence.
 double condition_on(
-    const Seen& seen, Vector<const double> mean, Matrix<double> precision, double log_determinant,
-    Vector<double> posterior_mean, Matrix<double> posterior) {
+    const Seen& seen, Floats mean, Matrix<double> precision, double log_determinant, Vector<double> posterior_mean,
+    Matrix<double> posterior) {
     const int64_t unknowns = mean.size();
-    auto response = Table<double, 1>::zeros(unknowns), log_variance = response;
+    auto response = NewFloats::zeros(unknowns), log_variance = response;
     const auto [squares, with_segments] = add_segments(seen, mean, precision, response.view(), log_determinant);
-    const auto whole = Table<int64_t, 1>::zeros(unknowns);
+    const auto whole = NewIntegers::zeros(unknowns);
     log_determinant = with_segments + invert(precision, whole.view(), posterior, log_variance.view());
     double explained = 0.0;
     for (int64_t a = 0; a < unknowns; ++a) {
@@ -278,26 +274,25 @@ double normalise(std::vector<double>& scores) {
 }
 
 double condition(
-    Matrix<const double> levels, Matrix<const double> moments, Vector<const double> mean, Matrix<double> covariance,
-    Vector<const int64_t> block, double variance, double scatter, Vector<double> posterior_mean,
-    Matrix<double> posterior) {
+    Matrix<const double> levels, Matrix<const double> moments, Floats mean, Matrix<double> covariance, Integers block,
+    double variance, double scatter, Vector<double> posterior_mean, Matrix<double> posterior) {
     auto precision = Table<double, 2>::zeros(mean.size(), mean.size());
-    auto log_variance = Table<double, 1>::zeros(mean.size());
+    auto log_variance = NewFloats::zeros(mean.size());
     const double log_determinant = invert(covariance, block, precision.view(), log_variance.view());
     return condition_on(
         {levels, moments, variance, scatter}, mean, precision.view(), log_determinant, posterior_mean, posterior);
 }
 
 // Log evidence, mean, standard deviation, covariance of the mixture of all cases' posteriors; the column of `lay_out`.
-std::tuple<double, Table<double, 1>, Table<double, 1>, Table<double, 2>, Table<int64_t, 1>> solve_cases(
-    const FlatStory& story, Vector<const int64_t> borders, Array<const double, 3> table, Matrix<const double> moments,
+std::tuple<double, NewFloats, NewFloats, Table<double, 2>, NewIntegers> solve_cases(
+    const FlatStory& story, Integers borders, Array<const double, 3> table, Matrix<const double> moments,
     const Cases& cases, double variance, double scatter) {
     auto [levels, column, laws] = lay_out(story, borders, table);
     const int64_t count = cases.choice.extent(0), unknowns = levels.view().extent(1) + 1;
     const Prior prior = prior_of_states(cases, laws.view(), unknowns);
     auto means = Table<double, 2>::zeros(count, unknowns);
     auto covariances = Table<double, 3>::zeros(count, unknowns, unknowns);
-    auto mean = Table<double, 1>::zeros(unknowns), std = mean;
+    auto mean = NewFloats::zeros(unknowns), std = mean;
     auto precision = Table<double, 2>::zeros(unknowns, unknowns), covariance = precision;
     std::vector<double> weights(count);
     for (int64_t c = 0; c < count; ++c) {
@@ -326,14 +321,14 @@ std::tuple<double, Table<double, 1>, Table<double, 1>, Table<double, 2>, Table<i
 }  // namespace
 
 double evidence_of_cases(
-    const FlatStory& story, Vector<const int64_t> borders, Array<const double, 3> table, Matrix<const double> moments,
+    const FlatStory& story, Integers borders, Array<const double, 3> table, Matrix<const double> moments,
     const Cases& cases, double variance, double scatter) {
     auto [levels, column, laws] = lay_out(story, borders, table);
     const int64_t count = cases.choice.extent(0), unknowns = levels.view().extent(1) + 1;
     const Prior prior = prior_of_states(cases, laws.view(), unknowns);
-    auto mean = Table<double, 1>::zeros(unknowns), response = mean, log_variance = mean;
+    auto mean = NewFloats::zeros(unknowns), response = mean, log_variance = mean;
     auto precision = Table<double, 2>::zeros(unknowns, unknowns);
-    const auto whole = Table<int64_t, 1>::zeros(unknowns);
+    const auto whole = NewIntegers::zeros(unknowns);
     std::vector<double> scores(count);
     for (int64_t c = 0; c < count; ++c) {
         const double of_prior = choose(prior, cases.choice.row(c), mean.view(), precision.view());

@@ -6,8 +6,8 @@
 namespace rwa {
 namespace {
 
-constexpr std::int64_t HANGING_SLOTS = 24;     // a value repeated so often in a row: with noise, a chance of 6e-8
-constexpr std::int64_t OUTSTANDING_SLOTS = 3;  // slots that may stand out together, each by the utmost of a wheel
+constexpr int64_t HANGING_SLOTS = 24;     // a value repeated so often in a row: with noise, a chance of 6e-8
+constexpr int64_t OUTSTANDING_SLOTS = 3;  // slots that may stand out together, each by the utmost of a wheel
 constexpr int HANGS = 1, STANDS_OUT = 2;
 // A channel is restless while its second differences change their sign in more than this share of the recent slots:
 // they do so in 73 % with white noise, in 67 % with a random walk, hardly ever in smooth motion without noise.
@@ -18,31 +18,27 @@ constexpr double ROUGHNESS_FACTOR = 6;   // mean steps between neighbours: seven
 constexpr double STEPS_TO_JUDGE = 16;    // before roughness is known well enough
 
 // Whether low ≤ value ≤ high for all; NaN is not.
-VECTORISED bool floats_between(const double* values, std::int64_t n, double low, double high) {
-    std::int64_t count = 0;
-    for (std::int64_t k = 0; k < n; ++k) count += (values[k] >= low) & (values[k] <= high);
-    return count == n;
+template <typename T>
+ALWAYS_INLINE bool between(Vector<const T> values, T low, T high) {
+    int64_t count = 0;
+    for (const T value : values) count += (value >= low) & (value <= high);
+    return count == values.size();
 }
-
-VECTORISED bool times_between(const std::int64_t* values, std::int64_t n, std::int64_t low, std::int64_t high) {
-    std::int64_t count = 0;
-    for (std::int64_t k = 0; k < n; ++k) count += (values[k] >= low) & (values[k] <= high);
-    return count == n;
-}
+VECTORISED bool floats_between(Floats values, double low, double high) { return between(values, low, high); }
+VECTORISED bool times_between(Integers values, int64_t low, int64_t high) { return between(values, low, high); }
 
 // Give samples their slots, as SlotGrid.slot_of, up to a clock step or beyond slot `furthest`; mark which are ahead of
 // all before. Returns how many samples belong to the piece, how many of them are ahead, and how many of those are good.
-std::tuple<std::int64_t, std::int64_t, std::int64_t> assign_slots(
-    Vector<const std::int64_t> time_ns, Vector<const bool> good, std::int64_t origin_ns, std::int64_t period_ns,
-    std::int64_t frontier, std::int64_t furthest, std::int64_t window_slots, bool passed, Vector<std::int64_t> slots,
-    Vector<bool> ahead) {
-    std::int64_t before = frontier - 1, ahead_count = 0, used = 0;
-    for (std::int64_t k = 0; k < time_ns.size(); ++k) {
-        const std::int64_t doubled = 2 * (time_ns[k] - origin_ns) + period_ns;
-        std::int64_t slot = before + 1;  // nearly always: spare the division
-        const std::int64_t beyond = doubled - 2 * period_ns * slot;
+std::tuple<int64_t, int64_t, int64_t> assign_slots(
+    Integers time_ns, Flags good, int64_t origin_ns, int64_t period_ns, int64_t frontier, int64_t furthest,
+    int64_t window_slots, bool passed, Vector<int64_t> slots, Vector<bool> ahead) {
+    int64_t before = frontier - 1, ahead_count = 0, used = 0;
+    for (int64_t k = 0; k < time_ns.size(); ++k) {
+        const int64_t doubled = 2 * (time_ns[k] - origin_ns) + period_ns;
+        int64_t slot = before + 1;  // nearly always: spare the division
+        const int64_t beyond = doubled - 2 * period_ns * slot;
         if (beyond < 0 || beyond >= 2 * period_ns) slot = floor_divide(doubled, 2 * period_ns);
-        const std::int64_t step = slot - before;
+        const int64_t step = slot - before;
         const bool far = std::abs(step) > window_slots;
         if ((far && !passed) || (k > 0 && slot > furthest)) return {k, ahead_count, used};
         slots[k] = slot;
@@ -56,17 +52,17 @@ std::tuple<std::int64_t, std::int64_t, std::int64_t> assign_slots(
 
 // Judge the next slots of a channel, each by the one after it (see screen.Channel); returns whether anything is found.
 bool judge(
-    Vector<const double> values, Vector<const double> following, double limit, Vector<double> state,
-    Vector<std::int8_t> kind, Vector<std::int64_t> since) {
+    Floats values, Floats following, double limit, Vector<double> state, Vector<std::int8_t> kind,
+    Vector<int64_t> since) {
     double* const memory = &state[OUTSTANDING_SLOTS];
     double last = memory[0], step = memory[1], bend = memory[2], restless = memory[3], repeated = memory[4];
     double restless_before = memory[5], rough = memory[6], steps = memory[7];
     double recent[OUTSTANDING_SLOTS];
     std::copy_n(state.data, OUTSTANDING_SLOTS, recent);
-    const auto at = [&](std::int64_t k) { return k < 0 ? recent[k + OUTSTANDING_SLOTS] : values[k]; };
-    const std::int64_t n = values.size();
+    const auto at = [&](int64_t k) { return k < 0 ? recent[k + OUTSTANDING_SLOTS] : values[k]; };
+    const int64_t n = values.size();
     bool found = false;
-    for (std::int64_t k = 0; k < n; ++k) {
+    for (int64_t k = 0; k < n; ++k) {
         const double value = values[k];
         if (std::isnan(value)) continue;
         const double after = following[k], far = limit + ROUGHNESS_FACTOR * rough / std::max(steps, 1.0);
@@ -105,7 +101,7 @@ bool judge(
             found = true;
         }
     }
-    for (std::int64_t i = 0; i < OUTSTANDING_SLOTS; ++i) state[i] = at(n - OUTSTANDING_SLOTS + i);
+    for (int64_t i = 0; i < OUTSTANDING_SLOTS; ++i) state[i] = at(n - OUTSTANDING_SLOTS + i);
     memory[0] = last, memory[1] = step, memory[2] = bend, memory[3] = restless, memory[4] = repeated;
     memory[5] = restless_before, memory[6] = rough, memory[7] = steps;
     return found;
@@ -114,12 +110,8 @@ bool judge(
 }  // namespace
 
 void bind_ingest(nanobind::module_& module) {
-    kernel(module, "all_between", [](Vector<const double> values, double low, double high) {
-        return floats_between(values.data, values.size(), low, high);
-    });
-    kernel(module, "all_between", [](Vector<const std::int64_t> values, std::int64_t low, std::int64_t high) {
-        return times_between(values.data, values.size(), low, high);
-    });
+    kernel(module, "all_between", &floats_between);
+    kernel(module, "all_between", &times_between);
     kernel(module, "assign_slots", &assign_slots);
     kernel(module, "judge", &judge);
     module.attr("HANGING_SLOTS") = HANGING_SLOTS;

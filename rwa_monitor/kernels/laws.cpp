@@ -6,8 +6,6 @@
 
 namespace rwa {
 namespace {
-using std::int64_t;
-
 // ---- sojourns ----
 
 constexpr double SOFT_SHARE = 1e-3;     // of the broad law in every duration law
@@ -17,7 +15,7 @@ constexpr int DOWN = 0, UP = 1;
 
 // See duration_likelihoods.Chain.
 struct Chain {
-    Vector<const double> means, entered, never;
+    Floats means, entered, never;
     Matrix<const double> turn;
     auto fields() { return std::tie(means, entered, never, turn); }
 };
@@ -25,7 +23,7 @@ struct Chain {
 // See duration_likelihoods.FirstSojourn.
 struct Told {
     int64_t configuration;
-    Vector<const double> ends;
+    Floats ends;
     double lasts;
     auto fields() { return std::tie(configuration, ends, lasts); }
 };
@@ -55,7 +53,7 @@ double log_first(double unknown, double told, int64_t q, int64_t configuration) 
 
 // Fill the tables of one system, which hold -inf, from the survivals (Q, points), see laws.pyi.
 void tabulate(
-    Vector<const double> at, int64_t slots, Matrix<const double> survivals, const Chain& chain, const Told& told,
+    Floats at, int64_t slots, Matrix<const double> survivals, const Chain& chain, const Told& told,
     Array<double, 3> jump, Matrix<double> stay, Array<double, 4> missed) {
     const int64_t count = at.size(), configurations = chain.means.size(), pairs = count * (count - 1) / 2;
     for (int64_t q = 0; q < configurations; ++q) {
@@ -94,8 +92,8 @@ void tabulate(
 // The log-probability of a system's sojourns in `configurations`, the later ones begun at the slots `at`; survivals at
 // the durations of those between the first and the last, at these + 1, of the first, and of the last.
 double add_up(
-    Vector<const int64_t> configurations, Vector<const double> at, int64_t slots, Matrix<const double> survivals,
-    const Chain& chain, const Told& told) {
+    Integers configurations, Floats at, int64_t slots, Matrix<const double> survivals, const Chain& chain,
+    const Told& told) {
     const int64_t count = at.size(), between = count - 1, first = configurations[0], last = configurations[count];
     if (count == 0) return log_first(chain.never[first], told.lasts, first, told.configuration);
     const double ended = chain.entered[first] * soft_survival(survivals(first, 2 * between), at[0], chain.means[first]);
@@ -133,9 +131,8 @@ double density_in(double value, double sigma, double low, double high, double so
     return (below((0.5 * width - distance) / sigma) - below((-0.5 * width - distance) / sigma)) / width;
 }
 
-Table<double, 1> band_densities(
-    Vector<const double> value, Vector<const double> std, double low, double high, double soft) {
-    auto density = Table<double, 1>::zeros(value.size());
+NewFloats band_densities(Floats value, Floats std, double low, double high, double soft) {
+    auto density = NewFloats::zeros(value.size());
     for (int64_t i = 0; i < value.size(); ++i) {
         density[i] = density_in(value[i], std::hypot(soft, std[i]), low, high, soft);
     }
@@ -175,7 +172,7 @@ Densities level_density(double value, const Softened& level) {
         (1.0 - stray_share - OTHER_SIZE) * learned + OTHER_SIZE * other + stray_share * stray, inside};
 }
 
-Table<double, 2> level_densities(Vector<const double> value, Vector<const double> std, Vector<const double> numbers) {
+Table<double, 2> level_densities(Floats value, Floats std, Floats numbers) {
     auto densities = Table<double, 2>::zeros(3, value.size());
     for (int64_t i = 0; i < value.size(); ++i) {
         const auto [nominal, anomalous, inside] = level_density(value[i], {std[i], numbers.data});
@@ -191,8 +188,7 @@ bool is_known(int64_t q, double value, double std, Matrix<const double> numbers)
 
 // Nominal and anomalous densities (2, n, offsets) of a system's sojourns with each offset added; 1 where not known.
 Table<double, 3> sojourn_densities(
-    Vector<const int64_t> configuration, Vector<const double> friction, Vector<const double> std,
-    Vector<const double> shift, Matrix<const double> numbers) {
+    Integers configuration, Floats friction, Floats std, Floats shift, Matrix<const double> numbers) {
     auto densities = Table<double, 3>::full(1.0, 2, configuration.size(), shift.size());
     for (int64_t i = 0; i < configuration.size(); ++i) {
         const int64_t q = configuration[i];
@@ -207,9 +203,8 @@ Table<double, 3> sojourn_densities(
 }
 
 // Of each known value: the probability that it lies in no learned band, and its standard deviation over reach.
-std::tuple<Table<double, 1>, Table<double, 1>> strays(
-    Vector<const int64_t> configuration, Vector<const double> value, Vector<const double> std,
-    Matrix<const double> numbers) {
+std::tuple<NewFloats, NewFloats> strays(
+    Integers configuration, Floats value, Floats std, Matrix<const double> numbers) {
     std::vector<double> stray, relative;
     for (int64_t i = 0; i < value.size(); ++i) {
         const int64_t q = configuration[i];
@@ -219,7 +214,7 @@ std::tuple<Table<double, 1>, Table<double, 1>> strays(
         stray.push_back(everything > 0.0 ? std::max(0.0, 1.0 - 0.5 * inside / everything) : 1.0);
         relative.push_back(std[i] / numbers(q, LEVEL_NUMBERS - 1));
     }
-    return {Table<double, 1>::from(std::move(stray)), Table<double, 1>::from(std::move(relative))};
+    return {NewFloats::from(std::move(stray)), NewFloats::from(std::move(relative))};
 }
 }  // namespace
 

@@ -7,11 +7,9 @@
     DO(effects)           \
     DO(torque_balance)    \
     DO(ingest)            \
-    DO(order_statistics)  \
     DO(running_sums)      \
     DO(wglr)              \
     DO(noise)             \
-    DO(outliers)          \
     DO(structure)         \
     DO(evidence)          \
     DO(changepoints)      \
@@ -19,10 +17,8 @@
     DO(segments)          \
     DO(laws)              \
     DO(friction)          \
-    DO(estimation)        \
     DO(assignment)        \
     DO(chain_decoding)    \
-    DO(adequacy)          \
     DO(state_space)
 
 namespace rwa {

@@ -10,6 +10,8 @@ KEPT_MEAN: Final[float]
 JUMPED: Final[float]
 JUMPED_RATE: Final[float]
 MOST_JUMPED: Final[float]
+CHI_MEDIAN: Final[float]
+GAUSSIAN_RATIO: Final[float]
 
 def lean(measured: float, borrowed: float, independent: float) -> float:
     """Return a scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's."""
@@ -77,10 +79,31 @@ def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     nothing is known.
     """
 
-def combine(
-    levels: FloatArray, counts: FloatArray, scales: IntArray, variances: FloatArray, samples: int
-) -> tuple[float, FloatArray, float]:
-    """Return the fields of the `NoiseEstimate` where there are blocks; parameters as those of `estimate_noise`."""
+def quantiles_of(counts: IntArray) -> tuple[float, float, float]:
+    """Return how many statistics a scale's histogram, int64 (BINS,), holds, their median and their 99.5 % quantile."""
 
-def mean_variance_factors(count: FloatArray, autocovariance: FloatArray, long_run_factor: float) -> FloatArray:
-    """See `mean_variance_factor`; float64 (n,)."""
+def are_heavy(quantiles: tuple[float, float, float], variance: float) -> bool:
+    """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.estimate_outliers`."""
+
+def learn_noise(
+    block_sums: FloatArray,
+    block_pairs: FloatArray,
+    histogram: IntArray,
+    scales: IntArray,
+    start_variance: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
+    """Return what the noise is as far as a window has come.
+
+    Parameters
+    ----------
+    block_sums, block_pairs
+        Of the blocks that are complete, see `block_differences`.
+    histogram, scales, start_variance
+        As for `scale_variances`.
+
+    Returns
+    -------
+    levels, counts, variances, quantiles
+        As `quiet_levels` has them; float64 (S,), the variance of each scale's contrast; and `quantiles_of` the
+        narrowest scale's statistic.
+    """

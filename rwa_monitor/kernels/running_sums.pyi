@@ -1,5 +1,8 @@
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -15,8 +18,45 @@ def extend_checkpoints(arrays: SumArrays, running: FloatArray, start: int, stop:
     `running`, float64 (6,), are the centred sums over [0, start); over [0, stop) afterwards.
     """
 
-def range_moments(start: IntArray, stop: IntArray, slots: int, arrays: SumArrays, out: FloatArray) -> int:
+def range_moments(start: IntArray, stop: IntArray, slots: int, arrays: SumArrays, out: FloatArray) -> bool:
     """Write the statistics of each range [start, stop), int64 (m,), not centred, to `out`, float64 (6, m).
 
-    Returns the samples read, or -1 if a slot lies outside [0, slots].
+    Returns whether all slots lie in [0, slots].
+    """
+
+def slope_within(
+    slots: int,
+    index: IntArray,
+    exclude: IntArray,
+    sums: SumArrays,
+    variance: float,
+    prior_mean: float,
+    prior_std: float,
+) -> tuple[float, float]:
+    """Return the shared slope and its standard deviation from the slots so far, see `estimation.estimate`.
+
+    Parameters
+    ----------
+    slots, sums
+        Length of the window so far, and its running sums.
+    index
+        int64 (m,), changepoints, ascending.
+    exclude
+        int64 (m,), slots left out on each side of each changepoint (Δk_error of the paper). At least half of every
+        interval stays: it gives at most a quarter of its slots at each end, and all count where no other is used.
+    variance
+        Of the noise in the long run.
+    prior_mean, prior_std
+        Of the slope; NaN where nothing is known.
+    """
+
+def cut(
+    size: int, blocks: int, index: IntArray, slope: float, sums: SumArrays
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, NDArray[np.uint8]]:
+    """Return n, x, friction, residual, interval and usable of `estimation.Blocks`; `index` are the changepoints."""
+
+def lagged_products(value: FloatArray, interval: IntArray, intervals: int, first: int, lags: int) -> FloatArray:
+    """Return Σ value_k value_{k+lag} of the pairs within each interval, lags from `first` on; (intervals, lags).
+
+    `value` and `interval`, int64, are (n,), in the order of the intervals.
     """

@@ -10,10 +10,10 @@ namespace rwa {
 namespace {
 
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
-constexpr std::int64_t COARSE_FROM = 2000;  // samples from which jumps are first looked for between blocks
-constexpr std::int64_t BLOCK = 4;           // samples to a block
-constexpr std::int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
-constexpr std::int64_t ROOM = 64;           // pieces: more are hardly ever alive
+constexpr int64_t COARSE_FROM = 2000;  // samples from which jumps are first looked for between blocks
+constexpr int64_t BLOCK = 4;           // samples to a block
+constexpr int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
+constexpr int64_t ROOM = 64;           // pieces: more are hardly ever alive
 constexpr double ROOM_TO_JUMPS = 2.0;       // penalties above the least cost where DeCAFS first cuts the cost off
 
 // On [edge, edge of the next) the least cost is a μ² - 2 b μ + c, that of a last jump at `jump`.
@@ -21,7 +21,7 @@ struct Piece {
     double a, b, c, edge;
     double at_edge;  // the envelope there
     double least;    // within the piece
-    std::int64_t jump;
+    int64_t jump;
 };
 
 // The least cost of all partitions as a function of the last level μ: pieces [begin, end) with room on both sides, so
@@ -29,7 +29,7 @@ struct Piece {
 struct Envelope {
     double low, high;
     std::vector<Piece> pieces, spare;
-    std::int64_t begin, end;
+    int64_t begin, end;
 
     Envelope(double lowest, double highest)
         : low(lowest), high(highest), pieces(ROOM), begin(ROOM / 2), end(ROOM / 2 + 1) {
@@ -39,9 +39,9 @@ struct Envelope {
 };
 
 void make_room(Envelope& envelope) {
-    const std::int64_t count = envelope.end - envelope.begin;
-    if (envelope.begin > 0 && envelope.end + 2 < static_cast<std::int64_t>(envelope.pieces.size())) return;
-    const std::int64_t room = std::max(ROOM, 4 * count), at = (room - count) / 2;
+    const int64_t count = envelope.end - envelope.begin;
+    if (envelope.begin > 0 && envelope.end + 2 < static_cast<int64_t>(envelope.pieces.size())) return;
+    const int64_t room = std::max(ROOM, 4 * count), at = (room - count) / 2;
     envelope.spare.assign(room, Piece{});
     std::copy_n(&envelope.pieces[envelope.begin], count + 1, &envelope.spare[at]);
     envelope.pieces.swap(envelope.spare);
@@ -67,13 +67,13 @@ const Piece& add_sample(Envelope& envelope, double value, double weight) {
 }
 
 // `cap` where the parts above the ceiling may lie anywhere: all pieces are laid anew.
-void cap_anywhere(Envelope& envelope, double ceiling, std::int64_t t) {
-    const std::int64_t count = envelope.end - envelope.begin, room = std::max(ROOM, 6 * count);  // each may become three
+void cap_anywhere(Envelope& envelope, double ceiling, int64_t t) {
+    const int64_t count = envelope.end - envelope.begin, room = std::max(ROOM, 6 * count);  // each may become three
     envelope.spare.assign(room, Piece{});
-    const std::int64_t start = room / 4;
+    const int64_t start = room / 4;
     Piece* const first = &envelope.spare[start];
     Piece* next = first;
-    for (std::int64_t i = envelope.begin; i < envelope.end; ++i) {
+    for (int64_t i = envelope.begin; i < envelope.end; ++i) {
         const Piece& old = envelope.pieces[i];
         const double left = old.edge, right = envelope.pieces[i + 1].edge;
         double keep_left = left, keep_right = right;
@@ -108,7 +108,7 @@ void cap_anywhere(Envelope& envelope, double ceiling, std::int64_t t) {
 
 // Take the minimum of the envelope and a constant: parts above the ceiling belong to a last jump at t from now on. What
 // lies below is nearly always one stretch in the middle; its pieces stay in place.
-void cap(Envelope& envelope, double ceiling, std::int64_t t) {
+void cap(Envelope& envelope, double ceiling, int64_t t) {
     Piece* const pieces = envelope.pieces.data();
     Piece* first = pieces + envelope.begin;
     Piece* final = pieces + envelope.end - 1;  // first and last of those below the ceiling somewhere
@@ -138,44 +138,44 @@ void cap(Envelope& envelope, double ceiling, std::int64_t t) {
 
 // The mean of each block of samples of the sum of rows, and how many samples it has.
 VECTORISED void block_means(
-    const Matrix<const double>& running, const Vector<const double>& factors, std::int64_t block,
-    std::vector<double>& means, std::vector<double>& weights) {
-    const std::int64_t size = running.extent(1) - 1, count = (size + block - 1) / block;
+    const Matrix<const double>& running, const Floats& factors, int64_t block, std::vector<double>& means,
+    std::vector<double>& weights) {
+    const int64_t size = running.extent(1) - 1, count = (size + block - 1) / block;
     means.assign(count, 0.0);
     weights.assign(count, static_cast<double>(block));
     weights[count - 1] = static_cast<double>(size - (count - 1) * block);
     double* __restrict mean = means.data();
-    for (std::int64_t row = 0; row < factors.size(); ++row) {
+    for (int64_t row = 0; row < factors.size(); ++row) {
         const double* __restrict sums = &running(row, 0);
         const double factor = factors[row];
-        for (std::int64_t i = 0; i < count - 1; ++i) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
+        for (int64_t i = 0; i < count - 1; ++i) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
         mean[count - 1] += factor * (sums[size] - sums[(count - 1) * block]);
     }
-    for (std::int64_t i = 0; i < count; ++i) mean[i] /= weights[i];
+    for (int64_t i = 0; i < count; ++i) mean[i] /= weights[i];
 }
 
 // Jumps between the ends of the sequence, and the running sum of the sum of rows at each of both.
 struct Edges {
-    std::vector<std::int64_t> at;
+    std::vector<int64_t> at;
     std::vector<double> sums;
-    std::int64_t count() const { return static_cast<std::int64_t>(at.size()) - 2; }
+    int64_t count() const { return static_cast<int64_t>(at.size()) - 2; }
 };
 
-double sum_until(const Matrix<const double>& running, const Vector<const double>& factors, std::int64_t index) {
+double sum_until(const Matrix<const double>& running, const Floats& factors, int64_t index) {
     double total = 0.0;
-    for (std::int64_t row = 0; row < factors.size(); ++row) total += factors[row] * running(row, index);
+    for (int64_t row = 0; row < factors.size(); ++row) total += factors[row] * running(row, index);
     return total;
 }
 
 // Move each jump, in order, to the best sample around it.
-void move_jumps(const Matrix<const double>& running, const Vector<const double>& factors, Edges& edges) {
+void move_jumps(const Matrix<const double>& running, const Floats& factors, Edges& edges) {
     auto& [at, sums] = edges;
-    for (std::int64_t i = 1; i <= edges.count(); ++i) {
-        const std::int64_t before = at[i - 1], after = at[i + 1];
-        const std::int64_t last = std::min(at[i] + REFINE, after - 1);
+    for (int64_t i = 1; i <= edges.count(); ++i) {
+        const int64_t before = at[i - 1], after = at[i + 1];
+        const int64_t last = std::min(at[i] + REFINE, after - 1);
         double best = -std::numeric_limits<double>::infinity(), at_best = sums[i];
-        std::int64_t place = at[i];
-        for (std::int64_t k = std::max(at[i] - REFINE, before + 1); k <= last; ++k) {
+        int64_t place = at[i];
+        for (int64_t k = std::max(at[i] - REFINE, before + 1); k <= last; ++k) {
             const double until = sum_until(running, factors, k);
             const double left = until - sums[i - 1], right = sums[i + 1] - until;
             const double explained =
@@ -191,9 +191,9 @@ void move_jumps(const Matrix<const double>& running, const Vector<const double>&
 bool drop_jumps(Edges& edges, double penalty) {
     auto& [at, sums] = edges;
     for (bool dropped = false;; dropped = true) {
-        std::int64_t weakest = 0;
+        int64_t weakest = 0;
         double least = penalty;
-        for (std::int64_t i = 1; i <= edges.count(); ++i) {
+        for (int64_t i = 1; i <= edges.count(); ++i) {
             const auto n1 = static_cast<double>(at[i] - at[i - 1]), n2 = static_cast<double>(at[i + 1] - at[i]);
             const double step = (sums[i + 1] - sums[i]) / n2 - (sums[i] - sums[i - 1]) / n1;
             const double worth = step * step * n1 * n2 / (n1 + n2);
@@ -208,15 +208,15 @@ bool drop_jumps(Edges& edges, double penalty) {
 // On [edge, edge of the next) the least cost is bend (μ - centre)² + least, that of the jumps of one history.
 struct Parabola {
     double bend, centre, least, edge;
-    std::int64_t history;
+    int64_t history;
 };
 using Parabolas = std::vector<Parabola>;  // of one function, from left to right
 
 // A history is its last jump and the history before that.
 struct Jump {
-    std::int64_t at, before;
+    int64_t at, before;
 };
-constexpr std::int64_t NO_JUMP = -1, UNKNOWN = -2;
+constexpr int64_t NO_JUMP = -1, UNKNOWN = -2;
 
 // The step from sample k - 1 to k: μ' and μ cost (value + φ μ' - μ)² / v, value = z_k - φ z_{k-1}, beside
 // min((μ - μ')² / q, penalty).
@@ -341,16 +341,15 @@ const Parabola& least_in(const Parabolas& parts) {
 
 // `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
 // is found costs no more than the best, so it is the best where its own history is known.
-std::optional<std::vector<std::int64_t>> decafs_within(
-    const Vector<const double>& z, const Vector<const double>& phi, const Vector<const double>& v, double q,
-    double penalty, double room) {
+std::optional<std::vector<int64_t>> decafs_within(
+    const Floats& z, const Floats& phi, const Floats& v, double q, double penalty, double room) {
     std::vector<Jump> jumps;
     Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITE, NO_JUMP}}, moved, walk, jump;
-    const auto history = [&](std::int64_t at, std::int64_t before) {
+    const auto history = [&](int64_t at, int64_t before) {
         jumps.push_back({at, before});
-        return static_cast<std::int64_t>(jumps.size()) - 1;
+        return static_cast<int64_t>(jumps.size()) - 1;
     };
-    for (std::int64_t k = 1; k < z.size(); ++k) {
+    for (int64_t k = 1; k < z.size(); ++k) {
         const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k], q};
         const Parabola best = least_in(cost);
         if (slope_of(step) < 0.0) std::reverse(cost.begin(), cost.end());
@@ -369,8 +368,8 @@ std::optional<std::vector<std::int64_t>> decafs_within(
         for (Parabola& p : jump) p.history = history(k, p.history);
         least_of(walk, jump, constant, cost);
     }
-    std::vector<std::int64_t> found;
-    std::int64_t last = least_in(cost).history;
+    std::vector<int64_t> found;
+    int64_t last = least_in(cost).history;
     for (; last >= 0; last = jumps[last].before) found.push_back(jumps[last].at);
     if (last == UNKNOWN) return {};
     std::reverse(found.begin(), found.end());
@@ -380,41 +379,38 @@ std::optional<std::vector<std::int64_t>> decafs_within(
 }  // namespace
 
 // The jumps of weighted values: FPOP.
-Table<std::int64_t, 1> fpop(Vector<const double> z, Vector<const double> weight, double penalty) {
-    std::vector<std::int64_t> found;
+NewIntegers fpop(Floats z, Floats weight, double penalty) {
+    std::vector<int64_t> found;
     const double low = *std::min_element(z.begin(), z.end()), high = *std::max_element(z.begin(), z.end());
     if (low == high) return {};  // no level but one
     Envelope envelope(low, high);
-    std::vector<std::int64_t> last(z.size() + 1);
-    for (std::int64_t t = 1; t <= z.size(); ++t) {
+    std::vector<int64_t> last(z.size() + 1);
+    for (int64_t t = 1; t <= z.size(); ++t) {
         make_room(envelope);
         const Piece& best = add_sample(envelope, z[t - 1], weight[t - 1]);
         last[t] = best.jump;
         cap(envelope, best.least + penalty, t);
     }
-    for (std::int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
+    for (int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
     std::reverse(found.begin(), found.end());
-    return Table<std::int64_t, 1>::from(std::move(found));
+    return NewIntegers::from(std::move(found));
 }
 
 // The jumps of a level that walks at random and jumps, in autoregressive noise: DeCAFS (Romano et al., J. Am. Stat.
 // Assoc. 117, 2022). Each history's cost is one parabola in μ, so that both of a step's minima over μ' are exact.
-Table<std::int64_t, 1> decafs(
-    Vector<const double> z, Vector<const double> correlation, Vector<const double> innovation_variance,
-    double walk_variance, double penalty) {
+NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, double walk_variance, double penalty) {
     for (double room = ROOM_TO_JUMPS * penalty;; room *= 2.0) {
         auto found = decafs_within(z, correlation, innovation_variance, walk_variance, penalty, room);
-        if (found) return Table<std::int64_t, 1>::from(std::move(*found));
+        if (found) return NewIntegers::from(std::move(*found));
     }
 }
 
 // The jumps of a sum of rows, each times its factor, from the rows' running sums; long ones between blocks, each jump
 // then moved to its best sample, and the second dropped of two that framed one block with a jump in it.
-Table<std::int64_t, 1> segment_sums(Matrix<const double> running, Vector<const double> factors, double penalty) {
-    const std::int64_t n = running.extent(1) - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
+NewIntegers segment_sums(Matrix<const double> running, Floats factors, double penalty) {
+    const int64_t n = running.extent(1) - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
     std::vector<double> means, weights;
     block_means(running, factors, block, means, weights);
-    const auto view = [](const auto& values) { return Vector<const double>{values.data(), {values.size()}}; };
     auto jumps = fpop(view(means), view(weights), penalty);
     if (block == 1) return jumps;
     Edges edges{{0}, {}};
@@ -425,21 +421,21 @@ Table<std::int64_t, 1> segment_sums(Matrix<const double> running, Vector<const d
         move_jumps(running, factors, edges);
         if (!drop_jumps(edges, penalty)) break;
     }
-    return Table<std::int64_t, 1>::from({edges.at.begin() + 1, edges.at.end() - 1});
+    return NewIntegers::from({edges.at.begin() + 1, edges.at.end() - 1});
 }
 
 // The first block of each straight line but the first, of running sums (6, blocks + 1) of 1, x, z, xx, xz, zz: optimal
 // partitioning (Jackson et al., IEEE Signal Processing Letters 12, 2005) with the pruning of PELT (Killick et al.,
 // J. Am. Stat. Assoc. 107, 2012).
-Table<std::int64_t, 1> optimal_lines(Matrix<const double> sums, double penalty) {
-    const std::int64_t count = sums.extent(1) - 1;
+NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
+    const int64_t count = sums.extent(1) - 1;
     std::vector<double> best(count + 1, -penalty), costs(count + 1);
-    std::vector<std::int64_t> previous(count + 1), alive{0}, found;
-    for (std::int64_t j = 1; j <= count; ++j) {
+    std::vector<int64_t> previous(count + 1), alive{0}, found;
+    for (int64_t j = 1; j <= count; ++j) {
         double least = std::numeric_limits<double>::infinity();
         for (std::size_t k = 0; k < alive.size(); ++k) {
-            const std::int64_t i = alive[k];
-            const auto between = [&](std::int64_t row) { return sums(row, j) - sums(row, i); };
+            const int64_t i = alive[k];
+            const auto between = [&](int64_t row) { return sums(row, j) - sums(row, i); };
             const double n = between(0), x = between(1), z = between(2);
             const double xx = between(3) - x * x / n, xz = between(4) - x * z / n, zz = between(5) - z * z / n;
             costs[k] = best[i] + std::max(zz - (xx > 0.0 ? xz * xz / xx : 0.0), 0.0);
@@ -453,17 +449,17 @@ Table<std::int64_t, 1> optimal_lines(Matrix<const double> sums, double penalty) 
         alive.resize(left);
         alive.push_back(j);
     }
-    for (std::int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
+    for (int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
     std::reverse(found.begin(), found.end());
-    return Table<std::int64_t, 1>::from(std::move(found));
+    return NewIntegers::from(std::move(found));
 }
 
 // The running sums x, z, xx, xz, zz, (5, n): what every detection of changepoints must do, for the benchmark.
-void five_sums(Vector<const double> x, Vector<const double> z, Matrix<double> out) {
+void five_sums(Floats x, Floats z, Matrix<double> out) {
     double sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0, szz = 0.0;
     double* __restrict row[5];
     for (int i = 0; i < 5; ++i) row[i] = &out(i, 0);
-    for (std::int64_t k = 0; k < x.size(); ++k) {
+    for (int64_t k = 0; k < x.size(); ++k) {
         const double u = x[k], v = z[k];
         row[0][k] = sx += u;
         row[1][k] = sz += v;

@@ -1,35 +1,27 @@
-#include "segments.hpp"
+// Levels between candidates (see rwa_monitor/switching/segments.py).
+#include "assignment.hpp"
+#include "detection.hpp"
 
-#include "running_sums.hpp"
-
-#include <algorithm>
-#include <cmath>
 
 namespace rwa {
 namespace {
-using std::int64_t;
-
 constexpr double PREFERENCE = 1e-6;     // log-likelihood of a slot nearer to the detected one: decides ties in gaps
 constexpr double LEVEL_SCATTER = 0.15;  // of levels that should be equal, in standard deviations of a sample's noise
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
-std::vector<Sums> prefixes(Vector<const int64_t> nodes, const SumArrays& sums) {
+std::vector<Sums> prefixes(Integers nodes, const SumArrays& sums) {
     std::vector<Sums> prefix;
     for (const int64_t slot : nodes) prefix.push_back(prefix_moments(slot, sums));
     return prefix;
 }
 
 // The sufficient statistics between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
-Table<double, 3> pair_moments(Vector<const int64_t> nodes, const SumArrays& sums) {
-    const int64_t count = nodes.size(), plane = count * count;
+Table<double, 3> pair_moments(Integers nodes, const SumArrays& sums) {
+    const int64_t count = nodes.size();
     auto table = Table<double, 3>::zeros(6, count, count);
     const auto prefix = prefixes(nodes, sums);
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
-            const Sums sum = moments_between(prefix[i], prefix[j], sums.centre);
-            double* at = &table.values[i * count + j];
-            at[0] = sum.n, at[plane] = sum.x, at[2 * plane] = sum.z;
-            at[3 * plane] = sum.xx, at[4 * plane] = sum.xz, at[5 * plane] = sum.zz;
+            moments_between(prefix[i], prefix[j], sums.centre).write(&table(0, i, j), count * count);
         }
     }
     return table;
@@ -38,7 +30,7 @@ Table<double, 3> pair_moments(Vector<const int64_t> nodes, const SumArrays& sums
 // The slope that the segments between consecutive nodes share beside their own levels, and its information (inverse
 // variance), with a Gaussian prior.
 std::tuple<double, double> shared_slope(
-    Array<const double, 3> pairs, Vector<const int64_t> nodes, double variance, double prior_mean, double prior_std) {
+    Array<const double, 3> pairs, Integers nodes, double variance, double prior_mean, double prior_std) {
     const double weight = variance / (prior_std * prior_std);
     double sxx = weight, sxz = weight * prior_mean;
     for (int64_t i = 0; i + 1 < nodes.size(); ++i) {
@@ -52,10 +44,10 @@ std::tuple<double, double> shared_slope(
 
 // Size and variance of the jump at each candidate, between the accepted nodes beside it; 0 and inf beside a segment
 // without samples. The variance holds that of both means, of their slope, and of levels that are not quite constant.
-std::tuple<Table<double, 1>, Table<double, 1>> jumps_of(
-    Array<const double, 3> pairs, Vector<const int64_t> nodes, double slope, double information, double variance) {
+std::tuple<NewFloats, NewFloats> jumps_of(
+    Array<const double, 3> pairs, Integers nodes, double slope, double information, double variance) {
     const int64_t count = pairs.extent(1) - 2;
-    auto jump = Table<double, 1>::zeros(count), spread = Table<double, 1>::full(INFINITE, count);
+    auto jump = NewFloats::zeros(count), spread = NewFloats::full(INFINITE, count);
     const double scatter = LEVEL_SCATTER * LEVEL_SCATTER * variance;
     int64_t place = 1;  // of the first accepted node at or after the candidate
     for (int64_t at = 1; at <= count; ++at) {
@@ -81,13 +73,12 @@ double squared_error(const Sums& sum, double slope) {
 // The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `range`: it charges
 // each level log(range √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
 Table<double, 2> fit_table(Array<const double, 3> pairs, double slope, double variance, double range) {
-    const int64_t count = pairs.extent(1), plane = count * count;
+    const int64_t count = pairs.extent(1);
     const double log_range = std::log(range);
     auto table = Table<double, 2>::zeros(count, count);
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
-            const double* at = &pairs(0, i, j);
-            const Sums sum{at[0], at[plane], at[2 * plane], at[3 * plane], at[4 * plane], at[5 * plane]};
+            const Sums sum = Sums::read(&pairs(0, i, j), count * count);
             if (!(sum.n > 0.0)) continue;
             const double charge = log_range - 0.5 * std::log(2.0 * M_PI * variance / sum.n);
             table(i, j) = -squared_error(sum, slope) / (2.0 * variance) - std::max(charge, 0.0);
@@ -98,10 +89,9 @@ Table<double, 2> fit_table(Array<const double, 3> pairs, double slope, double va
 
 // Each inner node moved to the slot within its reach, and no further than half way to a neighbour, that splits the two
 // intervals beside it best.
-Table<int64_t, 1> refine_nodes(
-    Vector<const int64_t> nodes, Vector<const int64_t> reach, double slope, double variance, const SumArrays& sums) {
+NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double variance, const SumArrays& sums) {
     const int64_t count = nodes.size() - 2;
-    auto refined = Table<int64_t, 1>::zeros(count);
+    auto refined = NewIntegers::zeros(count);
     const auto prefix = prefixes(nodes, sums);
     for (int64_t i = 0; i < count; ++i) {
         const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
@@ -121,7 +111,7 @@ Table<int64_t, 1> refine_nodes(
 }
 }  // namespace
 
-Table<double, 2> chain_of(Array<const double, 3> pairs, Vector<const int64_t> nodes) {
+Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes) {
     auto chain = Table<double, 2>::zeros(pairs.extent(0), nodes.size() - 1);
     for (int64_t k = 0; k < pairs.extent(0); ++k) {
         for (int64_t i = 0; i + 1 < nodes.size(); ++i) chain(k, i) = pairs(k, nodes[i], nodes[i + 1]);

@@ -53,12 +53,11 @@ struct Covariance {
 // of `gains` (n, 4) becomes 1/√S_k, 0 at a jump, the gains of l and a, and φ^gap. Returns Σ log S_k of the same samples
 // without jumps: that of the covariance.
 double filter_gains(
-    Vector<const double> sign, Vector<const double> drift, Vector<const std::int64_t> gap,
-    Vector<const std::int64_t> jumps, const NoiseLaw& law, Matrix<double> gains) {
+    Floats sign, Floats drift, Integers gap, Integers jumps, const NoiseLaw& law, Matrix<double> gains) {
     Covariance jumping, smooth;
     double log_determinant = 0.0, power = law.correlation, unused_l, unused_a;
-    std::int64_t last_gap = 1, next = 0;
-    for (std::int64_t k = 0; k < gap.size(); ++k) {
+    int64_t last_gap = 1, next = 0;
+    for (int64_t k = 0; k < gap.size(); ++k) {
         if (gap[k] == 0) {
             jumping.begin(law.coloured, drift[k]);
             smooth.begin(law.coloured, drift[k]);
@@ -84,14 +83,12 @@ double filter_gains(
 }
 
 // Whiten P rows from row j on together: their recursions wait for themselves, not for each other.
-template <std::int64_t P>
-void whiten_rows(
-    Matrix<double> columns, Vector<const double> sign, Vector<const std::int64_t> gap, Matrix<const double> gains,
-    std::int64_t j) {
+template <int64_t P>
+void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains, int64_t j) {
     double l[P] = {}, a[P] = {};
-    for (std::int64_t k = 0; k < columns.extent(1); ++k) {
+    for (int64_t k = 0; k < columns.extent(1); ++k) {
         const double s = sign[k], scale = gains(k, 0), kl = gains(k, 1), ka = gains(k, 2), power = gains(k, 3);
-        for (std::int64_t i = 0; i < P; ++i) {
+        for (int64_t i = 0; i < P; ++i) {
             double& y = columns(j + i, k);
             a[i] = gap[k] == 0 ? 0.0 : power * a[i];
             if (gap[k] == 0) l[i] = 0.0;
@@ -109,9 +106,8 @@ void whiten_rows(
 }
 
 // Replace each row of `columns` (p, n), friction or a regressor, by its innovations over their standard deviations.
-void whiten(
-    Matrix<double> columns, Vector<const double> sign, Vector<const std::int64_t> gap, Matrix<const double> gains) {
-    std::int64_t j = 0;
+void whiten(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains) {
+    int64_t j = 0;
     for (; j + 4 <= columns.extent(0); j += 4) whiten_rows<4>(columns, sign, gap, gains, j);
     for (; j < columns.extent(0); ++j) whiten_rows<1>(columns, sign, gap, gains, j);
 }

@@ -1,16 +1,14 @@
-#include "structure.hpp"
-
-#include <algorithm>
-#include <cmath>
+// Direction, dead band and wheel angle beside the running sums (see rwa_monitor/changepoints/running_sums.py).
+#include "detection.hpp"
 
 namespace rwa {
 namespace {
-constexpr std::int64_t BLOCK = 64;  // slots of a block: a multiple of STRIDE, so that its statistics read no sample
+constexpr int64_t BLOCK = 64;  // slots of a block: a multiple of STRIDE, so that its statistics read no sample
 // Stretches in which the friction is compared with the angle: long enough that a ripple of half the noise's standard
 // deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
 // coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
-constexpr std::int64_t STRETCH = 256;
-constexpr std::int64_t SIDE = 16;  // √STRETCH
+constexpr int64_t STRETCH = 256;
+constexpr int64_t SIDE = 16;  // √STRETCH
 // A tachometer's dead zone: readings of exactly zero, then the first other one lies further off than the speed's noise
 // and than the next ones from each other. With coarse quantisation they do not; a reading of zero from full speed is a fault
 // of telemetry.
@@ -36,8 +34,8 @@ constexpr double COSINE_TERMS[] = {1.0 / 20922789888000.0, -1.0 / 87178291200.0,
 // the last digit within an eighth of a turn of the nearest quarter; what the quarters' own rounding adds is below 1e-16
 // of the angle.
 VECTORISED void rotations(
-    const double* __restrict angle, std::int64_t n, double* __restrict cosine, double* __restrict sine) {
-    for (std::int64_t k = 0; k < n; ++k) {
+    const double* __restrict angle, int64_t n, double* __restrict cosine, double* __restrict sine) {
+    for (int64_t k = 0; k < n; ++k) {
         const double quarters = std::rint(angle[k] * (2.0 / PI));
         const double r = (angle[k] - quarters * QUARTER_HIGH) - quarters * QUARTER_LOW;
         const double y = r * r;
@@ -56,8 +54,8 @@ VECTORISED void rotations(
 
 // The sum of each column of (SIDE, SIDE), all columns side by side and no addition after all.
 inline void add_up_columns(const double* square, double* sums) {
-    for (std::int64_t c = 0; c < SIDE; ++c) {
-        const auto at = [&](std::int64_t row) { return square[row * SIDE + c]; };
+    for (int64_t c = 0; c < SIDE; ++c) {
+        const auto at = [&](int64_t row) { return square[row * SIDE + c]; };
         sums[c] = (((at(0) + at(1)) + (at(2) + at(3))) + ((at(4) + at(5)) + (at(6) + at(7)))) +
                   (((at(8) + at(9)) + (at(10) + at(11))) + ((at(12) + at(13)) + (at(14) + at(15))));
     }
@@ -65,11 +63,10 @@ inline void add_up_columns(const double* square, double* sums) {
 
 // 2|Σ e exp(ihθ)|² / Σ e² of each harmonic h, e the friction of a stretch less a straight line in time; harmonics
 // slower than SLOWEST_TURNS are left as they are.
-VECTORISED void ripple_power(
-    const double* x, const double* z, double angle_per_x, double* power, std::int64_t harmonics) {
+VECTORISED void ripple_power(const double* x, const double* z, double angle_per_x, double* power, int64_t harmonics) {
     constexpr double MIDDLE = 0.5 * (STRETCH - 1);
     double mean = 0.0, tilt = 0.0, spread = 0.0;
-    for (std::int64_t k = 0; k < STRETCH; ++k) {
+    for (int64_t k = 0; k < STRETCH; ++k) {
         const double time = static_cast<double>(k) - MIDDLE;
         mean += z[k];
         tilt += time * z[k];
@@ -79,20 +76,20 @@ VECTORISED void ripple_power(
     tilt /= spread;
     double angle[STRETCH], c[STRETCH], s[STRETCH], real[STRETCH], imaginary[STRETCH];
     angle[0] = 0.0;
-    for (std::int64_t k = 1; k < STRETCH; ++k) angle[k] = angle[k - 1] + 0.5 * (x[k - 1] + x[k]) * angle_per_x;
+    for (int64_t k = 1; k < STRETCH; ++k) angle[k] = angle[k - 1] + 0.5 * (x[k - 1] + x[k]) * angle_per_x;
     rotations(angle, STRETCH, c, s);
     double energy = 0.0;
-    for (std::int64_t k = 0; k < STRETCH; ++k) {
+    for (int64_t k = 0; k < STRETCH; ++k) {
         const double e = z[k] - mean - tilt * (static_cast<double>(k) - MIDDLE);
         energy += e * e;
         real[k] = e * c[k];
         imaginary[k] = e * s[k];
     }
-    for (std::int64_t h = 0; h < harmonics; ++h) {
+    for (int64_t h = 0; h < harmonics; ++h) {
         double real_sums[SIDE], imaginary_sums[SIDE];
         add_up_columns(real, real_sums);
         add_up_columns(imaginary, imaginary_sums);
-        for (std::int64_t k = 0; k < STRETCH; ++k) {  // all turn on by one more harmonic
+        for (int64_t k = 0; k < STRETCH; ++k) {  // all turn on by one more harmonic
             const double turned = real[k] * c[k] - imaginary[k] * s[k];
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k];
             real[k] = turned;
@@ -100,7 +97,7 @@ VECTORISED void ripple_power(
         const double turns = static_cast<double>(h + 1) * angle[STRETCH - 1] / (2.0 * PI * (STRETCH - 1));
         if (std::abs(turns - std::rint(turns)) < SLOWEST_TURNS) continue;
         double r = 0.0, i = 0.0;
-        for (std::int64_t column = 0; column < SIDE; ++column) {
+        for (int64_t column = 0; column < SIDE; ++column) {
             r += real_sums[column];
             i += imaginary_sums[column];
         }
@@ -110,8 +107,8 @@ VECTORISED void ripple_power(
 
 // Runs of zeros, and those that end in a gap. `state` (5,), carried from piece to piece: zeros in a row, the first and
 // the second reading after them, zero runs and plateaus so far.
-void find_plateaus(Vector<const double> x, Vector<const bool> good, double certain, Vector<double> state) {
-    for (std::int64_t k = 0; k < x.size(); ++k) {
+void find_plateaus(Floats x, Flags good, double certain, Vector<double> state) {
+    for (int64_t k = 0; k < x.size(); ++k) {
         if (state[0] == 0.0 && x[k] != 0.0) continue;
         if (good[k] && x[k] == 0.0) {
             state[0] += 1.0;
@@ -134,29 +131,27 @@ void find_plateaus(Vector<const double> x, Vector<const bool> good, double certa
 }
 
 // Without branches, many slots at once.
-bool differ(const bool* first, const bool* second, std::int64_t n) {
+bool differ(const bool* first, const bool* second, int64_t n) {
     unsigned char apart = 0;
-    for (std::int64_t k = 0; k < n; ++k) apart |= static_cast<unsigned char>(first[k] ^ second[k]);
+    for (int64_t k = 0; k < n; ++k) apart |= static_cast<unsigned char>(first[k] ^ second[k]);
     return apart;
 }
-VECTORISED bool hold_zero(const double* values, std::int64_t n) {
-    std::int64_t found = 0;
-    for (std::int64_t k = 0; k < n; ++k) found += values[k] == 0.0;
+VECTORISED bool hold_zero(const double* values, int64_t n) {
+    int64_t found = 0;
+    for (int64_t k = 0; k < n; ++k) found += values[k] == 0.0;
     return found > 0;
 }
 }  // namespace
 
 // Add the good slots, and those forward less those backward, to their blocks; `first` is the slot of the first one.
-VECTORISED void count_signs(
-    std::int64_t first, Vector<const double> speed, Vector<const bool> good, Vector<std::int64_t> signs,
-    Vector<std::int64_t> counts) {
+VECTORISED void count_signs(int64_t first, Floats speed, Flags good, Vector<int64_t> signs, Vector<int64_t> counts) {
     const double* __restrict turning = speed.data;
     const auto* __restrict there = reinterpret_cast<const unsigned char*>(good.data);  // else not vectorised
-    for (std::int64_t start = 0; start < speed.size();) {
-        const std::int64_t block = (first + start) / BLOCK, stop = std::min((block + 1) * BLOCK - first, speed.size());
-        std::int64_t count = 0, forward = 0;
+    for (int64_t start = 0; start < speed.size();) {
+        const int64_t block = (first + start) / BLOCK, stop = std::min((block + 1) * BLOCK - first, speed.size());
+        int64_t count = 0, forward = 0;
         for (; start < stop; ++start) {
-            const std::int64_t is_good = there[start];
+            const int64_t is_good = there[start];
             count += is_good;
             forward += turning[start] > 0.0 ? is_good : 0;
         }
@@ -167,13 +162,12 @@ VECTORISED void count_signs(
 
 // Add the slots [start, stop), which follow those added before, to the samples near zero, the plateaus and the ripple.
 void extend_structure(
-    Vector<const double> x, Vector<const double> z, Vector<const bool> good, Vector<const bool> used,
-    std::int64_t start, std::int64_t stop, double certain, double angle_per_x, std::int64_t hop,
-    const StructureArrays& arrays) {
-    for (std::int64_t first = start; first < stop;) {
-        const std::int64_t block = first / BLOCK, end = std::min((block + 1) * BLOCK, stop), n = end - first;
+    Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain, double angle_per_x,
+    int64_t hop, const StructureArrays& arrays) {
+    for (int64_t first = start; first < stop;) {
+        const int64_t block = first / BLOCK, end = std::min((block + 1) * BLOCK, stop), n = end - first;
         if (differ(&good[first], &used[first], n)) {  // in few blocks, as the next
-            for (std::int64_t k = first; k < end; ++k) {
+            for (int64_t k = first; k < end; ++k) {
                 if (!good[k] || used[k] || !(x[k] > certain)) continue;
                 arrays.near_zero(0, block) += 1.0;
                 arrays.near_zero(1, block) += x[k];
@@ -186,17 +180,17 @@ void extend_structure(
         }
         first = end;
     }
-    const std::int64_t most = arrays.ripple.extent(0);
-    for (std::int64_t stretch = pieces_before(start, STRETCH, hop, most);
+    const int64_t most = arrays.ripple.extent(0);
+    for (int64_t stretch = pieces_before(start, STRETCH, hop, most);
          stretch < pieces_before(stop, STRETCH, hop, most); ++stretch) {
-        const std::int64_t from = stretch * hop;
+        const int64_t from = stretch * hop;
         if (std::all_of(&used[from], &used[from] + STRETCH, [](bool taken) { return taken; })) {
             ripple_power(&x[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.extent(1));
         }
     }
 }
 
-void cosines_and_sines(Vector<const double> angle, Vector<double> cosine, Vector<double> sine) {
+void cosines_and_sines(Floats angle, Vector<double> cosine, Vector<double> sine) {
     rotations(angle.data, angle.size(), cosine.data, sine.data);
 }
 

@@ -1,5 +1,6 @@
-#include "order_statistics.hpp"
+#include "arrays.hpp"
 
+#include <cmath>
 #include <limits>
 
 namespace rwa {
@@ -7,26 +8,25 @@ namespace {
 
 constexpr double DOUBT_STDS = 1.0;  // of derived friction's noise: an error that is known to this much can be taken out
 constexpr double OVER_NOISE = 4.0;  // standard deviations of the torque's own noise, or of derived friction's
-constexpr std::int64_t FEWEST_DIFFERENCES = 5;  // of the torque, that show its noise
-constexpr std::int64_t IN_A_STEP = 4;           // fourth differences that a step of the torque is in
-constexpr std::int64_t MANY_DIFFERENCES = 13;   // so many that those hardly move the median: a window of 17 slots
+constexpr int64_t FEWEST_DIFFERENCES = 5;  // of the torque, that show its noise
+constexpr int64_t IN_A_STEP = 4;           // fourth differences that a step of the torque is in
+constexpr int64_t MANY_DIFFERENCES = 13;   // so many that those hardly move the median: a window of 17 slots
 constexpr double MOVES_THE_ROTOR = 0.5;  // share of a step of torque that the speed must show: between none and all
 constexpr double CLEAR_STDS = 3.0;       // by which that share must be above none: one slot in a thousand of noise
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
-// How much of a shape a speed holds beside a line, its standard deviation, that of what is left, the line's slope.
+// How much of a shape a speed holds beside a polynomial, its standard deviation, that of what is left.
 struct Share {
-    double share = 0.0, std = INFINITE, left_over = 0.0, slope = 0.0;
+    double share = 0.0, std = INFINITE, left_over = 0.0;
 };
 
 // Fill in `result` where the parabola through the samples that are left determines the slope well enough.
-void bridge(
-    Vector<const double> speed, Vector<double> result, std::int64_t half, double period_s, double max_variance_ratio) {
+void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, double max_variance_ratio) {
     const double full = (half * (half + 1) * (2 * half + 1)) / 3.0;  // Σ j² of a whole stencil: 1 / variance
-    for (std::int64_t k = half; k < speed.size() - half; ++k) {
+    for (int64_t k = half; k < speed.size() - half; ++k) {
         if (!std::isnan(result[k]) || std::isnan(speed[k])) continue;
         double n = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0, s4 = 0.0, y = 0.0, jy = 0.0, jjy = 0.0;
-        for (std::int64_t i = -half; i <= half; ++i) {
+        for (int64_t i = -half; i <= half; ++i) {
             const double value = speed[k + i] - speed[k], j = static_cast<double>(i);
             if (std::isnan(value)) continue;
             n += 1.0, s1 += j, s2 += j * j, s3 += j * j * j, s4 += j * j * j * j;
@@ -44,17 +44,17 @@ void bridge(
 
 // The noise of a torque from the median of its fourth differences, which a step or a bend hardly moves. In a narrow
 // window a step is in as many of them as not: those over the largest step are left out there.
-double noise_of(Vector<const double> torque, std::vector<double>& differences) {
-    const std::int64_t n = torque.size();
+double noise_of(Floats torque, std::vector<double>& differences) {
+    const int64_t n = torque.size();
     const bool narrow = n - IN_A_STEP < MANY_DIFFERENCES;
     double largest = -1.0;
-    std::int64_t at = -1, known = 0;
-    for (std::int64_t i = 0; narrow && i < n - 1; ++i) {
+    int64_t at = -1, known = 0;
+    for (int64_t i = 0; narrow && i < n - 1; ++i) {
         const double step = std::abs(torque[i + 1] - torque[i]);
         if (step > largest) largest = step, at = i;
     }
     differences.clear();
-    for (std::int64_t i = 0; i < n - 4; ++i) {
+    for (int64_t i = 0; i < n - 4; ++i) {
         const double outer = torque[i + 4] + torque[i], inner = torque[i + 3] + torque[i + 1];
         const double difference = std::abs(outer - 4.0 * inner + 6.0 * torque[i + 2]);
         if (std::isnan(difference)) continue;
@@ -68,47 +68,35 @@ double noise_of(Vector<const double> torque, std::vector<double>& differences) {
 
 // The error that the least-squares parabola through a torque makes, and its std; zeros where some is NaN.
 // Of a torque c·j² at slot j the filter's average is c·Σ W_i·(i² + (i + 1)²), and its value is 0.
-std::pair<double, double> error_of_parabola(Vector<const double> torque, Vector<const double> weights) {
-    const std::int64_t half = weights.size();
+std::pair<double, double> error_of_parabola(Floats torque, Floats weights) {
+    const int64_t half = weights.size();
     const double n = static_cast<double>(torque.size()), mean_square = (half * (half + 1)) / 3.0;  // of j
     double level = 0.0, slope = 0.0, curvature = 0.0, squares = 0.0, spread = 0.0, average = 0.0;
-    for (std::int64_t i = -half; i <= half; ++i) {
+    for (int64_t i = -half; i <= half; ++i) {
         const double j = static_cast<double>(i), off_mean = j * j - mean_square;
         const double value = torque[half + i] - torque[half];
         level += value, slope += j * value, curvature += off_mean * value;
         squares += value * value, spread += off_mean * off_mean;
     }
-    for (std::int64_t i = 0; i < half; ++i) average += weights[i] * static_cast<double>(i * i + (i + 1) * (i + 1));
+    for (int64_t i = 0; i < half; ++i) average += weights[i] * static_cast<double>(i * i + (i + 1) * (i + 1));
     if (std::isnan(curvature) || n < 5.0) return {0.0, 0.0};
     const double left =
         squares - level * level / n - slope * slope / (n * mean_square) - curvature * curvature / spread;
     return {-average * curvature / spread, average * std::sqrt(std::max(left, 0.0) / (n - 3.0) / spread)};
 }
 
-Share share_of(Vector<const double> shape, Vector<const double> speed) {
-    const std::int64_t middle = shape.size() / 2;
-    double n = 0.0, j1 = 0.0, j2 = 0.0, s0 = 0.0, s1 = 0.0, v0 = 0.0, v1 = 0.0;
-    for (std::int64_t i = 0; i < shape.size(); ++i) {
+// The slope of the least-squares line through those samples of a speed that are there, the one in the middle among them.
+double slope_of(Floats speed) {
+    const int64_t middle = speed.size() / 2;
+    double n = 0.0, j1 = 0.0, j2 = 0.0, v0 = 0.0, v1 = 0.0;
+    for (int64_t i = 0; i < speed.size(); ++i) {
         const double value = speed[i] - speed[middle], j = static_cast<double>(i - middle);
         if (std::isnan(value)) continue;
         n += 1.0, j1 += j, j2 += j * j;
-        s0 += shape[i], s1 += j * shape[i];
         v0 += value, v1 += j * value;
     }
     const double determinant = n * j2 - j1 * j1;
-    if (n < 4.0 || determinant <= 0.0) return {};
-    const double shape_slope = (n * s1 - j1 * s0) / determinant, shape_level = (j2 * s0 - j1 * s1) / determinant;
-    const double slope = (n * v1 - j1 * v0) / determinant, level = (j2 * v0 - j1 * v1) / determinant;
-    double cross = 0.0, energy = 0.0, total = 0.0;
-    for (std::int64_t i = 0; i < shape.size(); ++i) {
-        const double value = speed[i] - speed[middle], j = static_cast<double>(i - middle);
-        if (std::isnan(value)) continue;
-        const double bent = shape[i] - shape_level - shape_slope * j, beside = value - level - slope * j;
-        cross += bent * beside, energy += bent * bent, total += beside * beside;
-    }
-    if (energy <= 0.0) return {0.0, INFINITE, 0.0, slope};
-    const double left_over = std::sqrt(std::max(total - cross * cross / energy, 0.0) / (n - 3.0));
-    return {cross / energy, left_over / std::sqrt(energy), left_over, slope};
+    return n < 4.0 || determinant <= 0.0 ? 0.0 : (n * v1 - j1 * v0) / determinant;
 }
 
 double dot(const std::vector<double>& a, const std::vector<double>& b) {
@@ -123,51 +111,54 @@ void project_out(const std::vector<double>& unit, std::vector<double>& values) {
     for (std::size_t i = 0; i < unit.size(); ++i) values[i] -= amount * unit[i];
 }
 
-// How much of a shape a speed holds beside a cubic, and its standard deviation.
-Share share_beside_cubic(Vector<const double> shape, Vector<const double> speed) {
+// How much of a shape a speed holds beside a polynomial of this degree.
+Share share_beside(int degree, Floats shape, Floats speed) {
     std::vector<double> place, bent, beside;
     double origin = 0.0;
-    for (std::int64_t i = 0; i < speed.size(); ++i) {
+    for (int64_t i = 0; i < speed.size(); ++i) {
         if (std::isnan(speed[i])) continue;
         if (place.empty()) origin = speed[i];
         place.push_back((i - 0.5 * (shape.size() - 1)) / shape.size());
         bent.push_back(shape[i]);
         beside.push_back(speed[i] - origin);
     }
-    if (place.size() < 6) return {};
-    std::array<std::vector<double>, 4> powers;  // orthonormal
-    for (int degree = 0; degree < 4; ++degree) {
-        auto& power = powers[degree];
-        for (double p : place) power.push_back(std::pow(p, degree));
-        for (int lower = 0; lower < degree; ++lower) project_out(powers[lower], power);
+    const double freedom = static_cast<double>(place.size()) - degree - 2.0;
+    if (freedom < 1.0) return {};
+    std::vector<std::vector<double>> powers;  // orthonormal
+    for (int exponent = 0; exponent <= degree; ++exponent) {
+        std::vector<double> power;
+        for (double p : place) power.push_back(std::pow(p, exponent));
+        for (const auto& lower : powers) project_out(lower, power);
         const double length = std::sqrt(dot(power, power));
         for (auto& value : power) value /= length;
         project_out(power, bent);
         project_out(power, beside);
+        powers.push_back(std::move(power));
     }
     const double energy = dot(bent, bent);
     if (energy <= 0.0) return {};
     const double share = dot(bent, beside) / energy;
     for (std::size_t i = 0; i < bent.size(); ++i) beside[i] -= share * bent[i];
-    return {share, std::sqrt(dot(beside, beside) / (static_cast<double>(place.size()) - 5.0) / energy)};
+    const double left_over = std::sqrt(dot(beside, beside) / freedom);
+    return {share, left_over / std::sqrt(energy), left_over};
 }
 
 // Set by how much derived friction is wrong where the derivative rounds off a bend of the speed: see the Python
 // function. `least_Nm` is NaN where the wheel's nominal friction is not known; then it is a share of friction itself.
 void rounding_error(
-    Vector<const double> speed, Vector<const double> torque, Vector<const double> weights, double per_torque,
-    double noise_gain, double least_Nm, double least_share, std::int64_t reach, bool soft, Vector<double> error) {
-    const std::int64_t half = weights.size(), n = speed.size();
+    Floats speed, Floats torque, Floats weights, double per_torque, double noise_gain, double least_Nm,
+    double least_share, int64_t reach, bool soft, Vector<double> error) {
+    const int64_t half = weights.size(), n = speed.size();
     std::vector<double> shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
     const Vector<double> bend{shape.data(), {shape.size()}};
     differences.reserve(2 * half + 1);
-    for (std::int64_t k = half; k < n - half; ++k) {
+    for (int64_t k = half; k < n - half; ++k) {
         const double here = torque[k];
         if (std::isnan(here) || std::isnan(speed[k])) continue;
         const double* const t = torque.data + k;
-        const Vector<const double> near_torque = torque.slice(k - half, k + half + 1);
+        const Floats near_torque = torque.slice(k - half, k + half + 1);
         double off = 0.0, slope = 0.0;  // the torque less its average, by trapezoids; its mean step from slot to slot
-        for (std::int64_t i = 0; i < half; ++i) {
+        for (int64_t i = 0; i < half; ++i) {
             const double far = t[i + 1] + t[-i - 1], near = t[i] + t[-i], steps = t[i + 1] - t[i] + t[-i] - t[-i - 1];
             if (std::isnan(steps)) continue;
             off += weights[i] * (2.0 * here - 0.5 * (far + near));
@@ -175,15 +166,14 @@ void rounding_error(
         }
         // Where between its two samples a step of torque acts is not known: half a slot to either side.
         double doubt = 0.0;
-        for (std::int64_t i = 0; i < half; ++i) {
+        for (int64_t i = 0; i < half; ++i) {
             const double right = t[i + 1] - t[i], left = t[-i] - t[-i - 1];
             if (std::isnan(right + left)) continue;
             doubt = std::max(doubt, 0.5 * weights[i] * std::max(std::abs(right - slope), std::abs(left - slope)));
         }
         double enough = least_Nm;
         if (std::isnan(least_Nm)) {
-            const auto near_speed = speed.slice(k - half, k + half + 1);
-            enough = least_share * std::abs(here - off - share_of(near_speed, near_speed).slope / per_torque);
+            enough = least_share * std::abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
         }
         if (std::abs(off) + doubt <= enough) continue;
         const double noise = noise_of(near_torque, differences);
@@ -194,22 +184,22 @@ void rounding_error(
             std::tie(off, doubt) = error_of_parabola(near_torque, weights);
             if (std::abs(off) <= std::max(enough, OVER_NOISE * doubt)) continue;
         }
-        const std::int64_t aside = std::min({reach, k, n - 1 - k});
+        const int64_t aside = std::min({reach, k, n - 1 - k});
         bend[aside] = 0.0;
-        for (std::int64_t i = 0; i < aside; ++i) {
+        for (int64_t i = 0; i < aside; ++i) {
             const double right = 0.5 * (t[i] + t[i + 1]) - here, left = 0.5 * (t[-i] + t[-i - 1]) - here;
             bend[aside + i + 1] = bend[aside + i] + (std::isnan(right) ? 0.0 : per_torque * right);
             bend[aside - i - 1] = bend[aside - i] - (std::isnan(left) ? 0.0 : per_torque * left);
         }
         const auto bent = bend.slice(0, 2 * aside + 1);
         const auto around = speed.slice(k - aside, k + aside + 1);
-        const Share line = share_of(bent, around);
+        const Share line = share_beside(1, bent, around);
         if (line.share <= std::max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
         bool known = doubt <= std::max(enough, DOUBT_STDS * noise_gain * line.left_over);
         if (soft && known && std::abs(off) > OVER_NOISE * std::max(noise, noise_gain * line.left_over)) {
             // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
             // which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.
-            const Share cubic = share_beside_cubic(bent, around);
+            const Share cubic = share_beside(3, bent, around);
             known = cubic.share > std::max(MOVES_THE_ROTOR, CLEAR_STDS * cubic.std);
         }
         error[k] = known ? off : std::numeric_limits<double>::quiet_NaN();

@@ -1,45 +1,45 @@
-#include "wglr.hpp"
+// The windowed generalised likelihood ratio at several scales, and its peaks (see wglr.pyi).
+#include "detection.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <cstring>
 #include <limits>
 #include <memory>
 
 namespace rwa {
 namespace {
+constexpr int64_t STRETCH = 512;   // slots that are evaluated in one go at most; a multiple of STEP
+constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
 constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
 
 // Extend the prefix sums of a chunk by its slots [start, stop); they begin anew where start is the chunk's first slot.
 void fill_prefix(
-    Matrix<double> prefix, Vector<const double> x, Vector<const double> z, Vector<const bool> used, std::int64_t chunk,
-    std::int64_t start, std::int64_t stop, double slope) {
-    std::int64_t begin = start;
-    const std::int64_t earliest = std::max<std::int64_t>(0, chunk - HISTORY);
+    Matrix<double> prefix, Floats x, Floats z, Flags used, int64_t chunk, int64_t start, int64_t stop, double slope) {
+    int64_t begin = start;
+    const int64_t earliest = std::max<int64_t>(0, chunk - HISTORY);
     if (start == chunk) {
         begin = earliest;
-        for (std::int64_t row = 0; row < PREFIXES; ++row) {
+        for (int64_t row = 0; row < PREFIXES; ++row) {
             std::fill_n(&prefix(row, 0), HISTORY + begin - chunk + 1, 0.0);
         }
     }
     // The centre is the first used sample that the sums of this chunk may hold.
     double x_centre = 0.0, z_centre = 0.0;
-    for (std::int64_t k = earliest; k < stop; ++k) {
+    for (int64_t k = earliest; k < stop; ++k) {
         if (used[k]) {
             x_centre = x[k];
             z_centre = z[k];
             break;
         }
     }
-    const std::int64_t column = HISTORY + begin - chunk;
+    const int64_t column = HISTORY + begin - chunk;
     double* __restrict n_out = &prefix(0, column);
     double* __restrict x_out = &prefix(1, column);
     double* __restrict e_out = &prefix(2, column);
     double* __restrict xx_out = &prefix(3, column);
     double* __restrict xe_out = &prefix(4, column);
     double n = *n_out, sx = *x_out, se = *e_out, sxx = *xx_out, sxe = *xe_out;
-    for (std::int64_t k = begin; k < stop; ++k) {
+    for (int64_t k = begin; k < stop; ++k) {
         if (used[k]) {
             const double u = x[k] - x_centre;
             const double e = (z[k] - z_centre) - slope * u;
@@ -53,40 +53,19 @@ void fill_prefix(
     }
 }
 
-// `evaluate` where every slot is used: the operations of the other, so that it does not matter.
-VECTORISED void evaluate_unmasked(
-    const double* prefix, std::int64_t width, std::int64_t count, std::int64_t w, double weight,
-    double* __restrict statistic, double* __restrict jump) {
-    const double* __restrict x = prefix + width - w;  // at the middle
-    const double* __restrict e = x + width;
-    const double* __restrict xx = e + width;
-    const double* __restrict xe = xx + width;
-    const double share = 1.0 / static_cast<double>(w);
-    for (std::int64_t j = 0; j < count; ++j) {
-        const double xl = x[j] - x[j - w], xr = x[j + w] - x[j];
-        const double el = e[j] - e[j - w], er = e[j + w] - e[j];
-        const double dx = xr * share - xl * share;
-        const double spread = (xx[j + w] - xx[j - w]) - xl * (xl * share) - xr * (xr * share);
-        const double tilt = (xe[j + w] - xe[j - w]) - xl * (el * share) - xr * (er * share);
-        const double inverse = 1.0 / (std::max(spread, 0.0) + weight);
-        const double difference = (er * share - el * share) - dx * (tilt * inverse);
-        jump[j] = difference;
-        statistic[j] = difference * difference / (share + share + dx * dx * inverse);
-    }
-}
-
-// `evaluate` where slots are masked.
-VECTORISED void evaluate_masked(
-    const double* prefix, std::int64_t width, std::int64_t count, std::int64_t w, double weight,
-    double* __restrict statistic, double* __restrict jump) {
+// `evaluate`; where every slot is used the counts need not be read, and the operations are the same.
+template <bool AllUsed>
+ALWAYS_INLINE void evaluate_slots(
+    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* __restrict statistic,
+    double* __restrict jump) {
     const double* __restrict n = prefix - w;  // at the middle
     const double* __restrict x = n + width;
     const double* __restrict e = x + width;
     const double* __restrict xx = e + width;
     const double* __restrict xe = xx + width;
-    const double need = std::max(1.0, 0.5 * static_cast<double>(w));
-    for (std::int64_t j = 0; j < count; ++j) {
-        const double nl = n[j] - n[j - w], nr = n[j + w] - n[j];
+    const double all = static_cast<double>(w), need = std::max(1.0, 0.5 * all);
+    for (int64_t j = 0; j < count; ++j) {
+        const double nl = AllUsed ? all : n[j] - n[j - w], nr = AllUsed ? all : n[j + w] - n[j];
         const double left_share = 1.0 / std::max(nl, 1.0), right_share = 1.0 / std::max(nr, 1.0);
         const double xl = x[j] - x[j - w], xr = x[j + w] - x[j];
         const double el = e[j] - e[j - w], er = e[j + w] - e[j];
@@ -97,33 +76,39 @@ VECTORISED void evaluate_masked(
         const double difference = (er * right_share - el * left_share) - dx * (tilt * inverse);
         jump[j] = difference;
         const double value = difference * difference / (left_share + right_share + dx * dx * inverse);
-        statistic[j] = (nl >= need) & (nr >= need) ? value : NOT_EVALUATED;
+        statistic[j] = AllUsed || ((nl >= need) & (nr >= need)) ? value : NOT_EVALUATED;
     }
+}
+VECTORISED void evaluate_unmasked(
+    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* statistic, double* jump) {
+    evaluate_slots<true>(prefix, width, count, w, weight, statistic, jump);
+}
+VECTORISED void evaluate_masked(
+    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* statistic, double* jump) {
+    evaluate_slots<false>(prefix, width, count, w, weight, statistic, jump);
 }
 
 // Statistic and jump of one scale at neighbouring slots, `column` the first one's end k + w; NOT_EVALUATED where a half
 // has fewer than max(1, w/2) used samples.
 void evaluate(
-    Matrix<const double> prefix, std::int64_t column, std::int64_t w, double weight, Vector<double> statistic,
+    Matrix<const double> prefix, int64_t column, int64_t w, double weight, Vector<double> statistic,
     Vector<double> jump) {
-    const std::int64_t count = statistic.size();
+    const int64_t count = statistic.size();
     const double* at = &prefix(0, column);
     const bool all_used = at[count - 1] - at[-2 * w] == static_cast<double>(2 * w + count - 1);
-    (all_used ? evaluate_unmasked : evaluate_masked)(
-        at, prefix.extent(1), count, w, weight, statistic.data, jump.data);
+    (all_used ? evaluate_unmasked : evaluate_masked)(at, prefix.extent(1), count, w, weight, statistic.data, jump.data);
 }
 
 // Whether any value is above the floor.
-VECTORISED bool exceeds(const double* values, std::int64_t count, double floor) {
-    std::int64_t above = 0;
-    for (std::int64_t j = 0; j < count; ++j) above |= values[j] > floor;
+VECTORISED bool exceeds(const double* values, int64_t count, double floor) {
+    int64_t above = 0;
+    for (int64_t j = 0; j < count; ++j) above |= values[j] > floor;
     return above != 0;
 }
 
 // Count the statistics of the slots first … first + count - 1 that are multiples of `stride`.
-void count_bins(
-    std::int64_t* histogram, const double* statistic, std::int64_t first, std::int64_t count, std::int64_t stride) {
-    for (std::int64_t j = modulo(-first, stride); j < count; j += stride) {
+void count_bins(int64_t* histogram, const double* statistic, int64_t first, int64_t count, int64_t stride) {
+    for (int64_t j = modulo(-first, stride); j < count; j += stride) {
         std::uint64_t pattern;
         std::memcpy(&pattern, statistic + j, sizeof pattern);
         const std::uint64_t place = (pattern >> BIN_SHIFT) - FIRST_BIN;
@@ -136,19 +121,16 @@ void count_bins(
 }
 
 // Add local maxima above `floor` to the list of peaks. A slot belongs to the last peak of its sign when it lies within
-// `reach` of it: the larger of the two stays. With reach 0 (the paper), when the run above the floor is unbroken.
+// ±w of it: the larger of the two stays.
 void keep_peaks(
-    const double* statistic, const double* jump, std::int64_t first, std::int64_t count, std::int64_t scale,
-    std::int64_t reach, double floor, const PeakArrays& peaks) {
-    for (std::int64_t j = 0; j < count; ++j) {
+    const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, int64_t w, double floor,
+    const PeakArrays& peaks) {
+    for (int64_t j = 0; j < count; ++j) {
         if (statistic[j] <= floor) continue;
-        const std::int64_t k = first + j;
-        std::int64_t& open = peaks.open(scale, jump[j] > 0.0 && reach > 0 ? 1 : 0);
-        std::int64_t last = open;
-        const bool belongs =
-            last >= 0 && (reach > 0 ? k - peaks.slots(last, PEAK_INDEX) <= reach : peaks.open(scale, 2) == k - 1);
-        peaks.open(scale, 2) = k;
-        if (!belongs) {
+        const int64_t k = first + j;
+        int64_t& open = peaks.open(scale, jump[j] > 0.0 ? 1 : 0);
+        int64_t last = open;
+        if (last < 0 || k - peaks.slots(last, PEAK_INDEX) > w) {
             last = open = peaks.counters[COUNT_PEAKS]++;
             peaks.slots(last, PEAK_SCALE) = scale;
             peaks.slots(last, PEAK_CONFIRMED) = 0;
@@ -162,16 +144,13 @@ void keep_peaks(
 }
 
 // List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
-void confirm_peaks(std::int64_t stop, const ScanSettings& settings, const PeakArrays& peaks) {
-    std::int64_t settled = peaks.counters[COUNT_SETTLED];
-    const std::int64_t count = peaks.counters[COUNT_PEAKS];
-    for (std::int64_t p = settled; p < count; ++p) {
+void confirm_peaks(int64_t stop, const ScanSettings& settings, const PeakArrays& peaks) {
+    int64_t settled = peaks.counters[COUNT_SETTLED];
+    const int64_t count = peaks.counters[COUNT_PEAKS];
+    for (int64_t p = settled; p < count; ++p) {
         if (peaks.slots(p, PEAK_CONFIRMED) != 0) continue;
-        const std::int64_t scale = peaks.slots(p, PEAK_SCALE), w = settings.scales[scale];
-        const std::int64_t evaluated = stop - w;  // the last slot with a statistic
-        const bool final = settings.runs ? peaks.open(scale, 0) != p || peaks.open(scale, 2) < evaluated
-                                         : peaks.slots(p, PEAK_INDEX) + w <= evaluated;
-        if (!final) continue;
+        const int64_t scale = peaks.slots(p, PEAK_SCALE), w = settings.scales[scale];
+        if (peaks.slots(p, PEAK_INDEX) + w > stop - w) continue;  // the last slot with a statistic
         peaks.slots(p, PEAK_CONFIRMED) = 1;
         if (peaks.values(p, PEAK_STATISTIC) > settings.sure[scale]) {
             peaks.confirmed[peaks.counters[COUNT_CONFIRMED]++] = p;
@@ -183,31 +162,30 @@ void confirm_peaks(std::int64_t stop, const ScanSettings& settings, const PeakAr
 
 // What `scan` has evaluated of one scale.
 struct Evaluated {
-    std::int64_t first_right = 0;  // the first slot's end k + w
+    int64_t first_right = 0;  // the first slot's end k + w
     bool above = false;            // whether any statistic is above the floor
 };
 
 }  // namespace
 
 // Advance the detection over the slots [start, stop), as far as there is room for peaks; returns where it ended.
-std::int64_t scan(
-    Vector<const double> x, Vector<const double> z, Vector<const bool> used, std::int64_t start, std::int64_t stop,
-    bool counting, const ScanSettings& settings, const ScanState& state, const PeakArrays& peaks,
-    std::int64_t chunk_peaks) {
+int64_t scan(
+    Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings,
+    const ScanState& state, const PeakArrays& peaks, int64_t chunk_peaks) {
     peaks.counters[COUNT_CONFIRMED] = 0;
     const auto scales = settings.scales;
-    const std::int64_t room = std::min(STRETCH, std::max<std::int64_t>(stop - start, 0));
+    const int64_t room = std::min(STRETCH, std::max<int64_t>(stop - start, 0));
     const std::unique_ptr<double[]> values(new double[2 * scales.size() * room]);  // not filled
     std::vector<Evaluated> evaluated(scales.size());
-    for (std::int64_t begin = start; begin < stop;) {
-        const std::int64_t chunk = begin - begin % CHUNK;
+    for (int64_t begin = start; begin < stop;) {
+        const int64_t chunk = begin - begin % CHUNK;
         if (begin == chunk && begin > start && peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.extent(0)) {
             return begin;
         }
-        const std::int64_t end = std::min({begin + STRETCH, chunk + CHUNK, stop});
+        const int64_t end = std::min({begin + STRETCH, chunk + CHUNK, stop});
         fill_prefix(state.prefix, x, z, used, chunk, begin, end, settings.slope);
-        for (std::int64_t s = 0; s < scales.size(); ++s) {
-            const std::int64_t w = scales[s], right = std::max(begin + 1, 2 * w), count = end - right + 1;
+        for (int64_t s = 0; s < scales.size(); ++s) {
+            const int64_t w = scales[s], right = std::max(begin + 1, 2 * w), count = end - right + 1;
             evaluated[s] = {right, false};
             if (count <= 0) continue;
             const auto size = static_cast<std::size_t>(count);
@@ -216,15 +194,14 @@ std::int64_t scan(
             evaluated[s].above = exceeds(statistic, count, settings.floors[s]);  // in few stretches
             if (counting) count_bins(&state.histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
-        for (std::int64_t step = begin; step < end; step += STEP) {
-            const std::int64_t step_end = std::min(step + STEP, end);
-            for (std::int64_t s = 0; s < scales.size(); ++s) {
+        for (int64_t step = begin; step < end; step += STEP) {
+            const int64_t step_end = std::min(step + STEP, end);
+            for (int64_t s = 0; s < scales.size(); ++s) {
                 if (!evaluated[s].above) continue;
-                const std::int64_t w = scales[s], right = std::max(step + 1, evaluated[s].first_right);
+                const int64_t w = scales[s], right = std::max(step + 1, evaluated[s].first_right);
                 const double* statistic = &values[2 * s * room] + (right - evaluated[s].first_right);
                 keep_peaks(
-                    statistic, statistic + room, right - w, step_end + 1 - right, s, settings.runs ? 0 : w,
-                    settings.floors[s], peaks);
+                    statistic, statistic + room, right - w, step_end + 1 - right, s, w, settings.floors[s], peaks);
             }
             confirm_peaks(step_end, settings, peaks);
         }
@@ -234,22 +211,20 @@ std::int64_t scan(
 }
 
 // Statistic and jump of one scale at every slot of a whole array; NaN where a half leaves the array or lacks samples.
-std::tuple<Table<double, 1>, Table<double, 1>> wglr(
-    Vector<const double> x, Vector<const double> z, Vector<const bool> used, std::int64_t scale, double weight,
-    double slope) {
+std::tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, double weight, double slope) {
     constexpr double nan = std::numeric_limits<double>::quiet_NaN();
-    const std::int64_t slots = x.size();
+    const int64_t slots = x.size();
     auto prefix = Table<double, 2>::zeros(PREFIXES, HISTORY + CHUNK + 1);
-    auto statistic = Table<double, 1>::full(nan, slots), jump = Table<double, 1>::full(nan, slots);
-    for (std::int64_t chunk = 0; chunk < slots; chunk += CHUNK) {
-        const std::int64_t stop = std::min(chunk + CHUNK, slots), right = std::max(chunk + 1, 2 * scale);
+    auto statistic = NewFloats::full(nan, slots), jump = NewFloats::full(nan, slots);
+    for (int64_t chunk = 0; chunk < slots; chunk += CHUNK) {
+        const int64_t stop = std::min(chunk + CHUNK, slots), right = std::max(chunk + 1, 2 * scale);
         fill_prefix(prefix.view(), x, z, used, chunk, chunk, stop, slope);
         if (right > stop) continue;
-        const std::int64_t first = right - scale, last = stop + 1 - scale;
+        const int64_t first = right - scale, last = stop + 1 - scale;
         evaluate(
             prefix.view(), HISTORY + right - chunk, scale, weight, statistic.view().slice(first, last),
             jump.view().slice(first, last));
-        for (std::int64_t k = first; k < last; ++k) {
+        for (int64_t k = first; k < last; ++k) {
             if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = nan;
         }
     }
@@ -259,31 +234,31 @@ std::tuple<Table<double, 1>, Table<double, 1>> wglr(
 // The fields of the `Candidates` among the first `count` peaks: those whose statistic, over its scale's variance, reaches
 // `threshold`; by slot, then narrow scales first.
 Peaks peaks_above(
-    Matrix<const std::int64_t> slots, Matrix<const double> values, std::int64_t count,
-    Vector<const std::int64_t> scales, Vector<const double> variances, double threshold) {
-    std::vector<std::int64_t> chosen;
-    for (std::int64_t p = 0; p < count; ++p) {
+    Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales, Floats variances,
+    double threshold) {
+    std::vector<int64_t> chosen;
+    for (int64_t p = 0; p < count; ++p) {
         if (values(p, PEAK_STATISTIC) / variances[slots(p, PEAK_SCALE)] >= threshold) chosen.push_back(p);
     }
-    std::stable_sort(chosen.begin(), chosen.end(), [&](std::int64_t a, std::int64_t b) {
+    std::stable_sort(chosen.begin(), chosen.end(), [&](int64_t a, int64_t b) {
         return std::tie(slots(a, PEAK_INDEX), slots(a, PEAK_SCALE)) < std::tie(slots(b, PEAK_INDEX), slots(b, PEAK_SCALE));
     });
-    std::vector<std::int64_t> index, scale;
+    std::vector<int64_t> index, scale;
     std::vector<double> statistic, jump;
     for (auto p : chosen) {
-        const std::int64_t s = slots(p, PEAK_SCALE);
+        const int64_t s = slots(p, PEAK_SCALE);
         index.push_back(slots(p, PEAK_INDEX));
         scale.push_back(scales[s]);
         statistic.push_back(values(p, PEAK_STATISTIC) / variances[s]);
         jump.push_back(values(p, PEAK_JUMP));
     }
     return {
-        Table<std::int64_t, 1>::from(std::move(index)), Table<std::int64_t, 1>::from(std::move(scale)),
-        Table<double, 1>::from(std::move(statistic)), Table<double, 1>::from(std::move(jump))};
+        NewIntegers::from(std::move(index)), NewIntegers::from(std::move(scale)),
+        NewFloats::from(std::move(statistic)), NewFloats::from(std::move(jump))};
 }
 
 void bind_wglr(nanobind::module_& module) {
-    const std::pair<const char*, std::int64_t> constants[] = {
+    const std::pair<const char*, int64_t> constants[] = {
         {"CHUNK", CHUNK},
         {"STEP", STEP},
         {"MAX_SCALE", MAX_SCALE},

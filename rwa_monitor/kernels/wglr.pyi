@@ -41,7 +41,7 @@ def scan(
     start: int,
     stop: int,
     counting: bool,
-    settings: tuple[IntArray, float, float, FloatArray, FloatArray, bool],
+    settings: tuple[IntArray, float, float, FloatArray, FloatArray],
     state: ScanState,
     peaks: PeakArrays,
     chunk_peaks: int,
@@ -59,8 +59,7 @@ def scan(
         Whether to add to the histogram (not when slots are scanned a second time).
     settings
         int64 (S,), the scales, ascending; W_b and f̃_v; float64 (S,) each, the statistics from which a peak is kept
-        (infinite to keep none), and confirmed; whether to keep the maximum of each contiguous run instead of the
-        maxima within ±w.
+        (infinite to keep none), and confirmed.
     state, peaks
         See their classes; both are changed in place.
     chunk_peaks

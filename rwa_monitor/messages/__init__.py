@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import json
 import re
-from itertools import islice
 from typing import Annotated, Any, ClassVar, Final, Literal, Self
 
 import numpy as np
@@ -22,7 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pydantic_core import from_json
 
 from rwa_monitor.changepoints.stage_results import Method
-from rwa_monitor.errors import InputError, closest
+from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, FloatArray, Samples
 
 MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
@@ -131,8 +130,6 @@ def split_key(key: str) -> tuple[str, str, str]:
 # ---- samples in ------------------------------------------------------------------------------------------------------
 
 
-MAX_KEYS_TRIED: Final = 20  # of those that are not known, for what they may have meant
-
 # NaN and Infinity are no JSON, but some writers use them: they are read, and masked, like null.
 Readings = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
 
@@ -185,28 +182,6 @@ def is_json(payload: bytes) -> bool:
     except ValueError:
         return False
     return True
-
-
-def misspelt(payload: bytes) -> str:
-    """Return "friction_torque_nm: did you mean friction_torque_Nm?" of a message that cannot be used, or "".
-
-    Parameters
-    ----------
-    payload
-        As it came. A key that is not known is no fault by itself; where something is missing, it may be what was meant.
-    """
-    try:
-        content = from_json(payload[:MAX_MESSAGE_BYTES])
-    except ValueError:
-        return ""
-    if not isinstance(content, dict):
-        return ""
-    missing = [name for name in SamplesMessage.model_fields if name not in content]
-    for key in islice((key for key in content if key not in SamplesMessage.model_fields), MAX_KEYS_TRIED):
-        meant = closest(key, missing)
-        if meant is not None:
-            return f"{key}: did you mean {meant}?"
-    return ""
 
 
 def samples_json(samples: Samples, publisher: str, batch: int) -> bytes:
@@ -518,6 +493,7 @@ class Gain(Message):
     simulated: SimulatedGain | None = None
     held_out: list[str] = Field(default=[])
     searched_again: SearchedAgain | None = None
+    searched_again_by_speed: SearchedAgain | None = None
 
 
 class Discrepancy(Message):

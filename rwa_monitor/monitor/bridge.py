@@ -1,4 +1,4 @@
-"""The bridge from space packets to the bus: UDP datagrams in, samples of wheels out; and their sender, for tests.
+"""The bridge from space packets to the bus: UDP datagrams in, samples of wheels out.
 
 Bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for `HOLD_S`, wheels are
 those of the map. What comes faster than it is read, the system drops: the packets' sequence count shows it.
@@ -15,9 +15,8 @@ from threading import Event
 from typing import Any, Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.monitor.publisher import SamplesSink
-from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, packets_of, split_packets
+from rwa_monitor.monitor.publisher import SamplesPublisher
+from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, split_packets
 from rwa_monitor.words import counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
@@ -84,7 +83,7 @@ class Bridge:
         How many came in, how many went out.
     """
 
-    def __init__(self, decoder: PacketDecoder, sinks: Mapping[str, SamplesSink], batch_samples: int) -> None:
+    def __init__(self, decoder: PacketDecoder, sinks: Mapping[str, SamplesPublisher], batch_samples: int) -> None:
         self.datagrams = 0
         self.samples = 0
         self._decoder = decoder
@@ -174,22 +173,3 @@ def run_bridge(
             log_warnings()
     bridge.close()
     log_warnings()
-
-
-class PacketSender:
-    """Sends one wheel's samples as the packets of the example, a datagram each."""
-
-    def __init__(self, address: UdpAddress, apid: int) -> None:
-        self._socket, self._address = address.open()
-        self._apid = apid
-        self._count = 0
-
-    def put(self, samples: Samples) -> None:
-        """Send samples; the sequence count goes on."""
-        for packet in packets_of(samples, self._apid, self._count):
-            self._socket.sendto(packet, self._address)
-        self._count += len(samples)
-
-    def close(self) -> None:
-        """Send no more."""
-        self._socket.close()

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -24,11 +23,10 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, Message
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, Health, Message
 from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arrival_of, ask_publisher
 from rwa_monitor.telemetry.files import read_text
 
-MAX_QUERIES: Final = 1_000  # questions that wait for an answer; more are left to time out
 # Of each publisher, at a start. It must be set: without a number the first live message ends Zenoh's wait for the
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
@@ -197,22 +195,16 @@ class MonitorBus:
         An open session; it is left open at the end.
     inbox
         Where samples go.
-
-    Attributes
-    ----------
-    queries
-        Questions on rwa/**/health that wait for `answer`.
     """
 
     def __init__(self, session: zenoh.Session, inbox: Inbox) -> None:
         self.session = session
         self.inbox = inbox
         self._backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
-        self.queries: deque[zenoh.Query] = deque(maxlen=MAX_QUERIES)
         self._open = True  # callbacks go on after undeclare(): they check this
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        self._reported: dict[str, Any] = {}  # when each wheel's health was published
+        self._health: dict[str, tuple[bytes, Any]] = {}  # the latest of each wheel, and when it was published
 
     def __enter__(self) -> Self:
         """Enter; nothing is declared yet."""
@@ -283,19 +275,10 @@ class MonitorBus:
                 )
         if message.kind == "health":
             # A dashboard publishes the same wheel's health when an alarm changes: a query shall get the later of both.
-            self._reported[key] = self.session.new_timestamp()
-            self._publishers[key].put(payload, timestamp=self._reported[key])
+            self._health[key] = payload, self.session.new_timestamp()
+            self._publishers[key].put(payload, timestamp=self._health[key][1])
         else:
             self._publishers[key].put(payload)
-
-    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
-        """Answer the questions that wait with the latest message of each key that they ask for."""
-        while self.queries:
-            query = self.queries.popleft()
-            for key, payload in latest().items():
-                if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, payload, encoding=encoding, timestamp=self._reported.get(key))
-            query.drop()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
         """Undeclare everything; what still arrives is ignored."""
@@ -306,9 +289,8 @@ class MonitorBus:
                 entity.undeclare()
         self._declared.clear()
         self._publishers.clear()
-        self.queries.clear()
 
-    # Called in threads beside Zenoh's: append, and nothing else.
+    # Called in threads beside Zenoh's: of samples append, and nothing else.
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if self._open and sample.kind == zenoh.SampleKind.PUT:
@@ -316,9 +298,10 @@ class MonitorBus:
             self.inbox.put(arrival.key, arrival.payload, arrival.source, arrival.number)
 
     def _on_query(self, query: zenoh.Query) -> None:
-        if self._open:
-            self.queries.append(query)
-            self.inbox.wake.set()
+        for key, (payload, timestamp) in dict(self._health).items():  # a copy: others are published meanwhile
+            if self._open and query.key_expr.intersects(zenoh.KeyExpr(key)):
+                query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
+        query.drop()  # type: ignore[no-untyped-call]
 
 
 # ---- whether the bus is there ----------------------------------------------------------------------------------------

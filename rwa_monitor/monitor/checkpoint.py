@@ -22,9 +22,10 @@ from rwa_monitor.monitor.ingest.sequencer import Batch, Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import Rows
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.friction import FrictionSource, Source
+from rwa_monitor.telemetry.friction import FrictionSource
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import MEMORY, Channel, SensorValidation
+from rwa_monitor.wheel.torque_balance import Source
 
 CHECKPOINT_VERSION: Final = 2
 MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slots are some 30 MB

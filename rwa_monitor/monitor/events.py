@@ -11,11 +11,9 @@ from typing import Any, ClassVar, Final
 
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.messages import Changepoints, Diagnosis, Message, ProvisionalJump, Sojourns, health_message, key_of
-from rwa_monitor.monitor.ingest.sequencer import MessagesMissed, PublisherChanged, PublisherConflict
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.monitor.ingest.sequencer import Trouble
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.version import SOFTWARE
-from rwa_monitor.words import counted, is_or_are, time_text
 
 # Fields of a `WindowDiagnosis` that the message, and its provenance, have as they are.
 UNCHANGED: Final = ("coverage", "verdict", "reason", "fit", "model_adequate", "suspected_effect", "explanation")
@@ -97,89 +95,7 @@ class WindowDiagnosed:
         return Diagnosis.model_validate(content, from_attributes=True)
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelMissing:
-    """A message lacks the channel that this wheel's friction comes from; its samples are masked."""
-
-    channel: str
-
-
-@dataclass(frozen=True, slots=True)
-class StraySamples:
-    """Samples whose time agrees with neither the sample before nor the one after; they were rejected.
-
-    Attributes
-    ----------
-    count
-        How many in a row of messages.
-    time_ns
-        Time of the first.
-    """
-
-    count: int
-    time_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class SensorFault:
-    """A channel shows what no wheel does; such slots are masked.
-
-    Attributes
-    ----------
-    channel
-        Which one.
-    hangs
-        True at the first slot in which it repeats one value too often, False for a slot that stands out.
-    time_ns
-        Of the slot.
-    """
-
-    channel: str
-    hangs: bool
-    time_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class SamplePeriodDiffers:
-    """The samples come in other steps than the wheel file has.
-
-    Attributes
-    ----------
-    period_s, expected_s
-        Median step of the first samples, and the wheel file's sample period [s].
-    """
-
-    period_s: float
-    expected_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class SpeedsBeyondLimit:
-    """Many speeds are beyond the wheel's limit, where their samples are rejected.
-
-    Attributes
-    ----------
-    limit_rad_s, largest_rad_s
-        The limit, and the largest so far, as if it were in rad/s.
-    """
-
-    limit_rad_s: float
-    largest_rad_s: float
-
-
-Event = (
-    EpochStarted
-    | ProvisionalChangepoint
-    | WindowDiagnosed
-    | ChannelMissing
-    | StraySamples
-    | SensorFault
-    | SamplePeriodDiffers
-    | SpeedsBeyondLimit
-    | PublisherChanged
-    | PublisherConflict
-    | MessagesMissed
-)
+Event = EpochStarted | ProvisionalChangepoint | WindowDiagnosed | Trouble
 
 
 # ---- the messages made of them ---------------------------------------------------------------------------------------
@@ -253,44 +169,3 @@ def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[Out
 def health_output(diagnosis: Diagnosis) -> Output:
     """Return the health message that goes with a diagnosis."""
     return output_of(health_message(diagnosis), diagnosis.window_end_ns, diagnosis.spacecraft, diagnosis.wheel)
-
-
-def trouble_in(event: Event) -> str | None:
-    """Return, in words, what an operator should read about an event, None where all is well."""
-    if isinstance(event, EpochStarted) and event.step_ns:
-        step_s = event.step_ns / NANOSECONDS_PER_SECOND
-        return (
-            f"the wheel's clock stepped by {step_s:.3f} s, to {time_text(event.origin_ns)}: a new epoch began, the open"
-            " window was closed as it was"
-        )
-    if isinstance(event, ChannelMissing):
-        return f"samples without {event.channel}, which this wheel's friction comes from: they are masked"
-    if isinstance(event, StraySamples):
-        return (
-            f"{counted(event.count, 'sample')} rejected with a time far from those before and after, "
-            f"the first at {time_text(event.time_ns)}"
-        )
-    if isinstance(event, SensorFault):
-        what = "repeats one value, as a sensor that hangs" if event.hangs else "stands out from the samples around it"
-        return f"{event.channel} {what}, at {time_text(event.time_ns)}: masked"
-    if isinstance(event, SamplePeriodDiffers):
-        return (
-            f"is sample_period_s = {event.expected_s:.6g} of the wheel file right? The samples come every"
-            f" {event.period_s:.3g} s"
-        )
-    if isinstance(event, SpeedsBeyondLimit):
-        return (
-            f"speeds beyond max_speed_rad_s = {event.limit_rad_s:.6g}, up to {event.largest_rad_s:.6g}, are rejected:"
-            " is it rpm, or is the wheel file another wheel's?"
-        )
-    if isinstance(event, PublisherConflict):
-        return (
-            f"two live publishers on one wheel: {counted(event.samples, 'sample')} of {event.refused!r} rejected, "
-            f"{event.current!r} goes on"
-        )
-    if isinstance(event, PublisherChanged):
-        return f"publisher {event.after!r} took over from {event.before!r}, which had gone silent"
-    if isinstance(event, MessagesMissed):
-        missing = f"{is_or_are(event.count)} missing, from batch {event.first} on"
-        return f"{counted(event.count, 'message')} of {event.publisher!r} {missing}"
-    return None

@@ -11,38 +11,25 @@ from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import zenoh
 
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import (
-    Diagnosis,
-    Health,
-    Message,
-    SamplesMessage,
-    Status,
-    is_json,
-    key_of,
-    misspelt,
-    split_key,
-)
-from rwa_monitor.monitor.bus import BusOptions
+from rwa_monitor.messages import Diagnosis, SamplesMessage, Status, is_json, key_of, split_key
+from rwa_monitor.monitor.bus import BusOptions, MonitorBus
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import (
     Event,
     Output,
-    SensorFault,
     WindowDiagnosed,
     health_output,
     output_of,
     outputs_of,
-    trouble_in,
 )
-from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
-from rwa_monitor.monitor.ingest.sequencer import Counts
+from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey, WheelSet
@@ -127,10 +114,9 @@ class _Served:
     last_sample_ns: int | None = None
     publisher: str = ""
     verdict: tuple[str, ...] = ()  # and what is anomalous, as it was logged last
-    health: Output | None = None
     windows: int = 0
     diagnosis_s: float | None = None
-    reported: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
+    reported: set[str] = field(default_factory=set)  # kinds of trouble, of this window
     status_due_s: float = 0.0
     status_recorded_s: float = float("-inf")
 
@@ -146,31 +132,6 @@ class Clock:
 
     wall_ns: Callable[[], int] = time.time_ns
     monotonic_s: Callable[[], float] = time.monotonic
-
-
-class Bus(Protocol):
-    """What the monitor needs of a bus; `bus.MonitorBus` is one."""
-
-    inbox: Inbox
-
-    @property
-    def missed(self) -> dict[str, int]:
-        """Messages that are lost for good, by key."""
-
-    def take(self) -> Arrival | None:
-        """Return the next message, None when there is none yet."""
-
-    def ask_again(self, message: Arrival) -> bool:
-        """Ask once more for a message that could not be read, and hold back what follows; False if that is no use."""
-
-    def waiting(self) -> int:
-        """Count the messages that wait."""
-
-    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
-        """Publish a message."""
-
-    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
-        """Answer the questions that wait with the latest messages."""
 
 
 class Monitor:
@@ -193,7 +154,7 @@ class Monitor:
     def __init__(
         self,
         options: RunOptions,
-        bus: Bus,
+        bus: MonitorBus,
         recorder: Recorder | None,
         log: Callable[[str], None],
         clock: Clock,
@@ -210,23 +171,15 @@ class Monitor:
         self._tick_due_s = 0.0
         self._logged: str = ""
 
-    def begin(self, recovered: RecoveredState, on_progress: Callable[[], None] = lambda: None) -> None:
-        """Take over what an earlier run left behind, and begin the recording.
-
-        Parameters
-        ----------
-        recovered
-            What was left behind.
-        on_progress
-            Called for each wheel whose state is written, for a supervisor that waits.
-        """
+    def begin(self, recovered: RecoveredState) -> None:
+        """Take over what an earlier run left behind, and begin the recording."""
         for key, core in recovered.cores.items():
             self._served[key] = _Served(key, core)
         if self.recorder is not None:
             inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in recovered.unrecorded]
             if len(recovered.cores) >= MANY_WHEELS:  # some 6 ms each
                 self.log(f"beginning a recording with the state of {len(recovered.cores)} wheels")
-            self.recorder.begin(self._checkpoints(on_progress), self.clock.monotonic_s(), inherited)
+            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), inherited)
             self._log_recorder()
         health = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
@@ -247,7 +200,7 @@ class Monitor:
         self.tick()
 
     def tick(self) -> None:
-        """Do what is due by the clock: flush and rotate the recording, answer questions, publish status."""
+        """Do what is due by the clock: flush and rotate the recording, publish status."""
         now_s = self.clock.monotonic_s()
         if now_s >= self._tick_due_s:
             self._tick_due_s = now_s + TICK_S
@@ -317,15 +270,12 @@ class Monitor:
     def _handle(self, served: _Served, events: list[Event]) -> None:
         """Record what the core reports, bring a diagnosis to the disk, then publish."""
         for event in events:
-            trouble = trouble_in(event)
-            if trouble is None:
+            if not isinstance(event, Trouble):
                 continue
-            served.last_error = trouble
-            if isinstance(event, SensorFault):  # a broken sensor may give thousands in a window
-                if (event.channel, event.hangs) in served.reported:
-                    continue
-                served.reported.add((event.channel, event.hangs))
-            self.log(f"{served.name}: {trouble}")
+            served.last_error = event.text
+            if event.kind not in served.reported:  # a broken sensor may give thousands in a window
+                served.reported.add(event.kind)
+                self.log(f"{served.name}: {event.text}")
         outputs = outputs_of(events, *served.key)
         closed = [event for event in events if isinstance(event, WindowDiagnosed)]
         for output in outputs:
@@ -364,8 +314,6 @@ class Monitor:
             return
         served.messages_rejected += 1
         text = ": ".join(part for part in (error.place, error.reason) if part)
-        if meant := misspelt(payload):
-            text = f"{text}; {meant}"
         if served.last_error != text:
             self.log(f"{served.name}: a message was refused: {text}")
         served.last_error = text
@@ -393,10 +341,6 @@ class Monitor:
     def _publish(self, output: Output) -> None:
         if not output.published:
             return
-        spacecraft, wheel, _ = split_key(output.key)
-        served = self._served.get((spacecraft, wheel))
-        if served is not None and output.message is Health:
-            served.health = output
         try:
             self.bus.publish(output.key, output.message, output.payload)
         except zenoh.ZError as error:
@@ -409,7 +353,6 @@ class Monitor:
         for found in self.searches.poll():
             self._record(found)
             self._publish(found)
-        self.bus.answer(Health.encoding(), self._latest_health)
         for served in self._served.values():
             if now_s >= served.status_due_s:
                 served.status_due_s = now_s + self.options.status_period_s
@@ -417,11 +360,6 @@ class Monitor:
                 if record:
                     served.status_recorded_s = now_s
                 self._status(served, record=record)
-
-    def _latest_health(self) -> dict[str, bytes]:
-        return {
-            served.health.key: served.health.payload for served in self._served.values() if served.health is not None
-        }
 
     def _status(self, served: _Served, *, record: bool) -> None:
         """Publish how a wheel's monitor is doing."""
@@ -464,11 +402,10 @@ class Monitor:
             self._record(published)
         self._publish(published)
 
-    def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Checkpoints:
+    def _checkpoints(self) -> Checkpoints:
         """Return what makes the checkpoint of each wheel, as it then stands."""
 
         def write(core: WheelCore) -> bytes:
-            on_progress()
             return core.checkpoint().to_json()
 
         return {served.name: partial(write, served.core) for served in self._served.values() if served.core is not None}

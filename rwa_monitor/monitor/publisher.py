@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from threading import Event
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
 import zenoh
 from zenoh import ext
@@ -58,16 +58,6 @@ class ReliablePublisher:
         self._publisher.undeclare()
 
 
-class SamplesSink(Protocol):
-    """Where the samples of one wheel go."""
-
-    def put(self, samples: Samples) -> None:
-        """Send samples on."""
-
-    def close(self) -> None:
-        """Leave."""
-
-
 class SamplesPublisher:
     """Numbers one wheel's samples and publishes them reliably, under a random name by default."""
 
@@ -88,7 +78,7 @@ class SamplesPublisher:
 
 def send(
     telemetry: Mapping[str, Samples],
-    sinks: Mapping[str, SamplesSink],
+    sinks: Mapping[str, SamplesPublisher],
     *,
     speed: float = 1.0,
     batch_samples: int = 256,
@@ -166,7 +156,6 @@ def replay_to_bus(
     session: zenoh.Session,
     *,
     speed: float = 1.0,
-    from_ns: int | None = None,
     stop: Event | None = None,
 ) -> int:
     """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
@@ -179,8 +168,6 @@ def replay_to_bus(
         An open Zenoh session.
     speed
         Times faster than real time; `math.inf` for as fast as the bus takes it.
-    from_ns
-        Messages that end earlier, on the wheel's clock [ns], are left out.
     stop
         Ends it early when set.
 
@@ -192,13 +179,13 @@ def replay_to_bus(
     Raises
     ------
     InputError
-        If a path is no recording, or nothing in them is of `from_ns` or later.
+        If a path is no recording.
     """
     stop = Event() if stop is None else stop
     publishers: dict[str, ReliablePublisher] = {}
     sent = 0
     try:
-        for topic, payload in _paced(recorded_inputs(recordings, from_ns), speed, stop):
+        for topic, payload in _paced(recorded_inputs(recordings), speed, stop):
             if topic not in publishers:
                 publishers[topic] = ReliablePublisher(session, topic)
             publishers[topic].put(payload)

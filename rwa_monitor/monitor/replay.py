@@ -63,57 +63,6 @@ class Difference:
         return ".".join(part for part in self.path.split(".") if not part.isdigit())
 
 
-@dataclass(slots=True)
-class Comparison:
-    """Result of a comparison.
-
-    Attributes
-    ----------
-    compared
-        Messages compared, by schema.
-    differences
-        Beyond the tolerance.
-    bytes_equal
-        Whether all compared messages have equal bytes.
-    """
-
-    compared: Counter[str] = field(default_factory=Counter)
-    differences: list[Difference] = field(default_factory=list)
-    bytes_equal: bool = True
-
-    def add_all(self, other: Comparison) -> None:
-        """Take in the result of another comparison."""
-        self.compared += other.compared
-        self.differences += other.differences[: max(0, MAX_DIFFERENCES - len(self.differences))]
-        self.bytes_equal &= other.bytes_equal
-
-    def add(self, difference: Difference) -> None:
-        """Note a difference."""
-        self.bytes_equal = False
-        if len(self.differences) < MAX_DIFFERENCES:
-            self.differences.append(difference)
-
-
-def compare(recorded: Sequence[Comparable], replayed: Sequence[Comparable]) -> Comparison:
-    """Compare recorded with replayed messages, in order."""
-    result = Comparison()
-    if len(recorded) != len(replayed):
-        result.add(Difference("all messages", "length", str(len(recorded)), str(len(replayed))))
-    for position, (old, new) in enumerate(zip(recorded, replayed, strict=False)):
-        name = f"{old[0]} ({position})"
-        if old[:2] != new[:2]:
-            result.add(Difference(name, "type", f"{old[1]} on {old[0]}", f"{new[1]} on {new[0]}"))
-            break  # what follows is out of step
-        result.compared[old[1]] += 1
-        if old[2] == new[2]:
-            continue
-        result.bytes_equal = False
-        for path, left, right in differences(_parse(old[2]), _parse(new[2])):
-            if path not in HASHES_OF_WHAT_IS_COMPARED:
-                result.add(Difference(name, path, _short(left), _short(right)))
-    return result
-
-
 def differences(left: Any, right: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Yield (path, left, right) wherever two JSON values differ by more than 1e-9 relative."""
     if _is_number(left) and _is_number(right):
@@ -160,7 +109,7 @@ def _short(value: Any) -> str:
 # ---- the replay ------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Report:
     """What a replay found.
 
@@ -170,10 +119,10 @@ class Report:
         Recordings read, in chain order.
     compared
         Messages compared, by type name ("rwa.Diagnosis", "rwa.Changepoints").
-    differences
-        One line per difference beyond the tolerance; empty when all agree.
-    fields
-        Differences counted by field.
+    broken
+        Links of the chain that do not hold, a line each.
+    found
+        Differences beyond the tolerance.
     bytes_equal
         True where every compared message has equal bytes.
     unreadable
@@ -184,14 +133,47 @@ class Report:
         The replayed outputs (topic, JSON bytes), in order.
     """
 
-    files: tuple[Path, ...]
-    compared: dict[str, int]
-    differences: tuple[str, ...]
-    fields: dict[str, int]
-    bytes_equal: bool
-    unreadable: tuple[str, ...]
-    notes: tuple[str, ...]
-    messages: tuple[tuple[str, bytes], ...]
+    files: list[Path] = field(default_factory=list)
+    compared: Counter[str] = field(default_factory=Counter)
+    broken: list[str] = field(default_factory=list)
+    found: list[Difference] = field(default_factory=list)
+    bytes_equal: bool = True
+    unreadable: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    messages: list[tuple[str, bytes]] = field(default_factory=list)
+
+    @property
+    def differences(self) -> list[str]:
+        """One line per difference beyond the tolerance; empty when all agree."""
+        return [*self.broken, *map(str, self.found)]
+
+    @property
+    def fields(self) -> Counter[str]:
+        """Differences counted by field."""
+        return Counter(difference.field for difference in self.found) + Counter(chain=len(self.broken))
+
+    def add(self, difference: Difference) -> None:
+        """Note a difference."""
+        self.bytes_equal = False
+        if len(self.found) < MAX_DIFFERENCES:
+            self.found.append(difference)
+
+    def compare(self, recorded: Sequence[Comparable], replayed: Sequence[Comparable]) -> None:
+        """Compare recorded with replayed messages, in order."""
+        if len(recorded) != len(replayed):
+            self.add(Difference("all messages", "length", str(len(recorded)), str(len(replayed))))
+        for position, (old, new) in enumerate(zip(recorded, replayed, strict=False)):
+            name = f"{old[0]} ({position})"
+            if old[:2] != new[:2]:
+                self.add(Difference(name, "type", f"{old[1]} on {old[0]}", f"{new[1]} on {new[0]}"))
+                break  # what follows is out of step
+            self.compared[old[1]] += 1
+            if old[2] == new[2]:
+                continue
+            self.bytes_equal = False
+            for path, left, right in differences(_parse(old[2]), _parse(new[2])):
+                if path not in HASHES_OF_WHAT_IS_COMPARED:
+                    self.add(Difference(name, path, _short(left), _short(right)))
 
     @property
     def equal(self) -> bool:
@@ -223,9 +205,7 @@ class Report:
         return f"{files}: {what} compared: {result}"
 
 
-def replay(
-    recordings: Path | Sequence[Path], on_message: Callable[[int], None] | None = None, from_ns: int | None = None
-) -> Report:
+def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] = lambda _: None) -> Report:
     """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
@@ -237,60 +217,48 @@ def replay(
         A file, a folder whose recordings form a chain, or several files in order.
     on_message
         Called with the number of messages gone through in the running file, for progress.
-    from_ns
-        Messages of the report that are older, on the wheel's clock [ns], are left out of it; all are compared.
 
     Raises
     ------
     InputError
         If a path is no recording, or its attachments cannot be used.
     """
-    chain = _Chain(from_ns)
+    chain = _Chain()
     for path in recordings_of(recordings):
         chain.add(PassingRecording(path), on_message)
-    return chain.report()
+    chain.report.bytes_equal &= not chain.report.broken
+    return chain.report
 
 
 @dataclass(slots=True)
 class _Chain:
-    """Runs recordings one after the other and gathers their outputs, from a time on."""
+    """Runs recordings one after the other and gathers their outputs."""
 
-    from_ns: int | None = None
-    files: list[Path] = field(default_factory=list)
-    comparison: Comparison = field(default_factory=Comparison)
-    unreadable: list[str] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    broken: list[str] = field(default_factory=list)
-    messages: list[tuple[str, bytes]] = field(default_factory=list)
+    report: Report = field(default_factory=Report)
     spans_ns: list[dict[str, tuple[int, int]]] = field(default_factory=list)  # of the samples in each file, by topic
     owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
-    def add(self, passing: PassingRecording, on_message: Callable[[int], None] | None) -> None:
+    def add(self, passing: PassingRecording, on_message: Callable[[int], None]) -> None:
         """Run one recording and compare."""
         gone_through = 0
 
         def count(part: Attached | RecordedMessage) -> None:
             nonlocal gone_through
             gone_through += isinstance(part, RecordedMessage)
-            if on_message is not None:
-                on_message(gone_through)
+            on_message(gone_through)
 
         run, recording = run_recording(passing, Event(), count), passing.recording
         settings, setup = recording.settings(), Setup.of(recording)
         self._check_link(recording, settings)
-        self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
-        self.messages += [
-            (output.key, output.payload)
-            for output in run.outputs
-            if output.published and (self.from_ns is None or (output.time_ns or 0) >= self.from_ns)
-        ]
+        self.report.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
+        self.report.messages += [(output.key, output.payload) for output in run.outputs if output.published]
 
         inherited, own = split_outputs(recording)
         replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
-        elif self.files and inherited:
-            self.comparison.add_all(compare(inherited, self.owed))
+        elif self.report.files and inherited:
+            self.report.compare(inherited, self.owed)
             self.owed = []
         elif self.owed:
             self._note(recording, f"begins after {len(self.owed)} outputs that were lost with the file before it")
@@ -299,13 +267,13 @@ class _Chain:
             self._note(recording, "was not closed in order")
             replayed, lost = replayed[: len(own)], replayed[len(own) :]
             self.owed += lost
-        self.comparison.add_all(compare(own, replayed))
+        self.report.compare(own, replayed)
 
         self.spans_ns.append(run.spans_ns)
         self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
             self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
-        self.files.append(recording.path)
+        self.report.files.append(recording.path)
 
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
@@ -316,51 +284,36 @@ class _Chain:
             again = search(job).message
             assert again is not None  # else it raises
             entry = (message.topic, message.schema)
-            self.comparison.add_all(compare([(*entry, message.data)], [(*entry, again.to_json())]))
+            self.report.compare([(*entry, message.data)], [(*entry, again.to_json())])
 
     def _inputs_of(self, reports: Sequence[Discrepancy], path: Path) -> Iterator[tuple[str, bytes]]:
         """Return topic and payload of samples from the files so far that hold some of what reports are about."""
-        for file, spans_ns in zip((*self.files, path), self.spans_ns, strict=True):
+        for file, spans_ns in zip((*self.report.files, path), self.spans_ns, strict=True):
             for report in reports:
                 span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
                 if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
-                    yield from ((topic, payload) for _, topic, payload in recorded_inputs(file, None))
+                    yield from ((topic, payload) for _, topic, payload in recorded_inputs(file))
                     break
-
-    def report(self) -> Report:
-        """Return what was found."""
-        found = self.comparison
-        fields = Counter(difference.field for difference in found.differences) + Counter(chain=len(self.broken))
-        return Report(
-            files=tuple(self.files),
-            compared=dict(found.compared),
-            differences=(*self.broken, *map(str, found.differences)),
-            fields=dict(fields),
-            bytes_equal=found.bytes_equal and not self.broken,
-            unreadable=tuple(self.unreadable),
-            notes=tuple(self.notes),
-            messages=tuple(self.messages),
-        )
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
         """Check that a recording names what it goes on from, and that this is as it was then."""
         named = settings.get("predecessor")
         if not isinstance(named, dict):
-            if self.files:
-                self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
+            if self.report.files:
+                self._note(recording, f"names no predecessor, {self.report.files[-1].name} comes before it")
             return
-        before = list(self.files)
+        before = list(self.report.files)
         if not before:
             self._note(recording, f"goes on from {named.get('name', '')}, which is not replayed")
         while isinstance(named, dict) and before:
             path, name = before.pop(), str(named.get("name", ""))
             if path.name != name:
-                self.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
+                self.report.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
             elif named.get("sha256", "") is None:
                 self._note(recording, f"was begun while {name} was written, and does not hold its hash")
             elif named.get("sha256") != file_sha256(path):
-                self.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
+                self.report.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
             named = named.get("rest")
 
     def _note(self, recording: Recording, text: str) -> None:
-        self.notes.append(f"{recording.path}: {text}")
+        self.report.notes.append(f"{recording.path}: {text}")

@@ -73,13 +73,10 @@ def run(
             stack.enter_context(FolderLock(options.record))
         clock = Clock()
 
-        def starting() -> None:
-            supervisor.starting(clock.monotonic_s())
-
         recorder: Recorder | None = None
         recovered = RecoveredState()
         if options.record is not None:
-            recovered = recover_state(options.record, setup, stop, log, starting)
+            recovered = recover_state(options.record, setup, stop, log)
             if stop.is_set():
                 return
             recorder = Recorder(
@@ -96,7 +93,7 @@ def run(
         bus = stack.enter_context(MonitorBus(session, Inbox()))
         monitor = Monitor(options, bus, recorder, log, clock)
         stack.callback(monitor.close)
-        monitor.begin(recovered, starting)
+        monitor.begin(recovered)
         del recovered  # what was published again needs no place for as long as the monitor runs
         bus.subscribe(options.wheels)
         bus.offer_health()
@@ -128,7 +125,6 @@ def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
 MICROSECONDS: Final = 1e6
 SIGNS_PER_SILENCE: Final = 3.0  # so that one that comes late is no alarm
 FILE_PERIOD_S: Final = 1.0  # between two signs in a file, where no socket asks for more
-START_SILENCE_S: Final = 60.0  # that a start may take without going on
 
 
 class Supervisor:
@@ -167,13 +163,6 @@ class Supervisor:
             self.period_s = FILE_PERIOD_S
         self._alive = alive
         self._due_s = float("-inf")
-        self._start_due_s = float("-inf")
-
-    def starting(self, now_s: float) -> None:
-        """Report that the start goes on, where that is due, so that a long one is waited for; call it often."""
-        if now_s >= self._start_due_s:
-            self._start_due_s = now_s + FILE_PERIOD_S
-            self._send(f"EXTEND_TIMEOUT_USEC={START_SILENCE_S * MICROSECONDS:.0f}")
 
     def ready(self, status: str) -> None:
         """Report that the service has begun, and what it does; raises InputError if the file cannot be made."""

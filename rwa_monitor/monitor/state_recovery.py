@@ -182,7 +182,6 @@ def recover_state(
     setup: Setup,
     stop: Event,
     log: Callable[[str], None],
-    on_progress: Callable[[], None] = lambda: None,
 ) -> RecoveredState:
     """Recover the cores from the last recording of a folder that can be used; incomplete when stopped.
 
@@ -196,8 +195,6 @@ def recover_state(
         Ends it early when set.
     log
         Takes lines of the log; a large fleet takes minutes, with a line every `PROGRESS_S`.
-    on_progress
-        Called often, for a supervisor that waits.
     """
     recovered = RecoveredState()
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
@@ -207,7 +204,7 @@ def recover_state(
             if recovered.predecessor is None:
                 rest = predecessor_of(files[0]) if len(files) > 1 else None
                 recovered.predecessor = predecessor_of(files[-1], rest)
-            ran = _run(files, stop, log, on_progress)
+            ran = _run(files, stop, log)
             setup_then = Setup.of(ran[-1][0])
         except InputError as error:
             if recovered.predecessor is None:
@@ -248,15 +245,12 @@ def _that_hold_all(paths: Sequence[Path], log: Callable[[str], None]) -> list[Pa
     return [last]
 
 
-def _run(
-    files: Sequence[Path], stop: Event, log: Callable[[str], None], on_progress: Callable[[], None]
-) -> list[tuple[Recording, RecordingRun]]:
+def _run(files: Sequence[Path], stop: Event, log: Callable[[str], None]) -> list[tuple[Recording, RecordingRun]]:
     """Run recordings, each on the cores of the one before it, and log the progress of a long run."""
     due_s = time.monotonic() + PROGRESS_S
 
     def on_part(passing: PassingRecording, _part: object) -> None:
         nonlocal due_s
-        on_progress()
         if time.monotonic() >= due_s:
             due_s = time.monotonic() + PROGRESS_S
             log(f"recovering the state from {passing.recording.path}: {passing.share:.0%} of it done")

@@ -12,12 +12,11 @@ from rwa_monitor.messages import SamplesMessage, split_key
 from rwa_monitor.monitor.recording.reader import Recording, read_recording
 from rwa_monitor.monitor.setup import COMMON, MODEL, WheelSet
 from rwa_monitor.telemetry.ccsds_packets import read_packets
-from rwa_monitor.telemetry.columns import unknown_columns
 from rwa_monitor.telemetry.files import display_name
-from rwa_monitor.telemetry.friction import FRICTION_CHANNELS
 from rwa_monitor.telemetry.reader import Decoding, Reader, SampleBatch, TelemetryFile, WheelTelemetry
 from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.table import FileFormat, file_format, read_table
+from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
 from rwa_monitor.words import counted
 
 NO_DECODING: Final = Decoding()
@@ -48,7 +47,7 @@ def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
     """Read a sample table, CSV or Parquet: its columns have names with units."""
     source = display_name(path)
     table = read_table(path, decoding.pulses_per_turn)
-    ignored = f"columns ignored: {unknown_columns(table.ignored_columns)}" if table.ignored_columns else ""
+    ignored = f"columns ignored: {', '.join(table.ignored_columns)}" if table.ignored_columns else ""
     if not decoding.motor_off and all(getattr(table.samples, name) is None for name in FRICTION_CHANNELS):
         reason = (
             f"friction cannot be derived: the table has none of {', '.join(FRICTION_CHANNELS)}; of a wheel that runs"

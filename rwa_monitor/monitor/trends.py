@@ -1,4 +1,4 @@
-"""The trend of a wheel's friction over many windows, from its diagnoses or a history: as a value, in words, as JSON.
+"""The trend of a wheel's friction over many windows, from its diagnoses or a history: as a value and in words.
 
     for trend in wheel_trends(diagnoses).values():
         print(trend.sentence())
@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from rwa_monitor.messages import Diagnosis, Message, Number, Quantity
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
 SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is given in hours
-DRAWN: Final = 60  # points of the line in plain content
 SMALLEST_P: Final = 1e-9  # below, a p-value is only given as smaller: it rests on Gaussian tails
 
 
@@ -66,10 +65,8 @@ class CoefficientTrend:
     ----------
     name, unit
         `dry` or `viscous`; SI unit.
-    first_ns
-        Begin of the first window: the zero of all times of `trend` and `reach`.
     trend
-        What was found.
+        What was found; times from the begin of the first window on.
     limit
         The limit that the trend leads to, None without one.
     reach
@@ -78,14 +75,9 @@ class CoefficientTrend:
 
     name: str
     unit: str
-    first_ns: int
     trend: Trend
     limit: float | None
     reach: Reach | None
-
-    def at_ns(self, time_s: float) -> int | None:
-        """Return a time of the trend on the wheel's clock [ns]; None for one that never comes."""
-        return self.first_ns + round(time_s * NANOSECONDS_PER_SECOND) if np.isfinite(time_s) else None
 
     def sentence(self) -> str:
         """Return in one sentence what the trend is and when it reaches the limit."""
@@ -111,31 +103,6 @@ class CoefficientTrend:
             for t in (self.reach.low_s, self.reach.time_s, self.reach.high_s)
         )
         return f" and reaches its limit of {limit} in {median} {name} (95 %: {low} to {high})"
-
-    def document(self) -> dict[str, Any]:
-        """Return the trend as plain content for JSON; times in ns on the wheel's clock, None for never."""
-        found = self.trend
-        until = found.lines.now_s
-        if self.reach is not None and np.isfinite(self.reach.high_s):
-            until = max(self.reach.high_s, until)
-        time_s = np.linspace(0.0, min(until, 2.0 * found.lines.span_s), DRAWN)
-        mean, std = found.lines.at(time_s)
-        return {
-            "name": self.name,
-            "unit": self.unit,
-            "windows": found.windows,
-            "present": found.present,
-            "p_value": found.p_value,
-            "slope_per_day": found.slope * SECONDS_PER_DAY,
-            "slope_per_day_std": found.slope_std * SECONDS_PER_DAY,
-            "onset_ns": [self.at_ns(t) for t in found.onset_s],
-            "limit": self.limit,
-            "reach_ns": None
-            if self.reach is None
-            else [self.at_ns(t) for t in (self.reach.low_s, self.reach.time_s, self.reach.high_s)],
-            "line": {"time_ns": [self.at_ns(t) for t in time_s], "value": mean.tolist(), "std": std.tolist()},
-            "sentence": self.sentence(),
-        }
 
 
 def coefficient_trend(
@@ -169,7 +136,7 @@ def coefficient_trend(
         return None
     if limit is None:
         limit = last.nominal_high if trend.slope > 0 else last.nominal_low
-    return CoefficientTrend(name, last.unit, first_ns, trend, limit, None if limit is None else trend.reach(limit))
+    return CoefficientTrend(name, last.unit, trend, limit, None if limit is None else trend.reach(limit))
 
 
 def wheel_trends(

@@ -103,8 +103,8 @@ def assign(
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
     accepted = system != REJECTED
     remaining = estimate(signal, index[accepted], noise)
-    jump, std = sizes, all_of_them.jump_std
-    jump[accepted], std[accepted] = np.diff(remaining.friction.level), remaining.jump_std
+    jump, std = sizes, all_of_them.friction.jump_std
+    jump[accepted], std[accepted] = np.diff(remaining.friction.level), remaining.friction.jump_std
     direction = np.where(accepted, directions, 0).astype(np.int64)
     configurations, starts = _sojourns(start, system, direction, index)
     assignment = Assignment(

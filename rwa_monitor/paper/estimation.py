@@ -31,14 +31,11 @@ class Intervals:
     friction
         F̂ and f̂_v with their standard deviations. An interval without a used sample has the level of the one before
         it. Where the window does not show f_v, it is 0 with infinite standard deviation.
-    jump_std
-        float64 (N_cp,), standard deviation of F_{i+1} - F_i.
     rejection
         float64 (N_cp,), c_rjct: what it costs in log-likelihood to merge the intervals beside a changepoint.
     """
 
     friction: Estimate
-    jump_std: FloatArray
     rejection: FloatArray
 
 
@@ -75,12 +72,13 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate) -> Intervals
         index=index,
         level=level[shown],
         level_std=np.where(seen, level_std, np.inf),
+        jump_std=np.where(both, jump_std, np.inf),
         viscous=slope,
         viscous_std=float(slope_std),
         rmse=rmse,
         excess_rmse=rmse - noise.std if x.size else 0.0,
     )
-    return Intervals(friction, np.where(both, jump_std, np.inf), rejection(n, level, noise, both))
+    return Intervals(friction, rejection(n, level, noise, both))
 
 
 def kept(used: BoolArray, interval: IntArray, index: IntArray) -> BoolArray:

@@ -47,8 +47,7 @@ def details(found: Search) -> Iterator[RenderableType]:
             f"log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} per sample, "
             f"jumps {gain.changepoints_base} → {gain.changepoints_extended}"
         )
-        if gain.searched_again is not None:
-            yield gain.searched_again.in_words()
+        yield from (again.in_words() for again in (gain.searched_again, gain.searched_again_by_speed) if again)
         for name, worth in noise_gains(found):
             yield f"{name}: no less error; the right law of noise is worth {worth:.4f} nats per sample"
         if gain.diagnosis is not None:

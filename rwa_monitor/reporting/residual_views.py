@@ -9,7 +9,7 @@ part of what is to be seen.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -428,13 +428,3 @@ def _duration_view(problem: Problem, base: Model, extended: Model) -> View:
         "a duration law that differs; false jumps crowd together",
         np.exp(-at / gaps_s.mean()),
     )
-
-
-def strongest(views: Sequence[View], count: int) -> list[View]:
-    """Return the views in which the base model deviates most surely from the extended one, most informative first."""
-    return sorted(views, key=_improvement, reverse=True)[:count]
-
-
-def _improvement(view: View) -> float:
-    floor = 1e-300
-    return float(np.log10(max(view.extended.p_value, floor)) - np.log10(max(view.base.p_value, floor)))

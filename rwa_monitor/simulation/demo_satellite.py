@@ -23,12 +23,8 @@ import numpy as np
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
 from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.simulation.motion import SpeedProfile
-from rwa_monitor.simulation.record import Telemetry, simulate
+from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
-from rwa_monitor.simulation.truth import true_channels
-from rwa_monitor.wheel.effects.base import MeanEffect
-from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block
-from rwa_monitor.wheel.effects.strength import level_columns, strength_for
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, Window, built_in_wheel
 
 # The built-in wheel, five times as lively, in windows a fifth as long: a window then holds as many jumps as one of the
@@ -44,38 +40,29 @@ GROWTH_WINDOWS: Final = 0.5
 # What each wheel does, so that no two rows of the table look alike.
 PROFILES: Final = ("rich", "crossings", "rich", "orbit")
 PAUSE_S: Final = 60.0  # simulated time; twice as long as the wheel takes from rest to its nominal speed
-STRENGTH_SIGMAS: Final = (1.0, 2.0)  # RMS of the part orthogonal to sign, speed and levels, in σ of the noise
-# By effect, the ranges of its shape parameters, drawn log-uniformly: about the catalogue's typical values, and such
-# that the shape lies within the speeds (10 … 300 rad/s) and times (dwells and moves of 30 … 200 s) of a pass.
-EFFECTS: Final[dict[str, dict[str, tuple[float, float]]]] = {
-    "stribeck": {"stribeck_speed_rad_s": (6.0, 30.0)},
-    "quadratic_drag": {},
-    "sublinear_viscous": {"exponent": (0.4, 0.7)},
-    "torque_bias": {},
-    "viscous_asymmetry": {},
-    "inertia_error": {},
-    "lubricant_lag": {"time_constant_s": (20.0, 100.0)},
-}
+# Each leaves 1 to 2 σ of the noise (rms) beside sign, speed and levels in a pass; shapes are about the catalogue's
+# typical values, within the speeds (10 … 300 rad/s) and times (dwells and moves of 30 … 200 s) of a pass.
+EFFECTS: Final = tuple(
+    EffectBlock(name=name, parameters=parameters)
+    for name, parameters in (
+        ("stribeck", {"strength_Nm": 2.5e-4, "stribeck_speed_rad_s": 15.0}),
+        ("quadratic_drag", {"strength_Nm_s2_rad2": 9.0e-9}),
+        ("sublinear_viscous", {"strength_Nm": 6.5e-5, "exponent": 0.5}),
+        ("torque_bias", {"strength_Nm": 7.0e-5}),
+        ("viscous_asymmetry", {"strength_Nm_s_rad": 5.5e-7}),
+        ("inertia_error", {"strength_kg_m2": 2.0e-5}),
+        ("lubricant_lag", {"strength_Nm_s_rad": 1.0e-6, "time_constant_s": 50.0}),
+    )
+)
 # Names that no record of current, speed and friction separates (tests/blind/equivalence.py has the whole table).
 SAME: Final = (frozenset({"inertia_error", "torque_constant_error"}),)
 
 
 @dataclass(frozen=True, slots=True)
 class Hidden:
-    """A wheel with an effect that its wheel file lacks.
-
-    Attributes
-    ----------
-    effect
-        Its name and parameters.
-    sigmas
-        RMS of what base law and levels cannot take up of it, in standard deviations of the noise.
-    samples
-        What the wheel sends.
-    """
+    """A wheel with an effect that its wheel file lacks: name and parameters of the effect, and what the wheel sends."""
 
     effect: EffectBlock
-    sigmas: float
     samples: Samples
 
 
@@ -173,17 +160,11 @@ def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: np.random.Generato
     """
     drawing, passing = rng.spawn(2)  # a longer demo has more passes of the same wheel
     seeds = passing.integers(2**63, size=max(1, int(np.ceil(duration_s / pass_s(wheel)))))
-    # The strength is measured on the first pass as it would be without the effect.
-    plain = _pass(wheel, start_ns, np.random.default_rng(seeds[0]))
-    effect, sigmas = _draw_effect(wheel, plain, drawing)
-    block = to_block(effect)
+    block = EFFECTS[drawing.integers(len(EFFECTS))]
     period_ns = round(pass_s(wheel) * NANOSECONDS_PER_SECOND)
-    parts = [
-        _pass(wheel, start_ns + i * period_ns, np.random.default_rng(seed), block).samples
-        for i, seed in enumerate(seeds)
-    ]
+    parts = [_pass(wheel, start_ns + i * period_ns, np.random.default_rng(seed), block) for i, seed in enumerate(seeds)]
     samples = concatenate(parts)
-    return Hidden(block, sigmas, samples[samples.time_ns < start_ns + round(duration_s * NANOSECONDS_PER_SECOND)])
+    return Hidden(block, samples[samples.time_ns < start_ns + round(duration_s * NANOSECONDS_PER_SECOND)])
 
 
 def pass_s(wheel: Wheel) -> float:
@@ -191,47 +172,17 @@ def pass_s(wheel: Wheel) -> float:
     return wheel.window.samples * wheel.sample_period_s
 
 
-def _draw_effect(wheel: Wheel, plain: Telemetry, rng: np.random.Generator) -> tuple[MeanEffect, float]:
-    """Draw effect, shape and strength; the strength from what the base law cannot take up on a motion.
-
-    Parameters
-    ----------
-    wheel
-        The wheel.
-    plain
-        A record of it without the effect: its motion, its jumps, its noise.
-    rng
-        Source of all randomness.
-
-    Returns
-    -------
-    MeanEffect, float
-        The effect, and its strength in standard deviations of the noise.
-    """
-    name = str(rng.choice(list(EFFECTS)))
-    effect = CATALOGUE[name]
-    assert issubclass(effect, MeanEffect)
-    drawn = {key: float(np.exp(rng.uniform(*np.log(bounds)))) for key, bounds in EFFECTS[name].items()}
-    fixed = {p.name: p.typical for p in effect.shape_parameters() if p.name not in drawn}
-    shape = {**drawn, **fixed}
-    sigmas = float(rng.uniform(*STRENGTH_SIGMAS))
-    channels = true_channels(plain.truth, wheel, plain.truth.used)
-    levels = level_columns(channels.direction, np.unique(plain.truth.changepoints.index))
-    strengths = strength_for(effect, shape, channels, levels, sigmas * plain.truth.noise_std_Nm, rng)
-    return effect(**shape, **strengths), sigmas
-
-
 def same(name: str, other: str) -> bool:
     """Return whether two names are one answer in the demo."""
     return name == other or any({name, other} <= group for group in SAME)
 
 
-def _pass(wheel: Wheel, start_ns: int, rng: np.random.Generator, *effects: EffectBlock) -> Telemetry:
+def _pass(wheel: Wheel, start_ns: int, rng: np.random.Generator, effect: EffectBlock) -> Samples:
     scenario = Scenario(
         duration_s=pass_s(wheel) - PAUSE_S,
         start_ns=start_ns,
         speed=SpeedProfile(kind="rich"),
         channels=("friction_torque_Nm", "motor_current_A"),
-        effect=effects,
+        effect=(effect,),
     )
-    return simulate(scenario, wheel, rng)
+    return simulate(scenario, wheel, rng).samples

@@ -240,7 +240,7 @@ def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatAr
     """Return the motor torque that motion and friction ask for, or None for a wheel without inertia."""
     if wheel.inertia_kg_m2 is None:
         return None
-    return torque_balance.motor_torque(friction, motion.acceleration_rad_s2, wheel.inertia_kg_m2)
+    return wheel.inertia_kg_m2 * motion.acceleration_rad_s2 + friction
 
 
 def _couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArray]:

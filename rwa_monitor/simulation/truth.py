@@ -8,7 +8,6 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.switching_systems import Realisation
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -109,35 +108,6 @@ class Telemetry:
 
     samples: Samples
     truth: Truth
-
-
-def true_channels(truth: Truth, wheel: Wheel, good: BoolArray) -> Channels:
-    """Return the true motion of a record as effects see it, without noise: to scale effects that shall be hidden in it.
-
-    Parameters
-    ----------
-    truth
-        Of the record.
-    wheel
-        Its wheel.
-    good
-        bool (n,), slots that count: `truth.used` without the dead band, `~truth.faulty` with it.
-    """
-    speed, period = truth.speed_rad_s, wheel.sample_period_s
-    motor = None if truth.motor_torque_Nm is None else truth.motor_torque_Nm - truth.noise_Nm
-    return Channels(
-        time_s=np.arange(speed.size, dtype=np.float64) * period,
-        speed_rad_s=speed,
-        direction=np.sign(speed),
-        acceleration_rad_s2=truth.acceleration_rad_s2,
-        angle_rad=np.concatenate([[0.0], np.cumsum(0.5 * period * (speed[1:] + speed[:-1]))]),
-        motor_torque_Nm=motor,
-        bearing_temperature_degC=truth.bearing_temperature_degC,
-        dry_level_Nm=truth.base_dry_Nm + np.sum(list(truth.fss_friction_Nm.values()), axis=0),
-        sample_period_s=period,
-        good=good,
-        motor_torque_rate_Nm_s=None if motor is None else np.gradient(motor, period),
-    )
 
 
 def true_changepoints(

@@ -34,7 +34,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.estimation import estimate, jump_std
+from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.stage_results import (
     REJECTED,
     UNATTRIBUTED,
@@ -388,7 +388,7 @@ def _result(
     # The standard deviation of a contrast is the jump over the root of its χ² statistic.
     jump, std = candidates.jump.copy(), np.abs(candidates.jump) / np.sqrt(np.maximum(candidates.statistic, 1e-12))
     jump[accepted] = levels.level[1:] - levels.level[:-1]
-    std[accepted] = jump_std(evidence, levels)
+    std[accepted] = levels.jump_std
     sure = _confidence(ranked, index)
     path = best.path.by_system()
     double, alone = best.system[:, 1] != REJECTED, best.system[:, 0] == UNATTRIBUTED

@@ -21,7 +21,6 @@ from pydantic import Field, ValidationError
 
 from rwa_monitor.changepoints.stage_results import Assignment, Components
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
 from rwa_monitor.wheel.toml import Strict
@@ -304,7 +303,7 @@ def _remember(
     if before is None and own.size == 0:
         return None
     count, mean, std = (REMEMBERED * before.count, before.mean, before.std) if before else (0.0, 0.0, 0.0)
-    total, squares = count * mean + sum_up(own), count * (std**2 + mean**2) + sum_up(own * own)
+    total, squares = count * mean + float(np.sum(own)), count * (std**2 + mean**2) + float(np.sum(own * own))
     count += own.size
     mean = total / count
     return FrictionMemory(count=count, mean=mean, std=math.sqrt(max(squares / count - mean**2, 0.0)))

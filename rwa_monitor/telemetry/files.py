@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.telemetry.foreign import encoding_hint
 
 PathLike = str | os.PathLike[str]
 
@@ -95,11 +94,9 @@ def decode_utf8(content: bytes, path: Path) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            raise InputError(display_name(path), f"is UTF-16 text; {encoding_hint(content)}") from error
         row = content.count(b"\n", 0, error.start) + 1
         reason = f"is no UTF-8 text (byte 0x{content[error.start]:02x} at offset {error.start})"
-        raise InputError(display_name(path), f"{reason}; {encoding_hint(content)}", f"row {row}") from error
+        raise InputError(display_name(path), reason, f"row {row}") from error
 
 
 def first_line(error: Exception) -> str:

@@ -7,11 +7,10 @@ arrive.
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
-from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.ingest import STANDS_OUT
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.telemetry.ring_buffer import OPTIONAL, RingBuffer
@@ -19,68 +18,17 @@ from rwa_monitor.telemetry.sensor_validation import Channel, Fault, friction_lim
 from rwa_monitor.wheel.effects.base import Channels, Memory
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.torque_balance import (
+    Source,
     differentiate_over_gaps,
     friction_torque,
     half_width,
     inertia_of,
-    mended_friction,
+    motor_torque,
     rounding_error,
-    torque_per_ampere,
-    without_motor,
 )
 from rwa_monitor.wheel.wheel import Wheel
 
 BLOCK_SLOTS: Final = 64
-Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
-FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_torque_Nm", "motor_current_A")
-
-
-def source_of(samples: Samples, wheel: Wheel) -> Source:
-    """Return the channel that friction comes from: itself, or the motor torque, or the motor current.
-
-    Raises
-    ------
-    InputError
-        If friction is not given and the wheel's constants, or the channels, do not suffice to derive it.
-    """
-    if samples.friction_torque_Nm is not None:
-        return "friction_torque_Nm"
-    if wheel.inertia_kg_m2 is not None and samples.motor_torque_Nm is not None:
-        return "motor_torque_Nm"
-    constants = (wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
-    if None not in constants and samples.motor_current_A is not None:
-        return "motor_current_A"
-    raise InputError(
-        f"wheel {wheel.name}",
-        "friction_torque_Nm is missing, and friction cannot be derived: that takes motor_current_A with "
-        "torque_constant_Nm_A and inertia_kg_m2 of the wheel, or motor_torque_Nm with inertia_kg_m2",
-    )
-
-
-def motor_torque(samples: Samples, wheel: Wheel) -> FloatArray | None:
-    """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
-    if samples.motor_torque_Nm is not None:
-        return samples.motor_torque_Nm
-    if samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
-        return torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
-    return None
-
-
-def friction_of(samples: Samples, wheel: Wheel) -> FloatArray:
-    """Return the friction torque of a whole table, float64 (n,) [N m], given or derived; roughly around gaps then.
-
-    Raises
-    ------
-    InputError
-        If friction is neither given nor can be derived.
-    """
-    samples = without_motor(samples, wheel)
-    source_of(samples, wheel)
-    if samples.friction_torque_Nm is not None:
-        return samples.friction_torque_Nm
-    torque = motor_torque(samples, wheel)
-    assert torque is not None, "there is a source"
-    return mended_friction(samples.speed_rad_s, torque, wheel)
 
 
 class FrictionSource:

@@ -29,7 +29,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.writer import MCAP0_MAGIC
 
-from rwa_monitor.errors import InputError, did_you_mean, needs_extra
+from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import display_name, first_line, unreadable
@@ -55,7 +55,6 @@ MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a 
 MAX_CHANNELS: Final = 1_000  # of the topics of the map
 MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be listed
 MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
-MAX_JOINTS_LISTED: Final = 8  # of a topic, where the map names another
 
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
 _HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
@@ -84,9 +83,8 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
     except OSError as error:
         raise unreadable(path, error) from error
     bag.check_topics()
-    absent = list(dict.fromkeys(words for entry in wheels for words in entry.absent_joints()))
     found = [(entry.wheel, entry.samples()) for entry in wheels]
-    return telemetry_file(source, found, bag.problems(), absent, "holds no sample of a wheel of the map")
+    return telemetry_file(source, found, bag.problems(), (), "holds no sample of a wheel of the map")
 
 
 # ---- the wheels of the map -------------------------------------------------------------------------------------------
@@ -99,7 +97,6 @@ class _Series:
         self.spec = spec
         self.times = array("q")
         self.values = array("d")
-        self._others: dict[str, None] = {}  # joints that messages without this one hold, an ordered set
         self._factor, self._offset = conversion(UNITS[channel], spec.unit or SI_UNITS[channel], channel, source, place)
 
     def take(self, message: Any, logged: Message) -> None:
@@ -108,8 +105,6 @@ class _Series:
         if self.spec.joint is not None:
             names = list(_field(message, "name"))
             if self.spec.joint not in names:
-                if len(self._others) < MAX_JOINTS_LISTED:
-                    self._others.update(dict.fromkeys(map(str, names[:MAX_JOINTS_LISTED])))
                 return
             at = names.index(self.spec.joint)
         value = _field(message, self.spec.field)
@@ -121,13 +116,6 @@ class _Series:
         check_time(time_ns)
         self.times.append(time_ns)
         self.values.append(float(value) * self._factor + self._offset)
-
-    def absent_joint(self) -> str:
-        """Report which joints there are instead, where no message holds this one; "" otherwise."""
-        if self.times or not self._others:
-            return ""
-        hint = did_you_mean(str(self.spec.joint), self._others)
-        return f"{self.spec.topic} has no joint {self.spec.joint}; there are {', '.join(self._others)}{hint}"
 
     def _time_of(self, message: Any, logged: Message) -> int:
         if self.spec.time != "header":
@@ -147,10 +135,6 @@ class _Wheel:
             str(channel): _Series(channel, spec, f"{wheel.spacecraft}/{wheel.wheel}: {channel}: {spec.topic}", source)
             for channel, spec in wheel.channels.items()
         }
-
-    def absent_joints(self) -> list[str]:
-        """Report which joints of the map the bag does not have."""
-        return [words for series in self.series.values() if (words := series.absent_joint())]
 
     def samples(self) -> Samples:
         """Return what is known of each channel when the speed is."""

@@ -9,7 +9,7 @@ that it leaves is coloured, and the later stages get its autocovariance from her
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 
@@ -22,6 +22,8 @@ MAX_HALF_WIDTH: Final = (
     5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
 )
 MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
+Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
+FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_torque_Nm", "motor_current_A")
 LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is no harm
 
 
@@ -30,9 +32,35 @@ def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray
     return motor_torque_Nm - inertia_kg_m2 * acceleration_rad_s2
 
 
-def motor_torque(friction_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray, inertia_kg_m2: float) -> FloatArray:
-    """Return the motor torque that a motion asks for [N m], float64 (n,): the inverse of `friction_torque`."""
-    return inertia_kg_m2 * acceleration_rad_s2 + friction_torque_Nm
+def source_of(samples: Samples, wheel: Wheel) -> Source:
+    """Return the channel that friction comes from: itself, or the motor torque, or the motor current.
+
+    Raises
+    ------
+    InputError
+        If friction is not given and the wheel's constants, or the channels, do not suffice to derive it.
+    """
+    if samples.friction_torque_Nm is not None:
+        return "friction_torque_Nm"
+    if wheel.inertia_kg_m2 is not None and samples.motor_torque_Nm is not None:
+        return "motor_torque_Nm"
+    constants = (wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
+    if None not in constants and samples.motor_current_A is not None:
+        return "motor_current_A"
+    raise InputError(
+        f"wheel {wheel.name}",
+        "friction_torque_Nm is missing, and friction cannot be derived: that takes motor_current_A with "
+        "torque_constant_Nm_A and inertia_kg_m2 of the wheel, or motor_torque_Nm with inertia_kg_m2",
+    )
+
+
+def motor_torque(samples: Samples, wheel: Wheel) -> FloatArray | None:
+    """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
+    if samples.motor_torque_Nm is not None:
+        return samples.motor_torque_Nm
+    if samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
+        return torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
+    return None
 
 
 def without_motor(samples: Samples, wheel: Wheel) -> Samples:
@@ -224,6 +252,23 @@ def mended_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel:
     """
     friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
     return friction - rounding_error(speed_rad_s, motor_torque_Nm, wheel)
+
+
+def friction_of(samples: Samples, wheel: Wheel) -> FloatArray:
+    """Return the friction torque of a whole table, float64 (n,) [N m], given or derived; roughly around gaps then.
+
+    Raises
+    ------
+    InputError
+        If friction is neither given nor can be derived.
+    """
+    samples = without_motor(samples, wheel)
+    source_of(samples, wheel)
+    if samples.friction_torque_Nm is not None:
+        return samples.friction_torque_Nm
+    torque = motor_torque(samples, wheel)
+    assert torque is not None, "there is a source"
+    return mended_friction(samples.speed_rad_s, torque, wheel)
 
 
 def derived_noise_autocovariance(wheel: Wheel, speed_std_rad_s: float, current_std_A: float = 0.0) -> FloatArray:

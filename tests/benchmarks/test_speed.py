@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import subprocess
 import sys
 
@@ -11,11 +9,9 @@ import numpy as np
 import pytest
 
 from benchmarks.machine import peak_memory_bytes
-from benchmarks.speed import benchmark, detection, live, peers, search
+from benchmarks.speed import detection, live, peers, search
 from benchmarks.speed.race import Runner, laps
-from benchmarks.speed.report import SpeedReport, to_markdown
 from benchmarks.speed.windows import hard_window, time_hard_window, time_windows
-from benchmarks.target import at_least, at_most
 from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.kernels.wglr import wglr
@@ -57,17 +53,6 @@ def test_the_fastest_peer_finds_what_the_truth_holds() -> None:
     found = np.asarray(peers.skchange_fpop().search(window_of(labelled).series()))
     jumps = np.unique(truth.index[truth.visible])
     assert np.mean([np.abs(found - jump).min() <= 5 for jump in jumps]) > 0.95
-
-
-def test_a_missing_peer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(name: str) -> object:
-        raise ImportError(name)
-
-    monkeypatch.setattr(peers, "import_module", refuse)
-    told: list[str] = []
-    assert peers.installed(told.append) == []
-    assert "skchange is not installed (pip install skchange); it is left out" in told
-    assert len(told) == len(peers.PEERS)
 
 
 # ---- ratios ----------------------------------------------------------------------------------------------------------
@@ -131,51 +116,3 @@ def test_a_search_in_a_process_of_its_own_says_what_it_cost() -> None:
     assert [cost.named for cost in costs] == [("stribeck",), ("stribeck",)]
     assert costs[0].memory_GB < 2.0
     assert search.growth(costs) < SLACK * search.MOST_GROWTH
-
-
-def test_the_search_is_held_against_its_targets() -> None:
-    costs = [
-        search.SearchCost(samples, hidden, 4, wall_s, processor_s, 1.0, ())
-        for samples, hidden, wall_s, processor_s in (
-            (20_000, 1, 3.0, 3.0),
-            (80_000, 1, 8.0, 10.0),
-            (320_000, 1, 40.0, 60.0),
-            (80_000, 0, 3.0, 6.0),
-            (80_000, 2, 11.0, 21.0),
-            (5_000, 2, 2.0, 4.0),
-        )
-    ]
-    slowest, short, memory, growth = search.search_section(costs).targets
-    assert (slowest.reached, slowest.met) == (21.0, False)
-    assert (short.reached, short.met) == (4.0, True)
-    assert memory.met
-    assert (growth.reached, growth.met) == (pytest.approx(1.25), False)
-
-
-def test_help_imports_nothing_heavy() -> None:
-    assert benchmark.imported_at_help() == []
-
-
-def test_a_report_can_be_kept_and_shown_again(window: Window) -> None:
-    section = benchmark.detection_section(
-        laps(
-            [
-                Runner(detection.LIMIT, "limit", lambda: None),
-                Runner(detection.OURS_ONE, "ours", lambda: None),
-                Runner(detection.OURS_SEVEN, "ours", lambda: None),
-                Runner(detection.PLAIN, "peer", lambda: None),
-            ],
-            rounds=2,
-        )
-    )
-    report = SpeedReport({"processor": "none"}, {"windows": 1, "seed": 2}, (section,), ("river is not installed",))
-    again = SpeedReport.from_json(json.loads(json.dumps(report.to_json())))
-    assert to_markdown(again) == to_markdown(report)
-    assert [target.name for target in again.targets] == [target.name for target in report.targets]
-
-
-def test_what_could_not_be_measured_is_neither_met_nor_missed() -> None:
-    target = at_most("memory", math.nan, 3.0, "cannot be read here")
-    assert target.met is None
-    assert at_least("ratio", 2.0, 1.0).met
-    assert not at_most("ratio", 2.0, 1.0).met

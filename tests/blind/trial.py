@@ -20,11 +20,12 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.telemetry.configuration import read_wheel, write_wheel
-from rwa_monitor.telemetry.csv_table import write_csv
-from rwa_monitor.telemetry.table import read_table
+from rwa_monitor.telemetry.table import read_table, write_csv
 from rwa_monitor.wheel.effects.base import MeanEffect, NoiseEffect
+from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
+from rwa_monitor.wheel.effects.speed_triggered_jumps import SpeedTriggeredJumps
+from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEvidence
 from tests.blind.equivalence import accepted
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
 
@@ -205,21 +206,22 @@ def _noise_gain(problem: Problem, hidden: Hidden, name: str) -> float:
     channels = problem.records[0].channels
     if name == "tachometer_quantisation":
         return float("inf")  # the lattice stands in the table
-    return float(effect.fit(hidden.residual, channels, channels.good).penalised_gain)
+    steady = effect.fit(hidden.residual, channels, channels.good).penalised_gain
+    if name != CageInstability.name:
+        return steady
+    return max(steady, CageInstability.fit_bursts(hidden.residual, channels, channels.good)[0].penalised_gain)
 
 
 def _switching_gain(search: Search, hidden: Hidden, name: str) -> float:
-    """The class's own likelihood, with the true jumps; where it needs an attribution, the number of sojourns."""
-    effect = CATALOGUE[name]
-    assert issubclass(effect, SwitchingEffect)
+    """The likelihood of a rate, with the true jumps; where an attribution is needed, the number of sojourns."""
     channels = search.problem.records[0].channels
     size = hidden.level[hidden.jump_index] - hidden.level[hidden.jump_index - 1]
     if name in ("extra_switching_system", "wrong_duration_law"):
         # A sojourn that its law forbids costs log 50 (one in fifty is granted to chance); a law that is fitted takes
         # back about half of it. The first and last sojourn of both systems are cut.
         return 2 * 0.5 * float(np.log(50.0)) * max(len(hidden.jump_index) - 4, 0)
-    evidence = SwitchingEvidence(hidden.residual, channels, channels.good, Jumps(hidden.jump_index, size), systems={})
-    return float(effect.fit(evidence).penalised_gain)
+    evidence = SwitchingEvidence(channels, channels.good, Jumps(hidden.jump_index, size))
+    return SpeedTriggeredJumps.fit(evidence).penalised_gain
 
 
 class _TrueForm(MeanEffect):

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rwa_monitor.changepoints.tuning import Measured, check, information, tune
+from benchmarks.paper.run_length import information
+from rwa_monitor.changepoints.tuning import Measured, check, tune
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.wglr import wglr
 from tests.program import run
@@ -117,10 +118,3 @@ def test_command_prints_settings_and_their_check() -> None:
     assert answer["check"]["kept"]
     assert answer["check"]["missed"]["low"] <= answer["missed"] <= answer["check"]["missed"]["high"]
     assert answer["check"]["run_length"]["low"] <= 1e6 <= answer["check"]["run_length"]["high"]
-
-
-def test_the_text_gives_prediction_and_simulation() -> None:
-    result = run("tune", "--missed", "0.01", "--run-length", "1e4", "--jump", "3")
-    assert result.exit_code == 0
-    assert [line.split("  ")[0] for line in result.stdout.splitlines()][-3:] == ["predicted", "simulated", "wanted"]
-    assert "between alarms" in result.stdout

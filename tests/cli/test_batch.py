@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +15,7 @@ import dask
 import pytest
 from distributed import LocalCluster
 
-from rwa_monitor.batch.cluster import PARCEL_LEAST_S, PARCEL_MOST, PARCELS_LEFT, each, parcel_size
+from rwa_monitor.batch.cluster import each
 from rwa_monitor.batch.store import Store, read_results
 from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.errors import InputError, RwaMonitorError
@@ -203,23 +201,12 @@ class Named:
         return file.name
 
 
-def test_short_recordings_travel_together_long_ones_alone_and_few_are_left_for_all_workers() -> None:
-    assert parcel_size(seconds=0.005, waiting=5_000, workers=4) == PARCEL_MOST
-    assert parcel_size(seconds=0.1, waiting=5_000, workers=4) == 5
-    assert parcel_size(seconds=20.0, waiting=5_000, workers=4) == 1
-    assert parcel_size(seconds=0.02, waiting=4 * 10 * PARCELS_LEFT, workers=4) == 10
-    assert parcel_size(seconds=0.02, waiting=20, workers=4) == PARCEL_LEAST_S / 0.02
-    assert parcel_size(seconds=0.02, waiting=7, workers=4) == 2
-    assert parcel_size(seconds=0.0, waiting=3, workers=4) == 1
-    assert parcel_size(seconds=0.0, waiting=0, workers=4) == 1
-
-
 @pytest.mark.parametrize("on_a_cluster", [False, True])
 def test_neither_bad_input_nor_a_fault_nor_a_killed_worker_stops_the_others(
     on_a_cluster: bool, cluster: LocalCluster
 ) -> None:
     names = [f"good {number}" for number in range(200)]
-    names[0], names[6], names[150] = "bad input", "fault", "killed"  # at the last several travel together
+    names[0], names[6], names[150] = "bad input", "fault", "killed"  # several travel together
     where: dict[str, Any] = {"scheduler": cluster.scheduler_address} if on_a_cluster else {"workers": 2}
     outcomes = list(each(Named(), [Path(name) for name in names], **where))
     assert [outcome.file.name for outcome in outcomes] == names
@@ -239,64 +226,14 @@ def test_no_scheduler_is_one_line() -> None:
     assert "carrier pigeon" in result.stderr
 
 
-def test_training_refuses_to_learn_from_less_than_its_labels_say(fleet: Path, tmp_path: Path) -> None:
-    for name in ("day_0.csv", "broken.csv"):
-        (tmp_path / name).write_bytes((fleet / name).read_bytes())
-    (tmp_path / "labels.csv").write_text("file,dry,viscous,fss_1,fss_2\nday_0.csv,1,0,0,0\nbroken.csv,0,0,0,0\n")
-    result = run("train", tmp_path / "labels.csv", "--wheel", fleet / "wheel.toml", "-o", tmp_path / "model.json")
-    assert result.exit_code == 2
-    assert "1 of 2 files cannot be used" in result.stderr
-    assert not (tmp_path / "model.json").exists()
-
-
 @pytest.mark.parametrize(
     "words",
     [
         ["diagnose", "x.csv", "--carry", "--workers", "2"],
         ["diagnose", "x.csv", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"],
-        ["discrepancy", "x.csv", "--workers", "2"],
-        ["discrepancy", "x.csv", "--each", "--plan"],
-        ["identify", "x.csv", "-o", "w", "--workers", "2"],
-        ["identify", "a/x.csv", "b/x.csv", "-o", "w", "--each"],
-        ["identify", "x.csv", "-o", "w.toml", "--each"],
     ],
 )
 def test_options_that_exclude_each_other_are_refused(words: list[str]) -> None:
     result = run(*words)
     assert (result.exit_code, result.stdout) == (2, "")
     assert "--help" in result.stderr
-
-
-# ---- one report for each ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_each_wheel_is_learned_and_searched_by_itself(fleet: Path, cluster: LocalCluster, tmp_path: Path) -> None:
-    pair = [fleet / "day_0.csv", fleet / "day_1.csv"]
-    words = ("--each", "--scheduler", cluster.scheduler_address, "-o", tmp_path / "wheels")
-    learned = run("identify", *pair, fleet / "broken.csv", "--no-systems", *words)
-    assert learned.exit_code == 2
-    assert "broken.csv: row 2, column speed_rad_s" in learned.stderr
-    assert f"2 wheel files of 3 recordings written to {tmp_path / 'wheels'}" in learned.stderr
-    refused = run("identify", *pair, *words)  # too short for the laws of switching systems: each is named
-    assert refused.exit_code == 2
-    for recording in pair:
-        assert f"{recording}: too little data" in refused.stderr
-    for recording in pair:
-        alone = run("identify", recording, "--no-systems", "-o", tmp_path / "alone.toml")
-        assert alone.exit_code == 0, alone.stderr
-        by_itself = read_wheel(tmp_path / "alone.toml")
-        assert read_wheel(tmp_path / "wheels" / f"{recording.name}.wheel.toml").nominal == by_itself.nominal
-
-    found = run("discrepancy", *pair, "--each", "--json", "--wheel", fleet / "wheel.toml", "--workers", 1)
-    assert found.exit_code == 0, found.stderr
-    for recording, line in zip(pair, found.stdout.splitlines(), strict=True):
-        alone = run("discrepancy", recording, "--json", "--wheel", fleet / "wheel.toml")
-        assert json.loads(line) == {"source": str(recording), **json.loads(alone.stdout)}
-
-
-def test_help_needs_no_dask() -> None:
-    code = "import sys; from rwa_monitor.cli.main import main; main(['diagnose', '--help'], standalone_mode=False)"
-    check = f"{code}; assert not {{'dask', 'distributed', 'joblib', 'numpy', 'sklearn'}} & set(sys.modules)"
-    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr

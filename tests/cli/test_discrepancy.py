@@ -97,18 +97,6 @@ def test_motor_off_without_an_inertia_is_refused_in_one_sentence(
     assert "--motor-off: needs inertia_kg_m2 under [wheel]" in line
 
 
-def test_a_constant_speed_cannot_tell_and_says_what_it_lacks(tmp_path: Path) -> None:
-    table = columns(speed=np.full(COUNT, 120.0))
-    done = run("discrepancy", write(tmp_path / "t.csv", table), "--json")
-    assert done.exit_code == 0, done.stderr
-    report = json.loads(done.stdout)
-    assert report["verdict"] == "untestable"
-    assert {"stribeck", "sublinear_viscous", "viscosity_temperature"} <= {
-        entry["effect"] for entry in report["untested"]
-    }
-    assert all(entry["missing"] for entry in report["untested"])
-
-
 def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
     """A torque sensor at its end stop: what it shows is its range, not a friction law."""
     table = columns()

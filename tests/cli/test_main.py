@@ -49,7 +49,7 @@ def test_help_loads_nothing_heavy() -> None:
     code = (
         "import sys\nfrom rwa_monitor.cli.main import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "heavy = {'numpy', 'scipy', 'sklearn', 'zenoh', 'matplotlib', 'pyarrow', 'pydantic', 'mcap', 'rich'}\n"
+        "heavy = {'numpy', 'scipy', 'sklearn', 'zenoh', 'matplotlib', 'pyarrow', 'pydantic', 'mcap', 'rich', 'dask'}\n"
         "print(sorted(heavy & set(sys.modules)), file=sys.stderr)\n"
     )
     began = time.perf_counter()

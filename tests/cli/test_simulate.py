@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
+import rwa_monitor as rwa
 from rwa_monitor.telemetry.configuration import read_model, read_wheel
 from rwa_monitor.telemetry.labels import read_labels
 from rwa_monitor.telemetry.table import read_table
 from tests.cli.conftest import SECONDS, simulate
 from tests.program import run
+from tests.telemetry.packet_writer import write_packets
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(files: Path, tmp_path: Path) -> None:
@@ -36,14 +38,6 @@ def test_truth_and_wheel_lie_beside_the_recording(files: Path) -> None:
     assert read_wheel(files / "given.csv.wheel.toml") == read_wheel(files / "wheel.toml")
 
 
-def test_the_built_in_wheel_is_not_written_beside(tmp_path: Path) -> None:
-    (tmp_path / "scenario.toml").write_text("[scenario]\nduration_s = 10.0\n")
-    output = tmp_path / "table.csv"
-    assert run("simulate", "recording", "--scenario", tmp_path / "scenario.toml", "-o", output).exit_code == 0
-    assert not (tmp_path / "table.csv.wheel.toml").exists()
-    assert len(read_table(output).samples) == 80
-
-
 def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None:
     """A few windows of the real recipe: enough to go all the way, too few for a good model."""
     made = run("simulate", "dataset", "--recipe", "paper", "--count", 10, "--seed", 2, "-o", tmp_path / "set")
@@ -62,7 +56,7 @@ def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None
 
 def test_packets_are_diagnosed_as_the_table_is(files: Path, tmp_path: Path) -> None:
     packets = tmp_path / "day.ccsds"
-    simulate(files / "scenario.toml", files / "wheel.toml", 5, packets)
+    write_packets(read_table(files / "given.csv").samples, packets)
     how = ("--xtce", f"{packets}.xtce.xml", "--map", f"{packets}.map.toml", "--wheel", files / "wheel.toml", "--json")
     diagnosed, table = run("diagnose", packets, *how), run("diagnose", files / "given.csv", *how)
     assert (diagnosed.exit_code, table.exit_code) == (0, 0), diagnosed.stderr
@@ -75,7 +69,7 @@ def test_packets_are_diagnosed_as_the_table_is(files: Path, tmp_path: Path) -> N
 
 def test_packets_cut_at_the_end_are_diagnosed_and_the_exit_code_is_3(tmp_path: Path) -> None:
     packets = tmp_path / "day.ccsds"
-    assert run("simulate", "recording", "-o", packets).exit_code == 0
+    write_packets(rwa.simulate().samples, packets)
     packets.write_bytes(packets.read_bytes()[:100_001])
     result = run("diagnose", packets, "--xtce", f"{packets}.xtce.xml", "--map", f"{packets}.map.toml", "--json")
     assert result.exit_code == 3

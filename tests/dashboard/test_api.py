@@ -12,14 +12,11 @@ from jsonschema import Draft202012Validator
 from websockets.sync.client import connect
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
-from rwa_monitor.history.alarms import Policy
-from rwa_monitor.history.records import trends
-from rwa_monitor.history.store import History
 from rwa_monitor.messages import Changepoints, ProvisionalJump, samples_json
 from tests.dashboard.support import RIGHT, ask, reporting, send_windows
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
-from tests.history.support import START_NS, diagnosis, discrepancy
+from tests.history.support import START_NS, discrepancy
 from tests.monitor.processes import wait_for
 
 pytestmark = pytest.mark.processes
@@ -51,13 +48,13 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
                 check(document, frames, entries)
                 seen.update(entry["key"].rpartition("/")[2] for entry in entries)
                 wanted = {"beat", "pulse", "software", "status", "samples", "diagnosis", "changepoints", "discrepancy"}
-                return wanted | {"alarm", "evidence", "aside"} <= seen
+                return wanted | {"alarm", "aside"} <= seen
 
             wait_for(
                 lambda: not all_received() and "status" in seen, "the status, which only goes to who watches the wheel"
             )
             session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(4_000), "satellite", 0))
-            wait_for(lambda: not all_received() and "evidence" in seen, "the wGLR of the open window")
+            wait_for(lambda: not all_received() and "samples" in seen, "samples of the open window")
             send_windows(session, "wheel_1", failing=True)
             jump = ProvisionalJump(index=1, time_ns=START_NS, jump_Nm=1e-4, std_Nm=1e-5, confidence=1.0)
             found = Changepoints(spacecraft="sat", wheel="wheel_1", window_start_ns=START_NS, changepoints=[jump])
@@ -111,21 +108,3 @@ def test_a_wrong_limit_is_refused(session: zenoh.Session, limit: str) -> None:
 
     with serve(DashboardOptions(0, None), session) as running:
         assert ask(running.address, f"api/wheels/sat/wheel_1/windows?limit={quote(limit)}")[0] == 422
-
-
-def test_a_growing_estimate_has_a_trend_that_reaches_the_next_limit() -> None:
-    with History(None) as history:
-        for number in range(30):
-            window = diagnosis(number)
-            value = 5.3e-6 + number * 2e-9 + (number % 3 - 1) * 3e-9
-            friction = window.friction.viscous.model_copy(update={"value": value, "std": 5e-9})
-            anomaly = window.anomalies["viscous"].model_copy(update={"estimate": value})
-            parts = window.friction.model_copy(update={"viscous": friction})
-            history.add(window.model_copy(update={"friction": parts, "anomalies": {"viscous": anomaly}}))
-        (found,) = trends(history.estimates("sat", "wheel_1"), Policy())
-    per_day = 2e-9 / 2000 * 86_400
-    assert found.present
-    assert found.slope_per_day == pytest.approx(per_day, abs=3 * found.slope_std_per_day)
-    assert (found.reach.limit, found.reach.level) == (5.5e-6, "watch")
-    # (5.5e-6 - 5.358e-6) / 2e-9 windows of 2,000 s from the last one.
-    assert found.reach.low_s < 71 * 2000 < found.reach.high_s

@@ -115,21 +115,6 @@ def test_a_client_gets_the_latest_diagnosis_and_then_each_new_one_with_its_schem
         assert line["timestamp"]["sec"] == second.window_end_ns // NANOSECONDS_PER_SECOND
 
 
-def test_an_alarm_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
-    key = "rwa/sat/wheel_1"
-    with foxglove_client(session, tmp_path) as client:
-        send_windows(session, "wheel_1", failing=False, windows=1)
-        channels = client.channels_of(f"{key}/diagnosis", f"{key}/log")
-        client.subscribe(channels[f"{key}/log"], channels[f"{key}/diagnosis"])
-        client.received(1, diagnosis(0, wheel="wheel_1").window_end_ns)
-        send_windows(session, "wheel_1", failing=True)
-        last_ns = diagnosis(2, severity=1.0, wheel="wheel_1").window_end_ns
-        while not (line := client.received(0, last_ns))["message"].startswith("Alarm "):
-            assert line["message"]  # of the diagnosis, which comes before
-        assert line["message"].endswith(": warning, active.")
-        assert line["level"] == LogLevel.WARNING
-
-
 def test_a_monitor_that_does_not_report_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
     with foxglove_client(session, tmp_path, silent_s=1.0) as client:
         send_windows(session, "wheel_1", failing=False, windows=1)

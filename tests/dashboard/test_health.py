@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 import pytest
@@ -15,13 +13,11 @@ from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.service import run
-from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
 from tests.dashboard.support import START_S, acknowledge, send_windows
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
-from tests.monitor.processes import wait_for
+from tests.monitor.processes import Listener, monitor, wait_for
 from tests.monitor.support import publish
 
 WINDOW = 2_000
@@ -40,38 +36,20 @@ def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Healt
 def test_a_monitor_publishes_the_health_at_each_close_and_answers_queries_with_the_last_one(
     session: zenoh.Session,
 ) -> None:
-    received: list[tuple[str, bytes]] = []
-    subscriber: Any = session.declare_subscriber(
-        "rwa/sat/*/*", lambda sample: received.append((str(sample.key_expr), sample.payload.to_bytes()))
-    )
+    listener, names = Listener(session), ("wheel_1", "wheel_2")
     wheel = built_in_wheel().model_copy(update={"window": Window(samples=WINDOW, hop=WINDOW, dead_band_rad_s=1.0)})
-    log_lines: list[str] = []
-    stop, names = Event(), ("wheel_1", "wheel_2")
     options = RunOptions(wheels="rwa/sat/*/samples", wheel=wheel, model=built_in_model())
-    monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "log": log_lines.append})
-    monitor.start()
-    try:
-        wait_for(lambda: any("monitoring" in line for line in log_lines), "the monitor")
-        telemetry: dict[str, Samples] = {
-            key_of(SamplesMessage, "sat", name): with_friction(3 * WINDOW + 200) for name in names
-        }
+    with monitor(session, options):
+        telemetry = {key_of(SamplesMessage, "sat", name): with_friction(3 * WINDOW + 200) for name in names}
         publish(telemetry, session, speed=math.inf, batch_samples=500, linger_s=0.0)
-
-        def closed() -> bool:
-            return len([key for key, _ in received if key.endswith("/health")]) >= 6
-
-        wait_for(closed, "six windows' health", START_S)
+        wait_for(lambda: len(listener.kind("health")) >= 6, "six windows' health", START_S)
         for name in names:
-            found = [json.loads(payload) for key, payload in received if key == f"rwa/sat/{name}/diagnosis"]
-            published = [payload for key, payload in received if key == f"rwa/sat/{name}/health"]
-            expected = [health_message(Diagnosis.parse(json.dumps(one).encode(), name)) for one in found]
+            found = [payload for key, payload in listener.received if key == f"rwa/sat/{name}/diagnosis"]
+            published = [payload for key, payload in listener.received if key == f"rwa/sat/{name}/health"]
+            expected = [health_message(Diagnosis.parse(payload, name)) for payload in found]
             assert published == [one.to_json() for one in expected]
             assert asked(session)[f"rwa/sat/{name}/health"] == expected[-1]
         assert set(asked(session)) == {f"rwa/sat/{name}/health" for name in names}
-    finally:
-        stop.set()
-        monitor.join()
-        subscriber.undeclare()
 
 
 def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(session: zenoh.Session, tmp_path: Path) -> None:
@@ -102,33 +80,20 @@ def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.S
     from rwa_monitor.monitor.bus import MonitorBus
     from rwa_monitor.monitor.ingest.backfill import Inbox
 
-    key, encoding = "rwa/sat/wheel_1/health", Health.encoding()
+    key = "rwa/sat/wheel_1/health"
     with MonitorBus(session, Inbox()) as bus, serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
         bus.offer_health()
-        stop = Event()
-        latest: dict[str, bytes] = {}
-
-        def answer() -> None:
-            while not stop.wait(0.01):
-                bus.answer(encoding, lambda: latest)
 
         def publish(number: int) -> None:
             message = diagnosis(number, severity=1.0)
-            latest[key] = health_message(message).to_json()
-            bus.publish(key, Health, latest[key])
+            bus.publish(key, Health, health_message(message).to_json())
             session.put("rwa/sat/wheel_1/diagnosis", message.to_json())
 
-        answering = Thread(target=answer)
-        answering.start()
-        try:
-            publish(0)
-            publish(1)
-            wait_for(lambda: asked(session)[key].alarm_states, "the alarm")
-            assert acknowledge(running.address) == 200
-            states = asked(session)[key].alarm_states
-            assert states["viscous"].acknowledged_by == "Ann"
-            publish(2)  # changes no alarm: the monitor's is the later one
-            assert asked(session)[key].window_end_ns == diagnosis(2).window_end_ns
-        finally:
-            stop.set()
-            answering.join()
+        publish(0)
+        publish(1)
+        wait_for(lambda: asked(session)[key].alarm_states, "the alarm")
+        assert acknowledge(running.address) == 200
+        states = asked(session)[key].alarm_states
+        assert states["viscous"].acknowledged_by == "Ann"
+        publish(2)  # changes no alarm: the monitor's is the later one
+        assert asked(session)[key].window_end_ns == diagnosis(2).window_end_ns

@@ -58,15 +58,6 @@ def test_silence_is_news_once_and_so_is_a_status() -> None:
     assert monitors.changes((), "") == [HEARD]
 
 
-def test_a_dashboard_that_was_started_later_counts_from_its_start_and_from_what_is_written() -> None:
-    monitors, clock = watch({("sat", "wheel_1"): False, ("sat", "wheel_2"): True})
-    assert monitors.changes((), "") == []
-    clock.s += 31.0
-    (silent,) = monitors.changes((), "")
-    assert (silent.wheel, silent.time_ns) == ("wheel_1", None)
-    assert "since this dashboard was started, at 2026-11-18T" in silent.reason
-
-
 def test_no_monitor_is_expected_for_a_retired_wheel_nor_where_no_alarm_is_wanted() -> None:
     monitors, clock = watch({("sat", "wheel_1"): False})
     clock.s += 31.0
@@ -76,18 +67,6 @@ def test_no_monitor_is_expected_for_a_retired_wheel_nor_where_no_alarm_is_wanted
     clock.s += 31.0
     monitors.take_status("sat", "wheel_2", None)
     assert monitors.changes((), "") == []
-
-
-def test_who_sends_samples_should_be_monitored() -> None:
-    monitors, clock = watch({})
-    monitors.expect("sat", "wheel_1")
-    assert monitors.changes((), "") == []
-    clock.s += 31.0
-    monitors.expect("sat", "wheel_1")
-    (silent,) = monitors.changes((), "")
-    assert "since samples of this wheel came first, at 2026-11-18T" in silent.reason
-    monitors.take_status("sat", "wheel_1", START_NS)
-    assert monitors.changes((), "") == [HEARD]
 
 
 @pytest.mark.processes

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, import_recordings, list_recordings, replay_json
@@ -38,18 +37,6 @@ def test_a_replay_holds_all_diagnoses_in_order_and_thinned_samples() -> None:
     for entry in entries:
         if entry["key"].endswith("/samples"):
             points[entry["key"]] = points.get(entry["key"], 0) + len(entry["message"]["time_ns"])
-    curves = [entry["message"] for entry in entries if entry["key"].endswith("/evidence")]
-    assert {curve["window_start_ns"] for curve in curves} == {one["window_start_ns"] for one in diagnoses}
-    for message in diagnoses:
-        # What was taken for a jump stands out of the curve that is drawn above it.
-        curve = next(one for one in curves if one["window_start_ns"] == message["window_start_ns"])
-        times = np.array(curve["time_ns"])
-        for jump in message["changepoints"]:
-            near = (
-                np.abs(times - jump["time_ns"])
-                <= 128 * (message["window_end_ns"] - message["window_start_ns"]) / message["samples"]
-            )
-            assert max(np.array(curve["statistic"])[near]) > 0.5 * curve["threshold"]
     assert points
     assert max(points.values()) <= POINTS_PER_WHEEL
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -11,10 +10,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard import telemetry
+from rwa_monitor.dashboard import fleet
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
-from rwa_monitor.history.records import RetirementEvent
-from rwa_monitor.history.retired_wheels import RetiredWheels
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from tests.dashboard.support import (
@@ -103,33 +100,6 @@ def test_a_wheel_is_back_also_while_the_history_cannot_be_written(tmp_path: Path
             assert another.retired.latest() == [event]
 
 
-def test_an_event_that_is_not_written_yet_goes_before_what_is_written(tmp_path: Path) -> None:
-    place = tmp_path / "history.sqlite3"
-
-    class Late(RetiredWheels):
-        """Reads while a wheel is brought back here."""
-
-        def _read(self) -> list[RetirementEvent]:
-            before = super()._read()
-            if before and before[0].retired and not self.read:
-                self.read = True
-                self.restore("sat", "wheel_1", "Ben")
-            return before
-
-        read = True
-
-    with History(place) as here, History(place) as there:
-        here.add(diagnosis(0))
-        event = there.retired.retire("sat", "wheel_1", "Ann")
-        assert here.retired.refresh() == [event]
-        assert here.retired.refresh() == []
-        late = Late(here._database, time.time_ns)
-        late.read = False
-        assert late.names() == {("sat", "wheel_1")}
-        assert late.refresh() == []
-        assert late.names() == set()
-
-
 @pytest.mark.processes
 def test_a_retired_wheel_has_no_metrics(session: zenoh.Session, tmp_path: Path) -> None:
     def text() -> str:
@@ -152,7 +122,7 @@ def test_a_retired_wheel_has_no_metrics(session: zenoh.Session, tmp_path: Path) 
 def test_an_operator_retires_a_wheel_and_sees_it_come_back(
     chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(telemetry, "LEAST_STALE_S", 1.0)
+    monkeypatch.setattr(fleet, "LEAST_STALE_S", 1.0)
     with (
         serve_history(tmp_path, session) as running,
         reporting(session, "wheel_3"),

@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from benchmarks.adequacy.trials import MEAN_EFFECTS, MOTIONS, diagnose_recipe, hide_and_diagnose
-from rwa_monitor.diagnosis.adequacy import Blocks, expected_jumps, persistence
+from rwa_monitor.diagnosis.adequacy import Blocks, persistence
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray
@@ -65,13 +65,6 @@ def test_a_missing_effect_of_half_a_sigma_is_seen_in_the_first_window(name: str,
 def test_what_only_one_effect_does_is_called_by_its_name(name: str) -> None:
     (diagnosis,) = hide_and_diagnose(name, "rich", seed=56, windows=1).windows
     assert diagnosis.suspected_effect == name
-
-
-def test_expected_jumps_are_those_of_the_law() -> None:
-    # Per cycle of Example 1: two jumps in 15,000 + 100.5 slots. Example 2: one jump each 20,000 slots.
-    expected = 2 * 80_000 / (15_000 + 100.5) + 80_000 / 20_000
-    assert expected_jumps(built_in_wheel().fss, 80_000) == pytest.approx(expected, rel=1e-3)
-    assert expected_jumps((), 80_000) == 0.0
 
 
 # ---- persistence -----------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """A coefficient over windows: what counts once, what wins, what is forgotten."""
 
-import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
+from rwa_monitor.changepoints.estimation import SlopePrior
 from rwa_monitor.diagnosis.coefficient import Coefficient, coefficient
-from rwa_monitor.diagnosis.model import built_in_model, log_densities
+from rwa_monitor.diagnosis.features import Features, without_prior
+from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, Tracked
 
 VISCOUS = built_in_model().anomaly("viscous")
-assert VISCOUS is not None
-assert VISCOUS.levels[0] is not None
 LEVELS, RATE = VISCOUS.levels[0], VISCOUS.rate
 
 
@@ -47,13 +47,6 @@ def test_what_a_window_can_measure_has_total_probability_one(mean: float, std: f
     # The tail of anomalies of other sizes (a Lomax law of shape 1) beyond the grid: OTHER_SIZE · reach/60 or so.
     assert integrate.trapezoid(changed, grid) == pytest.approx(1.0 - held, abs=1e-3)
     assert integrate.trapezoid(held_part, grid) == pytest.approx(held, abs=1e-3)
-
-
-def test_the_first_window_is_judged_by_the_bands_alone() -> None:
-    value, std = np.array([1.04]), np.array([0.01])
-    seen = Coefficient(LEVELS, RATE, None)
-    assert seen.prior == RATE
-    assert np.array_equal(seen.log_evidence(value, std), log_densities(LEVELS, value, std))
 
 
 @pytest.mark.parametrize("viscous", [1.0, 1.04, 1.06, 1.08, 1.15])
@@ -89,28 +82,13 @@ def test_windows_that_do_not_show_the_value_leave_it_with_the_hazard(windows: in
     assert found[-1] <= RATE + 0.02
 
 
-def test_a_value_that_jumped_is_followed_at_once() -> None:
-    after = before().after(1.25, 0.004)
-    assert after.mean == pytest.approx(1.25, abs=0.01)
-    assert after.std < 0.02
-
-
-def test_what_does_not_show_the_value_does_not_move_it_far() -> None:
-    after = before().after(1.25, LEVELS.reach)
-    assert after.mean == pytest.approx(1.0, abs=0.005)
-    assert after.held < 0.98
-
-
-def test_it_leans_on_earlier_windows_only_if_they_saw_it_lately_and_better() -> None:
-    vague, sharp = 0.5 * LEVELS.reach, 0.1 * LEVELS.reach
-    assert before().leans(vague)
-    assert not before().leans(sharp)
-    assert not before(held=0.5).leans(vague)
-    assert not before(std=LEVELS.reach).leans(vague)
-    assert not Coefficient(LEVELS, RATE, None).leans(vague)
-
-
-@pytest.mark.parametrize(("value", "std"), [(math.nan, 0.1), (1.0, math.inf)])
-def test_a_window_without_the_value_leaves_what_was_known(value: float, std: float) -> None:
-    seen = before()
-    assert seen.after(value, std) == seen.before
+def test_what_a_window_alone_measures_is_what_the_prior_was_multiplied_by() -> None:
+    """Oracle: the product of two Gaussians, of a prior and of a measurement, undone."""
+    prior, value, std = SlopePrior(1.04, 0.05), 1.2, 0.08
+    weights = np.array([prior.std**-2, std**-2])
+    mean, spread = float(weights @ [prior.mean, value] / weights.sum()), float(weights.sum() ** -0.5)
+    seen = Features(1.0, 0.01, mean, spread, ())
+    alone = without_prior(seen, prior, 1.0)
+    assert alone.viscous == pytest.approx(value)
+    assert alone.viscous_std == pytest.approx(std)
+    assert without_prior(replace(seen, viscous=1.04, viscous_std=0.05), prior, 1.0).viscous_std == np.inf

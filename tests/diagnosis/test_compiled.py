@@ -11,9 +11,8 @@ from scipy import special
 from rwa_monitor.changepoints.estimation import Blocks, estimate, residual_blocks
 from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
-from rwa_monitor.diagnosis.adequacy import PERSISTENCE_LAGS, persistence
+from rwa_monitor.diagnosis.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK, PERSISTENCE_LAGS, persistence
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.kernels.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK
 from rwa_monitor.kernels.laws import OTHER_SIZE, level_densities
 from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
 from rwa_monitor.switching import segments
@@ -114,9 +113,8 @@ def test_persistence_is_that_of_plain_loops():
     value = residual * np.sqrt(n)
     scale = np.median(np.abs(value[usable])) / special.ndtri(0.75)
     value = np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK)
-    lags = range(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
-    products, pairs = np.zeros((2, len(lags), intervals))
-    for row, lag in enumerate(lags):
+    products, pairs = np.zeros((2, len(PERSISTENCE_LAGS), intervals))
+    for row, lag in enumerate(PERSISTENCE_LAGS):
         for b in range(count - lag):
             if usable[b] and usable[b + lag] and interval[b] == interval[b + lag]:
                 products[row, interval[b]] += value[b] * value[b + lag] + 1.0 / usable[interval == interval[b]].sum()

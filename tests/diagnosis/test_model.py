@@ -21,13 +21,6 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.wheel.wheel import FrictionRange, built_in_wheel
 
 
-def test_built_in_model_serves_the_built_in_wheel() -> None:
-    wheel = built_in_wheel()
-    models = models_for(wheel, built_in_model())
-    assert [model.name for model in models if model is not None] == list(wheel.anomalies)
-    assert all(model is not None and model.svm is not None for model in models)
-
-
 def test_round_trip_is_exact() -> None:
     model = built_in_model()
     again = Model.from_json(model.to_json(), "model")
@@ -40,16 +33,6 @@ def test_hash_is_of_the_meaning_not_of_the_layout() -> None:
     model = built_in_model()
     compact = json.dumps(json.loads(model.to_json()), separators=(",", ":"))
     assert Model.from_json(compact, "model").sha256() == model.sha256()
-
-
-def test_numbers_have_at_most_twelve_significant_digits() -> None:
-    def check(content: object) -> None:
-        if isinstance(content, float):
-            assert content == float(f"{content:.12g}")
-        for part in content.values() if isinstance(content, dict) else content if isinstance(content, list) else ():
-            check(part)
-
-    check(json.loads(built_in_model().to_json()))
 
 
 def _broken(path: str, value: object) -> str:
@@ -70,13 +53,10 @@ def _broken(path: str, value: object) -> str:
     [
         ("", ""),
         ("not JSON", ""),
-        ("[1, 2]", ""),
         (_broken("version", 2), "version"),
-        (_broken("trained", None), "trained"),
         (_broken("surprise", 1), "surprise"),
         (_broken("anomalies.0.rate", 1.5), "anomalies.0.rate"),
         (_broken("anomalies.0.rate", "high"), "anomalies.0.rate"),
-        (_broken("anomalies.0.rate", math.nan), ""),
         (_broken("anomalies.0.levels.0.nominal.soft", 0), "anomalies.0.levels.0.nominal.soft"),
         (_broken("anomalies.0.levels.0.nominal.low", 5), "anomalies.0.levels.0.nominal"),
         (_broken("anomalies.0.name", "viscous"), ""),
@@ -134,20 +114,6 @@ def test_density_keeps_its_digits_far_from_the_band() -> None:
 def test_a_wheel_without_nominal_values_has_no_model() -> None:
     wheel = built_in_wheel().model_copy(update={"nominal": None})
     assert models_for(wheel, built_in_model()) == [None] * 4
-
-
-def test_an_unknown_system_is_judged_by_what_the_wheel_file_states() -> None:
-    wheel = built_in_wheel()
-    stranger = wheel.fss[0].model_copy(update={"name": "pocket"})
-    silent = stranger.model_copy(update={"name": "silent", "friction": None})
-    wheel = wheel.model_copy(update={"fss": (stranger, silent)})
-    _, _, stated, unknown = models_for(wheel, built_in_model())
-    assert unknown is None
-    assert stated.levels[0] is None
-    levels = stated.levels[1]
-    assert levels.anomalous is None
-    assert levels.nominal_low < 0.3
-    assert levels.nominal_high > 0.6
 
 
 def test_a_system_of_the_same_name_with_other_friction_is_not_taken_for_the_learned_one() -> None:

@@ -12,6 +12,7 @@ from rwa_monitor.diagnosis.features import Features, SystemFeatures
 from rwa_monitor.diagnosis.model_error_uncertainty import ModelErrorUncertainty
 from rwa_monitor.simulation.motion import ProfileKind
 from rwa_monitor.simulation.scenario import Anomaly
+from tests.diagnosis.test_window import named
 
 UNCERTAINTIES = st.floats(0.0, 10.0)
 
@@ -21,22 +22,18 @@ UNCERTAINTIES = st.floats(0.0, 10.0)
     [("quadratic_drag", "rich", "viscous"), ("quadratic_drag", "orbit", "viscous"), ("lubricant_lag", "orbit", "")],
 )
 def test_what_the_effect_moved_is_not_near_certain(name: str, motion: ProfileKind, taken_for: str) -> None:
-    (sure,) = hide_and_diagnose(name, motion, 500, windows=1, with_model_error=False).windows
     (diagnosis,) = hide_and_diagnose(name, motion, 500, windows=1).windows
     assert not diagnosis.model_adequate
     assert max(anomaly.probability for anomaly in diagnosis.anomalies) < 0.9
     if taken_for:
-        assert sure.anomaly(taken_for).probability > 0.9
         assert diagnosis.verdict == "inconclusive"
         assert "while the friction model lacks something" in diagnosis.reason
-        # The estimate stays; what is known of it is less.
-        assert diagnosis.viscous.value == sure.viscous.value
-        assert diagnosis.viscous.std > 10.0 * sure.viscous.std
+        assert getattr(diagnosis, taken_for).std > 0.02 * getattr(diagnosis, taken_for).value  # else far below 1 %
 
 
 def test_model_error_uncertainty_does_not_add_up_to_certainty() -> None:
     trial = hide_and_diagnose("quadratic_drag", "orbit", 500, windows=3)
-    assert [window.anomaly("viscous").probability < 0.9 for window in trial.windows] == [True] * 3
+    assert [named(window)["viscous"].probability < 0.9 for window in trial.windows] == [True] * 3
 
 
 @pytest.mark.parametrize(("anomaly", "factor"), [("viscous", 1.15), ("fss_1", 1.6)])
@@ -66,7 +63,7 @@ def test_model_error_uncertainty_only_adds(base: float, viscous: float, systems:
 def test_a_drag_that_hardly_bends_may_be_most_of_the_viscous_slope(seed: int, motion: ProfileKind) -> None:
     # Two to four times the nominal slope, all of it a drag of a power below one that the model lacks.
     (diagnosis,) = hide_and_diagnose("sublinear_viscous", motion, seed, windows=1).windows
-    viscous = diagnosis.anomaly("viscous")
+    viscous = named(diagnosis)["viscous"]
     assert not diagnosis.model_adequate
     assert viscous.estimate > 2.0 * viscous.nominal_high
     assert viscous.probability < 0.9

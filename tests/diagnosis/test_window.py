@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
-from rwa_monitor.diagnosis import explanation
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.window import diagnose_window
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, WindowDiagnosis
 from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.simulation.record import simulate
@@ -31,7 +30,6 @@ def telemetry(
         duration_s=duration_s, anomalies={name: Anomaly(factor=factor) for name, factor in factors.items()}
     )
     samples = simulate(scenario, wheel or built_in_wheel(), np.random.default_rng(seed)).samples
-    assert samples.friction_torque_Nm is not None
     return samples.speed_rad_s, samples.friction_torque_Nm
 
 
@@ -50,6 +48,10 @@ def diagnose(
     window.append(speed, torque, np.isfinite(speed) & np.isfinite(torque) if good is None else good)
     by_method = {"joint": diagnose_window, "paper": paper.diagnose_window}[method]
     return by_method(window.close(), wheel, model, carried)
+
+
+def named(diagnosis: WindowDiagnosis) -> dict[str, AnomalyDiagnosis]:
+    return {anomaly.name: anomaly for anomaly in diagnosis.anomalies}
 
 
 def active(diagnosis: WindowDiagnosis) -> set[str]:
@@ -74,7 +76,7 @@ def test_what_is_simulated_is_diagnosed(factors: dict[str, float]) -> None:
         assert abs(value.value - truth) < 4.0 * value.std
         assert value.std < 5e-3 * truth
     for name in factors:
-        anomaly = diagnosis.anomaly(name)
+        anomaly = named(diagnosis)[name]
         assert anomaly.probability > 0.9
         # The ranges of a system overlap: its highest configuration alone may look nominal, all sojourns do not.
         nominal = 0.5 * (anomaly.nominal_low + anomaly.nominal_high)
@@ -90,7 +92,7 @@ def test_where_a_system_never_rests_the_rest_is_probability(factors: dict[str, f
     truth = 1.6e-3 * factors.get("dry", 1.0)
     assert abs(diagnosis.base_dry.value - truth) < 3.0 * diagnosis.base_dry.std
     assert active(diagnosis) == set(factors)
-    suspected = diagnosis.anomaly("dry").probability + diagnosis.anomaly("fss_2").probability
+    suspected = named(diagnosis)["dry"].probability + named(diagnosis)["fss_2"].probability
     assert suspected == pytest.approx(1.0 if factors else 0.0, abs=0.02)  # one of the two, which is less sure
     assert all(anomaly.probability < 0.95 for anomaly in diagnosis.anomalies)
     assert "never rested" in diagnosis.explanation
@@ -161,7 +163,6 @@ def test_a_wheel_with_all_torques_scaled_gets_the_same_judgement(scale: float) -
     for one, two in zip(plain.anomalies, other.anomalies, strict=True):
         assert two.probability == pytest.approx(one.probability, rel=1e-6, abs=1e-9)
         assert two.severity == pytest.approx(one.severity, rel=1e-6, abs=1e-9)
-    assert other.base_dry.value is not None
     assert other.base_dry.value == pytest.approx(scale * plain.base_dry.value, rel=1e-9)
 
 
@@ -174,16 +175,6 @@ def test_more_dry_friction_shifts_the_base_and_nothing_else() -> None:
     assert shifted.base_dry.value - plain.base_dry.value == pytest.approx(shift, abs=1e-6 * 1.6)
     assert shifted.viscous.value == pytest.approx(plain.viscous.value, rel=1e-4)
     assert active(shifted) == {"dry"}
-
-
-def test_masked_samples_lower_the_coverage_only() -> None:
-    speed, torque = telemetry(11, viscous=1.15)
-    torque = torque.copy()
-    torque[np.random.default_rng(0).random(torque.size) < 0.2] = np.nan
-    diagnosis, _ = diagnose(speed, torque)
-    assert diagnosis.coverage == pytest.approx(0.8, abs=0.01)
-    assert diagnosis.verdict == "anomalous"
-    assert active(diagnosis) == {"viscous"}
 
 
 # ---- windows and wheels that tell too little -------------------------------------------------------------------------
@@ -234,7 +225,7 @@ def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     ill, _ = diagnose(*telemetry(15, wheel, cage=1.8), wheel=wheel)
     assert healthy.verdict == "nominal"
     assert active(ill) == {"cage"}
-    cage = ill.anomaly("cage")
+    cage = named(ill)["cage"]
     # Nothing was learned to compare with: 1 lies 40 % of the healthy friction above its bound, 1.6 mN m in the middle.
     assert cage.severity == pytest.approx((cage.estimate - cage.nominal_high) / (0.4 * 1.6e-3), rel=1e-6)
 
@@ -271,9 +262,9 @@ def test_a_healthy_system_of_unknown_friction_stays_unjudged_however_long(stated
         seen.append(diagnosis)
     assert {one.verdict for one in seen} == {"nominal" if stated else "inconclusive"}
     if stated:
-        assert max(one.anomaly("cage").probability for one in seen) < 0.1
+        assert max(named(one)["cage"].probability for one in seen) < 0.1
     else:
-        assert {one.anomaly("cage").probability for one in seen} == {0.5}
+        assert {named(one)["cage"].probability for one in seen} == {0.5}
         assert "no file states" in seen[-1].reason
         assert "cage" not in state.probability
 
@@ -309,25 +300,11 @@ def test_severity_is_that_of_the_true_coefficient_within_its_interval(name: str,
     levels = learned.levels[0]
     width = levels.median - levels.nominal_high
     for seed in range(40, 44):
-        found = diagnose(*telemetry(seed, **{name: factor}))[0].anomaly(name)
+        found = named(diagnose(*telemetry(seed, **{name: factor}))[0])[name]
         assert found.severity_std > 0.0
         true = max(0.0, (factor - levels.nominal_high) / width)
         # Four standard deviations: one of 16 fails by chance once in a thousand runs; the seeds are fixed.
         assert abs(found.severity - true) <= 4.0 * found.severity_std
-
-
-@pytest.mark.parametrize("factors", [{}, {"dry": 1.3}, {"fss_1": 1.6}, {"viscous": 1.15, "fss_2": 1.4}])
-def test_the_explanation_names_estimate_range_and_probability(factors: dict[str, float]) -> None:
-    diagnosis, _ = diagnose(*telemetry(12, **factors))
-    told = [anomaly for anomaly in diagnosis.anomalies if anomaly.name in factors]
-    for anomaly in told:
-        assert anomaly.estimate is not None
-        assert anomaly.nominal_low is not None
-        assert anomaly.nominal_high is not None
-        for value in (anomaly.estimate, anomaly.nominal_low, anomaly.nominal_high):
-            assert explanation.quantity(value, anomaly.unit) in diagnosis.explanation
-    assert diagnosis.explanation.count("probability of an anomaly") >= max(len(told), 1)
-    assert "nominal" in diagnosis.explanation
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
@@ -36,6 +38,26 @@ def record(
     if effect is not None:
         friction = friction + effect(speed, level)
     friction = friction + (NOISE_NM * rng.normal(size=speed.size) if noise is None else noise)
-    measured = speed + rng.normal(0, 0.01, speed.size)
-    time_ns = (np.arange(speed.size) * round(PERIOD_S * 1e9)).astype(np.int64)
-    return Samples(time_ns=time_ns, speed_rad_s=measured, friction_torque_Nm=friction), level
+    return sampled(speed + rng.normal(0, 0.01, speed.size), friction), level
+
+
+def sampled(speed: Array, friction: Array | None = None, period_s: float = PERIOD_S, **channels: Array) -> Samples:
+    """Return channels as samples of an even clock."""
+    time_ns = (np.arange(speed.size) * round(period_s * 1e9)).astype(np.int64)
+    return Samples(time_ns, speed, friction, **channels)
+
+
+def current_of(friction: Array, speed: Array) -> Array:
+    """Return the current with which the built-in wheel's motor overcomes friction and turns so [A]."""
+    torque = friction + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)
+    return np.asarray(torque / WHEEL.torque_constant_Nm_A)
+
+
+def search(samples: Samples, wheel: Wheel = WHEEL) -> Search:
+    """Search one recording."""
+    return find_discrepancy([("record", samples)], wheel)
+
+
+def names(found: Search) -> list[str]:
+    """Return the names of the effects that were found."""
+    return [effect.name for effect in found.result.effects]

@@ -13,7 +13,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, Array, sampled
 
 COUNT: Final = 600
 
@@ -70,9 +70,7 @@ def smooth_record(
     rng = np.random.default_rng(seed)
     noise = np.sqrt(0.5) * (remembering(speed.size, correlation, rng) + rng.normal(size=speed.size))
     friction = np.sign(speed) * DRY_NM + VISCOUS * speed + effect + noise_Nm * noise
-    time_ns = (np.arange(speed.size) * round(PERIOD_S * 1e9)).astype(np.int64)
-    measured = speed + rng.normal(0.0, 0.01, speed.size)
-    return Samples(time_ns=time_ns, speed_rad_s=measured, friction_torque_Nm=friction)
+    return sampled(speed + rng.normal(0.0, 0.01, speed.size), friction)
 
 
 def null_record(motion: str, correlation: float, seed: int) -> Samples:

@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.quantisation import without_steps
-from rwa_monitor.discrepancy.record import averages_over_reversals, make_record
+from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.reporting.discrepancy_report import steps_in_words
 from rwa_monitor.samples import Samples
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, Array, current_of, record, search, swing
 
 SEED = 52_200
 STRIBECK_NM, STRIBECK_RAD_S = 5e-4, 8.0
@@ -32,22 +30,13 @@ def motion(count: int = 8000) -> Array:
 
 def read_in_steps(samples: Samples, step: float) -> Samples:
     """Return samples whose friction is rounded [N m]."""
-    assert samples.friction_torque_Nm is not None
     return replace(samples, friction_torque_Nm=step * np.rint(samples.friction_torque_Nm / step))
 
 
 def with_current(samples: Samples, speed: Array, step_A: float) -> Samples:
     """Return samples with a rounded current in place of the friction."""
-    assert WHEEL.inertia_kg_m2 is not None
-    assert WHEEL.torque_constant_Nm_A is not None
-    assert samples.friction_torque_Nm is not None
-    torque = samples.friction_torque_Nm + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)
-    current = step_A * np.rint(torque / WHEEL.torque_constant_Nm_A / step_A)
+    current = step_A * np.rint(current_of(samples.friction_torque_Nm, speed) / step_A)
     return replace(samples, friction_torque_Nm=None, motor_current_A=current)
-
-
-def search(samples: Samples) -> Search:
-    return find_discrepancy([("record", samples)], WHEEL)
 
 
 @pytest.mark.parametrize("step", [1.5, 2.0, 4.0])
@@ -76,7 +65,6 @@ def test_an_effect_is_found_behind_the_steps() -> None:
     (effect,) = search(read_in_steps(samples, 4.0 * NOISE_NM)).result.effects
     assert effect.name == "stribeck"
     strength = effect.parameters["strength_Nm"]
-    assert strength.std is not None
     assert abs(strength.value - STRIBECK_NM) < 4.0 * strength.std
 
 
@@ -107,7 +95,6 @@ def averaged(seed: int, shift: float) -> tuple[Samples, Array]:
     at = np.arange(speed.size)[:, None] + shift + (np.arange(FINE_STEPS) + 0.5) / FINE_STEPS - 0.5
     inside = np.interp(at, np.arange(speed.size), speed)
     samples, _ = record(speed, jumps=(), seed=seed)
-    assert samples.friction_torque_Nm is not None
     mean_sign = np.sign(inside).mean(axis=1)
     friction = samples.friction_torque_Nm + DRY_NM * (mean_sign - np.sign(speed))
     return replace(samples, friction_torque_Nm=friction), np.flatnonzero(np.abs(mean_sign) < 1)
@@ -124,14 +111,7 @@ def test_means_over_a_reversal_make_no_effect(shift: float) -> None:
     assert read.left_out["averaged over a reversal of the speed"] <= 2 * straddling.size
 
 
-def test_samples_that_are_points_are_all_kept() -> None:
-    samples, _ = record(swing(8000, period_s=250.0), seed=SEED + 6)
-    assert samples.friction_torque_Nm is not None
-    drag = np.sign(samples.speed_rad_s) * samples.friction_torque_Nm
-    assert not averages_over_reversals(samples.speed_rad_s, drag).any()
-
-
-def test_the_end_of_a_dead_zone_is_told_as_well_as_samples_lie_around_it() -> None:
+def test_the_end_of_a_dead_zone_is_stated_as_well_as_samples_lie_around_it() -> None:
     zone = 12.0
 
     def dead_zone(speed: Array, level: Array) -> Array:
@@ -140,9 +120,8 @@ def test_the_end_of_a_dead_zone_is_told_as_well_as_samples_lie_around_it() -> No
     samples, _ = record(swing(4000), jumps=(), effect=dead_zone, seed=SEED + 7)
     found = {effect.name: effect for effect in search(samples).result.effects}
     end = found["speed_dead_zone"].parameters["dead_zone_rad_s"]
-    assert end.std is not None
     assert end.std > 0.0
     speeds = np.sort(np.abs(samples.speed_rad_s))
     above = int(np.searchsorted(speeds, end.value))
-    assert end.std >= 0.5 * (speeds[above] - speeds[above - 1]) * (1 - 1e-9)
+    assert 4.0 * end.std >= speeds[above] - speeds[above - 1]  # two deviations to either side hold the gap
     assert abs(end.value - zone) < 3.0 * end.std + 0.05  # speed noise of 0.01 rad/s on each sample

@@ -21,7 +21,6 @@ pytestmark = pytest.mark.skipif(MEASURED is None, reason="RWA_MEASURED_DATA does
 
 @cache
 def joint(number: int) -> tuple[Search, Samples]:
-    assert MEASURED is not None
     folder = Path(MEASURED) / "tx40"
     samples = read_table(folder / f"joint{number}.csv").samples
     return find_discrepancy([(f"joint {number}", samples)], read_wheel(folder / "wheel.toml")), samples
@@ -54,7 +53,6 @@ def test_over_less_than_a_turn_the_order_of_a_ripple_is_fitted() -> None:
     # The best of whole orders is 31; of any, 30.67, with residuals a sixth smaller.
     (ripple,) = (effect for effect in joint(4)[0].result.effects if effect.name == "torque_ripple")
     order = ripple.parameters["harmonic"]
-    assert order.std is not None
     assert order.std < 0.05
     assert abs(order.value - 30.67) < 0.1
 
@@ -73,7 +71,6 @@ def test_noise_of_a_long_memory_does_not_swallow_an_effect() -> None:
     assert search.problem.noise.long_run_variance > 8 * search.problem.noise.std**2
     assert search.result.effects[0].family == "mean"
     gain = search.result.gain
-    assert gain is not None
     assert gain.rmse_extended_Nm < 0.9 * gain.rmse_base_Nm
 
 
@@ -91,7 +88,6 @@ def test_a_joint_whose_cause_is_not_in_its_table_is_not_explained_away() -> None
     result = joint(6)[0].result
     assert result.verdict == "inadequate"
     assert "coloured_noise" in {effect.name for effect in result.effects}
-    assert result.gain is not None
     assert result.gain.rmse_extended_Nm > 0.9 * result.gain.rmse_base_Nm
 
 

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy import signal
 
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
-from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.noise_effects import coloured_beyond_filter
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, record, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, current_of, names, record, sampled, search, swing
 
 SAMPLES = 20_000
 
@@ -33,8 +29,9 @@ def test_a_cage_is_named_alone_and_its_bursts_are_no_jumps() -> None:
     channels = make_record(quiet, WHEEL, "quiet").channels
     noise = cage.apply(NOISE_NM * rng.normal(size=len(quiet)), channels, rng)
     samples, _ = record(swing(), noise=noise)
-    result = find_discrepancy([("cage", samples)], WHEEL).result
-    assert [effect.name for effect in result.effects] == ["cage_instability"]
+    found = search(samples)
+    result = found.result
+    assert names(found) == ["cage_instability"]
     assert result.effects[0].parameters["band_speed_rad_s"].value == pytest.approx(120.0, abs=8.0)
     assert result.unexplained is None
     assert result.gain.changepoints_base == pytest.approx(3, abs=2)  # of some twenty with the bursts in
@@ -43,9 +40,7 @@ def test_a_cage_is_named_alone_and_its_bursts_are_no_jumps() -> None:
 def test_a_simulation_without_noise_is_adequate() -> None:
     speed = np.linspace(10.0, 200.0, 4000)
     friction = np.round(DRY_NM + VISCOUS * speed, 9)  # as a table with few digits has it
-    time_ns = (np.arange(speed.size) * round(PERIOD_S * 1e9)).astype(np.int64)
-    samples = Samples(time_ns=time_ns, speed_rad_s=speed, friction_torque_Nm=friction)
-    assert find_discrepancy([("exact", samples)], WHEEL).result.verdict == "adequate"
+    assert search(sampled(speed, friction)).result.verdict == "adequate"
 
 
 @pytest.mark.parametrize(("phi", "missing"), [(0.0, 0.0), (0.0, 0.1), (0.5, 0.1)])
@@ -64,29 +59,9 @@ def test_colour_is_told_from_the_derivative_of_a_noisy_speed(phi: float, missing
         assert fit.values["ar_coefficient"] == pytest.approx(phi, abs=0.08)
 
 
-def test_a_corner_of_the_speed_leaves_nothing_in_derived_friction() -> None:
-    assert WHEEL.inertia_kg_m2 is not None
-    assert WHEEL.torque_constant_Nm_A is not None
-    speed = 100.0 + 40.0 * signal.sawtooth(np.arange(4000) / 80.0, 0.5)
-    motor = DRY_NM + VISCOUS * speed + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)
-    rng = np.random.default_rng(6)
-    samples, _ = record(speed)
-    current = (motor + NOISE_NM * rng.normal(size=speed.size)) / WHEEL.torque_constant_Nm_A
-    made = make_record(replace(samples, friction_torque_Nm=None, motor_current_A=current), WHEEL, "corners")
-    left = (made.friction_torque_Nm - DRY_NM - VISCOUS * speed)[made.used]
-    assert made.used.mean() > 0.6
-    assert np.max(np.abs(left)) < 7 * np.std(left)  # Gaussian noise of 4000 samples stays within five
-
-
 def test_coarse_rounding_makes_no_mean_effect() -> None:
-    assert WHEEL.inertia_kg_m2 is not None
-    assert WHEEL.torque_constant_Nm_A is not None
     speed = swing(6_000, period_s=700.0)
     rng = np.random.default_rng(2)
     friction = np.sign(speed) * DRY_NM + VISCOUS * speed + NOISE_NM * rng.normal(size=speed.size)
-    current = (friction + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)) / WHEEL.torque_constant_Nm_A
-    samples, _ = record(speed)
-    read = 5.0 * np.rint(speed / 5.0)
-    coarse = replace(samples, speed_rad_s=read, friction_torque_Nm=None, motor_current_A=current)
-    result = find_discrepancy([("coarse", coarse)], WHEEL).result
-    assert [effect.name for effect in result.effects] == ["tachometer_quantisation"]
+    coarse = sampled(5.0 * np.rint(speed / 5.0), motor_current_A=current_of(friction, speed))
+    assert names(search(coarse)) == ["tachometer_quantisation"]

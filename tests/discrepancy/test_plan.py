@@ -39,7 +39,6 @@ def test_the_planned_manoeuvre_leaves_one_of_three_confused_causes(truth: str) -
     assert min(entry.separation for entry in (first, *others)) >= UNINFORMATIVE
 
     manoeuvre = next(entry for entry in MANOEUVRES if entry.name == first.name)
-    assert manoeuvre.jump_at is not None
     time = np.arange(0.0, manoeuvre.duration_s, PERIOD_S)
     speed = np.asarray(uniform_filter1d(manoeuvre.speed(time, TOP_RAD_S), 160))
     flown, _ = record(speed, (int(manoeuvre.jump_at * speed.size),), effect, seed=5)

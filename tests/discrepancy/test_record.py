@@ -12,22 +12,11 @@ from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Limits
-from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, record, swing
+from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, current_of, record, sampled, swing
 
 
 def with_current(speed: np.ndarray, friction: np.ndarray) -> Samples:
-    assert WHEEL.inertia_kg_m2 is not None
-    assert WHEEL.torque_constant_Nm_A is not None
-    current = (friction + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)) / WHEEL.torque_constant_Nm_A
-    time_ns = (np.arange(speed.size) * round(PERIOD_S * 1e9)).astype(np.int64)
-    return Samples(time_ns=time_ns, speed_rad_s=speed, motor_current_A=current)
-
-
-def test_friction_is_taken_as_given() -> None:
-    samples, _ = record(swing())
-    made = make_record(samples, WHEEL, "given")
-    assert not made.friction_is_derived
-    assert np.array_equal(made.friction_torque_Nm, samples.friction_torque_Nm)
+    return sampled(speed, motor_current_A=current_of(friction, speed))
 
 
 def test_friction_is_derived_from_current_and_speed() -> None:
@@ -60,7 +49,6 @@ def test_a_gap_is_left_out_and_keeps_its_slots() -> None:
 
 def test_values_that_are_not_finite_are_left_out() -> None:
     samples, _ = record(swing())
-    assert samples.friction_torque_Nm is not None
     friction = samples.friction_torque_Nm.copy()
     friction[100:110] = np.nan
     made = make_record(replace(samples, friction_torque_Nm=friction), WHEEL, "holes")
@@ -92,9 +80,6 @@ def test_values_beyond_the_limits_are_a_wrong_unit() -> None:
 def test_a_voltage_that_contradicts_the_speed_is_refused(factor: float, refused: bool) -> None:
     speed = swing()
     samples = with_current(speed, np.sign(speed) * 1.6e-3)
-    assert samples.motor_current_A is not None
-    assert WHEEL.winding_resistance_ohm is not None
-    assert WHEEL.back_emf_constant_V_s_rad is not None
     voltage = WHEEL.winding_resistance_ohm * samples.motor_current_A + WHEEL.back_emf_constant_V_s_rad * speed
     samples = replace(samples, motor_voltage_V=factor * voltage)
     if refused:
@@ -115,7 +100,6 @@ def test_every_sample_that_is_left_out_has_a_reason() -> None:
     rng = np.random.default_rng(50070)
     speed = 100.0 + np.cumsum(np.repeat([0.0, 4.0, 0.0, -4.0, 0.0], 800) * PERIOD_S / 4.0)
     samples = with_current(speed, 1.6e-3 + 5.3e-6 * speed + NOISE_NM * rng.normal(size=speed.size))
-    assert samples.motor_current_A is not None
     current = samples.motor_current_A.copy()
     stop = np.quantile(current, 0.98)
     current[current >= stop] = stop
@@ -137,16 +121,10 @@ def test_every_sample_that_is_left_out_has_a_reason() -> None:
     assert left_out_in_words([make_record(record(swing())[0], WHEEL, "given")]) in ("", "left out: 1 at rest")
 
 
-def test_an_empty_table_is_refused() -> None:
-    with pytest.raises(InputError, match="no samples"):
-        make_record(Samples(time_ns=np.zeros(0, dtype=np.int64), speed_rad_s=np.zeros(0)), WHEEL, "empty")
-
-
 def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> None:
     # With raw dω/dt a false inertia error of 1.6 % shows at |t| = 36. The correlation of pure
     # noise in friction and in the prepared acceleration must be that of independent samples.
     rng = np.random.default_rng(1)
-    assert WHEEL.inertia_kg_m2 is not None
     speed = 200.0 + rng.normal(0, 0.01, 20_000)
     made = make_record(with_current(speed, np.full(speed.size, 1.6e-3)), WHEEL, "noise")
     friction = (made.friction_torque_Nm - 1.6e-3)[made.used]

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.plausible import at_end_stop, without_end_stops
+from rwa_monitor.discrepancy.plausible import at_end_stop
 from tests.discrepancy.simple import DRY_NM, WHEEL, record, swing
 
 
@@ -39,15 +39,9 @@ def test_what_is_not_clipped_is_left(values: np.ndarray) -> None:
     assert not at_end_stop(values).any()
 
 
-def test_a_record_without_end_stops_is_left_as_it_is() -> None:
-    samples, _ = record(swing(2000))
-    assert without_end_stops(samples, "r") is samples
-
-
 def test_friction_at_its_end_stop_now_and_then_makes_no_effect() -> None:
     """The end stop alone would pass for a drag that grows less than the speed."""
     samples, _ = record(swing(4000), jumps=())
-    assert samples.friction_torque_Nm is not None
     limit = float(np.quantile(np.abs(samples.friction_torque_Nm), 0.9))
     clipped = np.clip(samples.friction_torque_Nm, -limit, limit)
     result = find_discrepancy([("clipped", replace(samples, friction_torque_Nm=clipped))], WHEEL).result

@@ -9,11 +9,11 @@ from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.switching_effects import switching_effects
-from rwa_monitor.samples import FloatArray, Samples
+from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import Geometric, Uniform
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, sampled
 
 COUNT = 16_000
 HURRY = 0.1  # of the built-in wheel's durations: some 30 jumps of the known systems
@@ -46,9 +46,7 @@ def level_of(systems: tuple[SwitchingSystem, ...], clock: np.ndarray, seed: int)
 def named(level: FloatArray, speed: FloatArray, seed: int) -> list[str]:
     rng = np.random.default_rng(seed + 100)
     friction = level + VISCOUS * speed + NOISE_NM * rng.normal(size=COUNT)
-    time_ns = (np.arange(COUNT) * round(PERIOD_S * 1e9)).astype(np.int64)
-    samples = Samples(time_ns=time_ns, speed_rad_s=speed, friction_torque_Nm=friction)
-    problem = make_problem([make_record(samples, KNOWN, "jumps")], KNOWN)
+    problem = make_problem([make_record(sampled(speed, friction), KNOWN, "jumps")], KNOWN)
     model = Model((), fit(problem))
     return [effect.name for effect in switching_effects(problem, model, KNOWN)]
 

@@ -27,7 +27,6 @@ def test_a_drag_that_wanders_is_not_explained_away_by_noise_or_small_steps(forge
     samples, _ = record(swing(COUNT), jumps=(), effect=wandering)
     result = find_discrepancy([("wandering", samples)], UNKNOWN).result
     assert result.verdict == "inadequate"
-    assert result.unexplained is not None
     assert "wanders" in result.unexplained.signature
     assert 0.4 * walk.std() < result.unexplained.size_Nm < 1.1 * walk.std()
 
@@ -44,7 +43,6 @@ def test_many_true_jumps_are_no_wandering() -> None:
     samples, _ = record(swing(COUNT), jumps=tuple(range(500, 7600, 600)))
     result = find_discrepancy([("jumps", samples)], UNKNOWN).result
     assert result.unexplained is None
-    assert result.gain is not None
     assert result.gain.changepoints_extended == 12
 
 
@@ -55,7 +53,6 @@ def test_a_drift_that_grows_ever_faster_is_not_explained_away_by_jumps() -> None
     samples, _ = record(swing(count), jumps=(6000, 11_000, 16_500), effect=lambda speed, level: ramp * np.sign(speed))
     result = find_discrepancy([("ramp", samples)], WHEEL).result
     assert result.verdict == "inadequate"
-    assert result.unexplained is not None
     assert "drifts with time" in result.unexplained.signature
     assert 0.5 * ramp.std() < result.unexplained.size_Nm < 1.5 * ramp.std()
 
@@ -65,6 +62,5 @@ def test_the_period_of_a_short_rub_is_told_not_that_of_a_harmonic() -> None:
     rub = 2 * NOISE_NM * (np.mod(np.arange(count) * PERIOD_S, 120.0) < 6.0)
     samples, _ = record(swing(count), effect=lambda speed, level: rub * np.sign(speed))
     result = find_discrepancy([("rub", samples)], WHEEL).result
-    assert result.unexplained is not None
     assert "periodic in time, every 120 s" in result.unexplained.signature
     assert 0.6 * rub.std() < result.unexplained.size_Nm < 1.5 * rub.std()

@@ -42,14 +42,6 @@ def test_an_effect_too_weak_to_show_is_listed_with_the_strength_that_would() -> 
     assert "% of all friction" in untested["sublinear_viscous"]
 
 
-def test_missing_channels_and_missing_jumps_are_listed() -> None:
-    untested = dict(search(swing(COUNT)).result.untested)
-    assert untested["viscosity_temperature"] == "bearing_temperature_degC"
-    assert untested["load_dependence"] == "motor_torque_Nm"
-    assert "1 jumps" in untested["wrong_duration_law"]
-    assert "motor_current_A" in untested["tachometer_quantisation"]
-
-
 def test_what_was_tested_is_told_from_what_was_not_excited_and_what_is_not_testable() -> None:
     # At one speed: time alone shows a drift, no motion shows a law of speed, no channel the temperature.
     found = search(np.full(COUNT, 120.0))

@@ -114,13 +114,6 @@ def test_the_command_that_pins_the_images_names_them_as_they_are() -> None:
 # ---- the parts fit each other ----------------------------------------------------------------------------------------
 
 
-def test_all_that_was_asked_for_is_there() -> None:
-    assert len(of_command("simulate")) == 2
-    assert len(of_command("run")) == 2
-    assert len(of_command("dashboard")) == 1
-    assert {"router", "database"} == set(SERVICES) - set(OURS)
-
-
 @pytest.mark.parametrize("name", OURS)
 def test_its_command_is_understood(name: str) -> None:
     """An option that the program does not have is refused before --help is answered."""

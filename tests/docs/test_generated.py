@@ -8,10 +8,8 @@ import tomllib
 from pathlib import Path
 from types import ModuleType
 
-import numpy as np
 import pytest
 
-from rwa_monitor.wheel.effects.base import Effect, Parameter
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 
 ROOT = Path(__file__).parents[2]
@@ -63,31 +61,3 @@ def test_the_rooms_of_the_architecture_are_those_of_the_package() -> None:
     assert set(re.findall(r"rwa_monitor\.(\w+)", layers)) == {
         name.removesuffix("/").removesuffix(".py") for name in there
     }
-
-
-@pytest.mark.parametrize("effect", CATALOGUE.values(), ids=CATALOGUE)
-def test_its_page_holds_all_it_says(effect: type[Effect]) -> None:
-    page = _generator().describe(effect)
-    assert page.startswith(f"# {effect.title}\n")
-    assert page.endswith("\n")
-    assert f"$${effect.formula}$$" in page
-    for text in (effect.description, effect.signature, effect.separate_by, effect.source):
-        assert text in page
-    for parameter in effect.parameters:
-        assert f"| `{parameter.name}` | {parameter.unit} |" in page
-    for name in effect.confused_with:
-        assert f"]({name}.md)" in page
-
-
-def test_the_index_lists_every_effect_once() -> None:
-    page = _generator().index(CATALOGUE.values())
-    assert [page.count(f"| [`{name}`]({name}.md) |") for name in CATALOGUE] == [1] * len(CATALOGUE)
-    assert page.index("## Mean") < page.index("[`stribeck`]") < page.index("## Noise") < page.index("## Switching")
-
-
-def test_the_page_words_every_kind_of_range() -> None:
-    words = _generator().range_in_words
-    assert words(Parameter("a", "-", -np.inf, np.inf, 0.0)) == "any"
-    assert words(Parameter("a", "-", 0.0, np.inf, 0.0)) == "≥ 0"
-    assert words(Parameter("a", "-", -np.inf, 2.0, 0.0)) == "≤ 2"
-    assert words(Parameter("a", "-", 0.5, 2.0, 1.0)) == "0.5 … 2"

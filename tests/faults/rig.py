@@ -279,7 +279,6 @@ class Rig:
 
     def stop_monitor(self) -> tuple[int | None, float]:
         """Stop it in order; return its exit code and how long it took [s]."""
-        assert self.monitor.pid is not None
         wait_for(lambda: self.monitor is None or not self.monitor.is_alive() or self._monitoring(), "the monitor")
         begin_s = time.monotonic()
         os.kill(self.monitor.pid, signal.SIGTERM)
@@ -302,11 +301,9 @@ class Rig:
         process.join()
 
     def pause_monitor(self) -> None:
-        assert self.monitor.pid is not None
         os.kill(self.monitor.pid, signal.SIGSTOP)
 
     def go_on_monitor(self) -> None:
-        assert self.monitor.pid is not None
         os.kill(self.monitor.pid, signal.SIGCONT)
 
     def cut_link(self) -> None:
@@ -329,7 +326,6 @@ class Rig:
 
     def fail_disk(self) -> None:
         """Make each write beyond the present size of the recording fail, as a broken disk would."""
-        assert self.monitor.pid is not None
         wait_for(lambda: any(self.recordings.glob("*.mcap")), "a recording")
         size = max(path.stat().st_size for path in self.recordings.glob("*.mcap"))
         resource.prlimit(self.monitor.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
@@ -344,7 +340,6 @@ class Rig:
         self.flipped = path
 
     def mend_disk(self) -> None:
-        assert self.monitor.pid is not None
         with suppress(ProcessLookupError):
             resource.prlimit(self.monitor.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
 

@@ -41,7 +41,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
@@ -155,7 +155,6 @@ def show(message: object) -> None:
     split_key(key_of(type(message), message.spacecraft, message.wheel))
     fleet = Fleet()
     known = fleet.begin(message.spacecraft, message.wheel, [])
-    assert known is not None
     fleet.take(known, message, Received(KEY, message.to_json(), 0))
     if isinstance(message, Diagnosis):
         health_message(message).to_json()

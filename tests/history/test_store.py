@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import sqlite3
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import MODEL_ALARM, Level, advice
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.store import DAY_NS, History, Retention
+from rwa_monitor.history.store import DAY_NS, History
 from tests.history.support import WINDOW_NS, diagnosis, discrepancy
 
 
@@ -77,27 +76,20 @@ def test_no_database_is_refused_in_one_line(tmp_path: Path) -> None:
         History(tmp_path / "h.sqlite3")
 
 
-def test_retention_keeps_estimates_longer_than_diagnoses_and_old_ones_coarsely(place: Path | str) -> None:
+def test_estimates_are_kept_longer_than_diagnoses(place: Path | str, monkeypatch: pytest.MonkeyPatch) -> None:
     a_window = WINDOW_NS / DAY_NS
-    policy = Retention(diagnoses_days=2.5 * a_window, fine_days=10.5 * a_window, estimates_days=100.5 * a_window)
-    windows = [diagnosis(n, severity=4.0 if n in {5, 100} else None) for n in range(150)]
-    with History(place, retention=policy) as history:
+    monkeypatch.setattr("rwa_monitor.history.store.DIAGNOSES_DAYS", 2.5 * a_window)
+    monkeypatch.setattr("rwa_monitor.history.store.ESTIMATES_DAYS", 10.5 * a_window)
+    windows = [diagnosis(n) for n in range(50)]
+    with History(place) as history:
         for window in windows:
             history.add(window)
-        assert history.prune() == 147
+        assert history.prune() == 47
         assert len(history.windows("sat", "wheel_1")) == 3
         kept = history.estimates("sat", "wheel_1")
-        fine_from = windows[-1].window_end_ns - policy.fine_days * DAY_NS
-        assert [one.window_end_ns for one in kept if one.window_end_ns >= fine_from] == [
-            window.window_end_ns for window in windows[-11:]
-        ]
-        coarse = [one for one in kept if one.window_end_ns < fine_from]
-        days = [one.window_end_ns // DAY_NS for one in coarse]
-        assert len(set(days)) == len(days) >= 2
-        assert coarse[0].window_end_ns >= windows[-1].window_end_ns - policy.estimates_days * DAY_NS
-        assert [one.severity for one in kept].count(4.0) == 1  # the worst of its day stays, that of window 5 is too old
+        assert [one.window_end_ns for one in kept] == [window.window_end_ns for window in windows[-11:]]
         assert history.prune() == 0
-        # An old recording that is imported again does not bring back what the policy has let go.
+        # An old recording that is imported again does not bring back what was let go.
         assert history.add(*windows) == 0
         assert history.estimates("sat", "wheel_1") == kept
 
@@ -113,52 +105,15 @@ def test_importing_in_any_order_and_again_and_again_makes_no_doubles(order: list
         assert len(history.estimates("sat", "wheel_1")) == len(set(order))
 
 
-def acknowledged(history: History) -> list[tuple[str, str]]:
-    return [(line.person, line.note) for alarm in history.alarms() for line in alarm.trail if line.person]
-
-
-@pytest.mark.parametrize("what", ["file", "folder"])
-def test_a_database_that_is_removed_is_put_back_with_all_that_was_acknowledged(tmp_path: Path, what: str) -> None:
-    folder = tmp_path / "record"
-    path = folder / "h.sqlite3"
+def test_a_database_that_is_removed_is_reported(tmp_path: Path) -> None:
+    path = tmp_path / "h.sqlite3"
     with History(path) as history:
-        history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
-        history.acknowledge(1, "Ann", "seen")
-        if what == "folder":
-            shutil.rmtree(folder)
-        else:
-            path.unlink()
-        assert history.add(diagnosis(2, severity=1.0))
-    with History(path) as history:
-        assert len(history.windows("sat", "wheel_1")) == 3
-        assert acknowledged(history) == [("Ann", "seen")]
-
-
-def test_a_database_that_cannot_be_put_back_is_reported_and_comes_when_it_can(tmp_path: Path) -> None:
-    folder = tmp_path / "record"
-    with History(folder / "h.sqlite3") as history:
-        history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
-        history.acknowledge(1, "Ann")
-        shutil.rmtree(folder)
-        folder.write_text("in the way")
-        with pytest.raises(HistoryError, match="is gone, and cannot be put back"):
-            history.add(diagnosis(2))
-        folder.unlink()
-        assert history.add(diagnosis(2))
-    with History(folder / "h.sqlite3") as history:
-        assert acknowledged(history) == [("Ann", "")]
-
-
-def test_a_database_put_in_its_place_is_used_from_then_on(tmp_path: Path) -> None:
-    with History(tmp_path / "other.sqlite3") as other:
-        other.add(diagnosis(7))
-    with History(tmp_path / "h.sqlite3") as history:
         history.add(diagnosis(0))
-        (tmp_path / "other.sqlite3").replace(tmp_path / "h.sqlite3")
-        assert history.windows("sat", "wheel_1") == [diagnosis(7)]
-        assert history.add(diagnosis(8))
-    with History(tmp_path / "h.sqlite3") as history:
-        assert history.windows("sat", "wheel_1") == [diagnosis(7), diagnosis(8)]
+        path.rename(tmp_path / "aside")
+        with pytest.raises(HistoryError, match="is gone"):
+            history.add(diagnosis(1))
+        (tmp_path / "aside").rename(path)
+        assert history.add(diagnosis(1))
 
 
 def test_taking_a_window_returns_which_alarms_it_changed(place: Path | str) -> None:

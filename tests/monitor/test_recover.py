@@ -9,30 +9,12 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.recording import reader as recording_module
 from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.monitor.recording.writer import RecordingWriter
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.samples import IntArray, Samples
 from tests.monitor.recordings import write_file
 from tests.program import run
-
-
-def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) -> None:
-    path, payloads = whole
-    cut, saved = path.with_name("cut.mcap"), path.with_name("saved.mcap")
-    cut.write_bytes(path.read_bytes()[:60_000])
-    recovery = recover(cut, saved)
-    recording = read_recording(saved)
-    assert recording.finished
-    assert recording.problems == []
-    assert len(recovery.lost) == 1
-    assert recovery.messages == len(recording.messages) == 200
-    assert [message.data for message in recording.messages] == payloads[: recovery.messages]
-    assert recording.messages == read_recording(cut).messages
-    assert recording.settings() == {"a": 1}
 
 
 def recovered_messages(source: Path, target: Path) -> tuple[list[bytes], int]:
@@ -99,12 +81,6 @@ def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(
         target.unlink()
 
 
-def test_recover_reports_nothing_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
-    path, payloads = whole
-    recovery = recover(path, path.with_name("copy.mcap"))
-    assert (recovery.messages, recovery.lost) == (len(payloads), ())
-
-
 def test_recover_takes_the_memory_of_a_piece_however_large_a_file_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -145,37 +121,6 @@ def test_recover_leaves_nothing_behind_of_what_is_no_recording(tmp_path: Path) -
     with pytest.raises(InputError, match="no MCAP"):
         recover(source, target)
     assert not target.exists()
-
-
-def test_recover_reports_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
-    path, saved, again = tmp_path / "holes.mcap", tmp_path / "saved.mcap", tmp_path / "again.mcap"
-    wheels = ("rwa/sat/wheel_1/samples", "rwa/sat/wheel_2/samples")
-    writer = RecordingWriter(path, {}, lambda: 4)
-    second = 1_000_000_000
-    for number in range(30):
-        for topic, offset_s in zip(wheels, (0, 50), strict=True):  # each has a clock of its own
-            times = np.array([number, number + 0.5]) * second + offset_s * second
-            writer.write(topic, "rwa.Samples", samples_json(a_wheel_at(times.astype(np.int64)), "p", number), number)
-        if number % 10 == 9:
-            writer.sync()
-    writer.close()
-    data = bytearray(path.read_bytes())
-    chunks = [at for at in range(len(data)) if data[at : at + 8] == b"\x04\x00\x00\x00zstd"]
-    data[chunks[1] + 40] ^= 0xFF
-    damaged = tmp_path / "damaged.mcap"
-    damaged.write_bytes(data)
-    assert recover(damaged, saved).spans == (
-        "sat/wheel_1: samples of 0.000 s to 29.500 s are saved; 10 messages between 9.500 s and 20.000 s are lost",
-        "sat/wheel_2: samples of 50.000 s to 79.500 s are saved; 10 messages between 59.500 s and 70.000 s are lost",
-    )
-    damaged.write_bytes(path.read_bytes()[: chunks[2]])
-    assert recover(damaged, again).spans[0] == (
-        "sat/wheel_1: samples of 0.000 s to 19.500 s are saved; what came later is lost"
-    )
-
-
-def a_wheel_at(time_ns: IntArray) -> Samples:
-    return Samples(time_ns=time_ns, speed_rad_s=np.ones(len(time_ns)), friction_torque_Nm=np.ones(len(time_ns)))
 
 
 def test_recover_overwrites_nothing(whole: tuple[Path, list[bytes]]) -> None:

@@ -23,7 +23,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.reader import file_sha256, last_settings, read_chain, recordings_of
+from rwa_monitor.monitor.recording.reader import last_settings, read_chain, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.state_recovery import recover_state
@@ -138,23 +138,6 @@ def go_on(run: Run) -> Run:
     run.take(messages())
     run.monitor.close()
     return run
-
-
-def test_the_wheels_come_over_one_by_one_while_all_go_on(tmp_path: Path, start: type[Run]) -> None:
-    run = start(tmp_path / "run")
-    run.take(messages()[:40])
-    run.rotate()
-    between = 0
-    for message in messages()[40:60]:
-        run.take([message])
-        between += is_between(run.folder)
-    assert between == len(WHEELS) - 1
-    run.take(messages()[60:])
-    run.monitor.close()
-    check(run.folder)
-    first, second = read_chain(run.folder)
-    assert second.settings()["predecessor"] == {"name": first.path.name, "sha256": file_sha256(first.path)}
-    assert {f"checkpoint/sat/{name}.json" for name in WHEELS} <= second.attachments.keys()
 
 
 @pytest.mark.parametrize("begun", [21, 58])

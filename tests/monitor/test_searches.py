@@ -11,19 +11,15 @@ from multiprocessing import active_children
 from multiprocessing.context import SpawnProcess
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from threading import Event, Thread
 
 import numpy as np
 import pytest
+import zenoh
 
-from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Discrepancy, samples_json
-from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import HAND_OVER, Searches, SearchJob, search
-from rwa_monitor.monitor.service import run
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.datasets import scaled_wheel
@@ -31,8 +27,8 @@ from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, Window, built_in_wheel
-from tests.monitor.processes import wait_for
-from tests.monitor.support import publish
+from tests.monitor.processes import Listener, monitor, wait_for
+from tests.monitor.support import model, publish, recorded
 
 SLOTS = 8_000
 # A search of 8,000 slots takes about 5 s on an idle machine, and where all cores are busy ten times its share of them:
@@ -169,31 +165,15 @@ def test_the_same_job_gives_the_same_message() -> None:
     assert first == again
 
 
-def test_live_search_is_published_recorded_and_verified(tmp_path: Path) -> None:
+def test_live_search_is_published_recorded_and_verified(tmp_path: Path, session: zenoh.Session) -> None:
     """From samples on a bus to a named cause: three windows of a wheel that its model does not fit."""
-    received: list[bytes] = []
-    stop, found = Event(), Event()
-
-    def listen(sample: object) -> None:
-        received.append(bytes(sample.payload))  # type: ignore[attr-defined]
-        found.set()
-
-    options = RunOptions(wheel=small_wheel(), model=built_in_model(), record=tmp_path)
-    with open_session(BusOptions()) as session:
-        subscriber = session.declare_subscriber("rwa/sat/a/discrepancy", listen)
-        monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "log": lambda _: None})
-        monitor.start()
-        publish({"rwa/sat/a/samples": telemetry(3)}, session, speed=float("inf"), batch_samples=250, stop=Event())
-        heard_in_time = found.wait(LIMIT_S)
-        stop.set()
-        monitor.join(LIMIT_S)
-        subscriber.undeclare()
-    assert heard_in_time
-    message = json.loads(received[0])
-    assert message["effects"][0]["name"] == "quadratic_drag"
-    (path,) = recordings_of(tmp_path)
-    recorded = [m for m in read_recording(path).messages if m.schema == Discrepancy.schema_name()]
-    assert [m.data for m in recorded] == received
+    listener = Listener(session)
+    with monitor(session, RunOptions(wheel=small_wheel(), model=model(), record=tmp_path)):
+        publish({"rwa/sat/a/samples": telemetry(3)}, session, speed=float("inf"), batch_samples=250, linger_s=0.0)
+        wait_for(lambda: listener.kind("discrepancy"), "the report", LIMIT_S)
+    received = listener.kind("discrepancy")
+    assert json.loads(received[0])["effects"][0]["name"] == "quadratic_drag"
+    assert recorded(tmp_path, Discrepancy.schema_name()) == received
     report = replay(tmp_path)
     assert report.compared[Discrepancy.schema_name()] == 1
     assert report.equal

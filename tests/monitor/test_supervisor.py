@@ -95,14 +95,6 @@ def test_a_supervisor_gets_notice_of_a_start_a_standstill_and_a_stop(
     assert ear.listen()[-1] == "STOPPING=1"
 
 
-def test_a_supervisor_waits_for_a_start_that_goes_on(ear: Ear) -> None:
-    supervisor = Supervisor(ear.environment)
-    for now_s in (0.0, 0.5, 1.0, 1.5):
-        supervisor.starting(now_s)
-    wait_for(lambda: len(ear.listen()) >= 2, "two words")
-    assert ear.received == ["EXTEND_TIMEOUT_USEC=60000000"] * 2
-
-
 def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear: Ear) -> None:
     stop, stalls, goes_on = Event(), Event(), Event()
 
@@ -186,15 +178,6 @@ def test_a_file_is_touched_by_each_sign_of_life_and_by_nothing_else(tmp_path: Pa
         assert (file.stat().st_mtime > 0.0) == touched
     with pytest.raises(InputError, match="cannot be touched: No such file"):
         Supervisor({}, tmp_path / "nowhere" / "alive").ready("test")
-
-
-def test_a_file_follows_the_pace_that_the_socket_asks_for(ear: Ear, tmp_path: Path) -> None:
-    file = tmp_path / "alive"
-    supervisor = Supervisor(ear.environment, file)
-    assert supervisor.period_s == pytest.approx(SILENCE_S / 3.0)
-    supervisor.alive(0.0)
-    assert file.exists()
-    assert ear.listen() == ["WATCHDOG=1"]
 
 
 # ---- exit codes ------------------------------------------------------------------------------------------------------

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from dataclasses import dataclass
 
 import pytest
@@ -75,10 +73,6 @@ def test_a_growth_is_found_and_its_limit_predicted(fleet: list[Course], wheel: i
     assert trend.trend.present, trend.sentence()
     assert trend.reach.low_s <= anomaly.onset_s + share * anomaly.growth_s <= trend.reach.high_s
     assert "grows by" in trend.sentence()
-    document = json.loads(json.dumps(trend.document()))
-    assert document["present"]
-    assert document["reach_ns"][0] <= document["reach_ns"][1]
-    assert len(document["line"]["time_ns"]) == len(document["line"]["value"]) == len(document["line"]["std"])
 
 
 def test_times_since_1970_lose_nothing(fleet: list[Course]) -> None:
@@ -93,8 +87,6 @@ def test_times_since_1970_lose_nothing(fleet: list[Course]) -> None:
     limit = 10.0 * plain[0].value
     one, other = coefficient_trend("dry", plain, limit), coefficient_trend("dry", late, limit)
     assert one.reach == other.reach
-    assert other.at_ns(1.5) == epoch_ns + 1_500_000_000
-    assert other.at_ns(float("inf")) is None
 
 
 def test_diagnoses_in_any_order_give_the_same(fleet: list[Course]) -> None:
@@ -109,30 +101,5 @@ def test_diagnoses_in_any_order_give_the_same(fleet: list[Course]) -> None:
     assert len(diagnoses) == 8
     forth, back = rwa.wheel_trends(diagnoses), rwa.wheel_trends(diagnoses[::-1])
     assert forth.keys() == back.keys()
-    assert [t.document() for t in forth.values()] == [t.document() for t in back.values()]
+    assert [t.sentence() for t in forth.values()] == [t.sentence() for t in back.values()]
     assert rwa.wheel_trends([]) == {}
-
-
-HOUR_NS = 3_600_000_000_000
-
-
-def growing(step: float) -> list[FrictionEstimate]:
-    """Return twelve windows of an hour in which a coefficient grows by `step` a window."""
-    return [estimate(k * HOUR_NS, (k + 1) * HOUR_NS, 1e-3 + k * step, 1e-6, 0.9e-3, 2e-3, "N m") for k in range(12)]
-
-
-@pytest.mark.parametrize(
-    ("step", "limit", "end"),
-    [
-        (1e-5, None, r"reaches its limit of 2 mN m in 3\.\d days \(95 %: 3\.\d to (3|4)(\.\d)?\)\."),
-        (1e-5, 1.2e-3, r"reaches its limit of 1\.2 mN m in (8\.\d|9)(\.\d)? hours \(95 %: \d\S* to \d\S*\)\."),
-        (1e-5, 1.05e-3, r"is beyond its limit of 1\.05 mN m\."),
-        (1e-5, 1e9, r"is far from its limit of 1e\+09 N m\."),
-        (-1e-5, None, r"is beyond its limit of 0\.9 mN m\."),
-    ],
-)
-def test_the_sentence_names_the_limit_and_its_time(step: float, limit: float | None, end: str) -> None:
-    trend = coefficient_trend("dry", growing(step), limit)
-    course = "grows" if step > 0 else "falls"
-    expected = rf"Base dry friction {course} by 0\.24\d mN m a day \(± \S+ µN m, p < 1e-09\) and {end}"
-    assert re.fullmatch(expected, trend.sentence()), trend.sentence()

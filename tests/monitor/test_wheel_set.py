@@ -84,8 +84,8 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
     assert report.equal, report.long()
     assert report.bytes_equal
 
-    rows = Diagnose()(recordings_of(tmp_path)[0]).rows  # the recording holds the wheels: nothing else is asked for
-    hashes = {(row["wheel"], json.loads(row["message"])["provenance"]["wheel_sha256"]) for row in rows}
+    found = Diagnose()(recordings_of(tmp_path)[0]).diagnoses  # the recording holds the wheels
+    hashes = {(one.wheel, one.provenance.wheel_sha256) for one in found}
     assert hashes == {("wheel_1", wheel().sha256()), ("wheel_2", wheel(WINDOW // 2).sha256())}
 
 
@@ -102,14 +102,6 @@ def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
 
             wait_for(lambda: reported() == {"wheel_1", "wheel_2"}, "both wheels")
     assert "wheel files that no wheel used: sat/wheel_l; are these the names on the bus?" in log_lines
-
-
-def test_a_set_is_what_its_attachments_hold() -> None:
-    known = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
-    attachments = known.attachments()
-    assert sorted(attachments) == ["wheel.toml", "wheels/sat/wheel_2.toml"]
-    read = WheelSet.of_recording(Recording(Path("here"), attachments=attachments | {"settings.json": b"{}"}))
-    assert (read.of(*OWN), read.of(*OTHER)) == (wheel(WINDOW // 2), wheel())
 
 
 @pytest.mark.parametrize("name", ["wheels/../../x.toml", "wheels/sat.toml", "wheels/sat/*.toml"])

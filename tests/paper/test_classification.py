@@ -13,11 +13,6 @@ from tests.diagnosis.test_classification import MODEL, MODELS, NAMES, features
 from tests.diagnosis.test_training import labelled
 
 
-def test_bins_are_half_open_and_cover_the_range() -> None:
-    edges = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
-    assert histogram(edges, 0.0, 1.0, 4).tolist() == [0.2, 0.2, 0.2, 0.4]  # the end belongs to the last bin
-
-
 def test_values_outside_count_in_the_end_bins() -> None:
     assert histogram(np.array([-5.0, 5.0, 7.0]), 0.0, 1.0, 4).tolist() == pytest.approx([1 / 3, 0, 0, 2 / 3])
 

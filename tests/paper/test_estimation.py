@@ -36,7 +36,7 @@ def test_levels_and_slope_are_those_of_the_printed_matrix(share: float) -> None:
     assert stds == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-9)
     assert found.friction.rmse == pytest.approx(np.sqrt(np.mean((signal.z[used] - h @ solution) ** 2)), rel=1e-9)
     steps = np.eye(5)[1:4] - np.eye(5)[:3]
-    assert found.jump_std == pytest.approx(np.sqrt(np.diag(steps @ covariance @ steps.T)), rel=1e-9)
+    assert found.friction.jump_std == pytest.approx(np.sqrt(np.diag(steps @ covariance @ steps.T)), rel=1e-9)
 
 
 def test_samples_beside_a_misplaced_changepoint_do_not_count() -> None:
@@ -73,7 +73,7 @@ def test_at_one_speed_the_slope_is_not_shown() -> None:
     assert blind.friction.viscous == 0.0
     assert np.isinf(blind.friction.viscous_std)
     assert np.isinf(blind.friction.level_std).all()
-    assert (blind.jump_std < SIGMA).all()  # jumps do not need the slope
+    assert (blind.friction.jump_std < SIGMA).all()  # jumps do not need the slope
 
 
 def test_an_interval_without_samples_has_no_certainty() -> None:
@@ -82,7 +82,7 @@ def test_an_interval_without_samples_has_no_certainty() -> None:
     found = estimate(signal, INDEX, NOISE)
     assert found.friction.level[1] == found.friction.level[0]
     assert np.isinf(found.friction.level_std[1])
-    assert np.isinf(found.jump_std[:2]).all()
+    assert np.isinf(found.friction.jump_std[:2]).all()
     assert found.rejection[:2].tolist() == [np.log(FALSE_POSITIVE)] * 2
     empty = estimate(signal._replace(used=np.zeros(3000, dtype=np.bool_)), INDEX, NOISE)
     assert np.isfinite(empty.friction.level).all()

@@ -35,7 +35,6 @@ def test_values(value: float, std: float | None, unit: str, written: str) -> Non
 @given(value=st.floats(1e-11, 1e7), relative=st.floats(1e-4, 0.5))
 def test_what_is_written_is_the_value_to_within_its_error(value: float, relative: float) -> None:
     written = re.fullmatch(r"([\d.]+) ± ([\d.]+) (\D?)N m", measure(value, relative * value, "N m"))
-    assert written is not None
     power = next(power for power, prefix in PREFIXES.items() if prefix == written[3])
     assert float(written[1]) * 10.0**power == pytest.approx(value, abs=0.1 * relative * value)
     assert float(written[2]) * 10.0**power == pytest.approx(relative * value, rel=0.06)

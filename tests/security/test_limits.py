@@ -30,10 +30,9 @@ from rwa_monitor.monitor.recording.reader import (
 )
 from rwa_monitor.telemetry.columns import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
-from rwa_monitor.telemetry.csv_table import MAX_CSV_BYTES, MAX_HEADER_BYTES
 from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
 from rwa_monitor.telemetry.parquet_table import MAX_PARQUET_BYTES
-from rwa_monitor.telemetry.table import read_table
+from rwa_monitor.telemetry.table import MAX_CSV_BYTES, MAX_HEADER_BYTES, read_table
 from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES
 from tests.program import run
 

@@ -15,7 +15,7 @@ from rwa_monitor.messages import SamplesMessage, samples_json, split_key
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recording.reader import PassingRecording
-from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from rwa_monitor.monitor.state_recovery import run_recording
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.telemetry.labels import read_labels

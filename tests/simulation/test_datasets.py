@@ -15,7 +15,6 @@ from rwa_monitor.simulation.datasets import (
     MILD_SEVERITIES,
     PAPER_JUMP_RATE,
     PAPER_SEVERITIES,
-    RECIPES,
     generate,
     label_columns,
     label_row,
@@ -58,12 +57,6 @@ def test_paper_and_mild_have_the_papers_noise_and_statuses():
         assert directions == {-1.0, 1.0}
 
 
-def test_mild_is_the_paper_with_other_severities():
-    paper, mild = next(generate("paper", 1, 3)), next(generate("mild", 1, 3))
-    assert paper.wheel.fss == mild.wheel.fss
-    assert np.array_equal(paper.telemetry.truth.speed_rad_s, mild.telemetry.truth.speed_rad_s)
-
-
 def test_each_wheel_has_its_own_laws_and_its_file_says_them():
     windows = means("paper", 8)
     factors = set()
@@ -100,12 +93,6 @@ def test_derived_has_no_friction_but_all_it_takes():
         error = samples.speed_rad_s - window.telemetry.truth.speed_rad_s
         assert error.std() == pytest.approx(0.01, rel=0.05)
         assert samples.motor_current_A is not None
-
-
-def test_any_recipe_can_leave_friction_out():
-    for recipe in RECIPES:
-        window = next(generate(recipe, 1, 1, windows=1, friction_given=False))
-        assert window.telemetry.samples.friction_torque_Nm is None
 
 
 def test_fleet_is_one_life_cut_into_windows():

@@ -104,13 +104,6 @@ def test_directions_are_mirror_images(kind):
     assert np.all(down.speed_rad_s <= 0.0)
 
 
-def test_same_generator_state_gives_the_same_bytes():
-    for kind in KINDS:
-        assert motion(kind, 4).speed_rad_s.tobytes() == motion(kind, 4).speed_rad_s.tobytes()
-        if kind != "constant":
-            assert motion(kind, 4).speed_rad_s.tobytes() != motion(kind, 5).speed_rad_s.tobytes()
-
-
 def test_what_the_wheel_lacks_is_named():
     with pytest.raises(InputError, match="nominal"):
         motion("orbit", wheel=WHEEL.model_copy(update={"nominal": None}))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from rwa_monitor.wheel import torque_balance as tb
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.effects.base import NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, to_block
-from rwa_monitor.wheel.wheel import EffectBlock, Noise, Window, built_in_wheel
+from rwa_monitor.wheel.wheel import EffectBlock, Noise, built_in_wheel
 
 WHEEL = built_in_wheel()
 KINDS = ("orbit", "one_direction", "crossings", "rich", "constant", "from_rest")
@@ -252,29 +251,6 @@ def test_a_cut_is_the_record_of_its_slots():
     assert cut(record, 0, 80_000, WHEEL).samples.time_ns.tobytes() == record.samples.time_ns.tobytes()
 
 
-def test_a_wheel_of_another_size():
-    """Milliseconds, millinewton metres, a joint of a robot: nothing in the simulator is tied to the built-in wheel."""
-    wheel = WHEEL.model_copy(
-        update={
-            "sample_period_s": 0.005,
-            "nominal": WHEEL.nominal.model_copy(update={"dry_torque_Nm": 10.0, "viscous_Nm_s_rad": 2.0}),
-            "noise": Noise(friction_std_Nm=0.3),
-            "window": Window(samples=1760),
-            "limits": WHEEL.limits.model_copy(update={"max_current_A": None}),
-        }
-    )
-    record = run(wheel=wheel, duration_s=8.8)
-    assert len(record.samples) == 1760
-    assert np.isfinite(record.samples.friction_torque_Nm).all()
-
-
-def test_eighty_thousand_samples_are_quick():
-    run(duration_s=10_000.0)  # fills the caches
-    start = time.process_time()
-    run(1, duration_s=10_000.0)
-    assert time.process_time() - start < 5 * 0.2
-
-
 def test_extra_system_adds_jumps_of_its_own():
     block = EffectBlock(
         name="extra_switching_system", parameters={"strength_Nm": 4e-4, "rest_s": 200.0, "active_s": 100.0}
@@ -287,12 +263,6 @@ def test_extra_system_adds_jumps_of_its_own():
     number = truth.changepoints.index[truth.changepoints.system == 2]
     assert np.array_equal(number - 1, np.flatnonzero(np.diff(extra)))
     assert len(number) >= 4
-
-
-def test_wrong_duration_law_changes_how_often_systems_jump():
-    block = EffectBlock(name="wrong_duration_law", parameters={"duration_factor": 0.1, "weibull_shape": 1.0})
-    counts = [len(run(12, duration_s=10_000.0, effect=effect).truth.changepoints) for effect in ((), (block,))]
-    assert counts[1] > 4 * counts[0]
 
 
 def test_jumps_follow_the_speed_where_it_triggers_them():
@@ -341,12 +311,6 @@ def test_noise_effects_shape_the_noise_and_the_truth_knows_its_size():
                 derived = tb.derive_friction(record.samples.speed_rad_s, motor, WHEEL)
                 noise = derived - record.truth.friction_torque_Nm
             assert np.nanstd(noise) == pytest.approx(record.truth.noise_std_Nm, rel=0.1), name
-
-
-def test_coarse_tachometer_puts_the_speed_on_its_lattice():
-    block = EffectBlock(name="tachometer_quantisation", parameters={"step_rad_s": 0.05})
-    speed = run(16, effect=(block,)).samples.speed_rad_s
-    assert np.allclose(speed / 0.05, np.rint(speed / 0.05), atol=1e-6)
 
 
 def test_dead_zone_silences_the_tachometer_but_not_the_current():

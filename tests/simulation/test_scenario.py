@@ -8,8 +8,8 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
-from rwa_monitor.simulation.sensors import Fault, Sensors
-from rwa_monitor.wheel.wheel import EffectBlock, built_in_wheel
+from rwa_monitor.simulation.sensors import Fault
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 FULL = """
 [scenario]
@@ -43,41 +43,22 @@ duration_s = 12.0
 """
 
 
-def test_every_key_is_read():
-    scenario = Scenario.from_toml(FULL, "s.toml")
-    assert (scenario.duration_s, scenario.start_ns, scenario.friction_given) == (2500.0, 1000, False)
-    assert scenario.channels == ("motor_current_A", "bearing_temperature_degC")
-    assert (scenario.speed.kind, scenario.speed.direction, scenario.base.dry) == ("rich", -1, 1.02)
-    assert scenario.anomalies["fss_2"] == Anomaly(factor=1.4, onset_s=1000.0, growth_s=500.0)
-    assert (scenario.noise.law, scenario.noise.ar_coefficient) == ("ar1", 0.5)
-    assert scenario.sensors == Sensors(speed_noise_rad_s=0.02)
-    assert scenario.effect[0].parameters == {"strength_Nm": 5.0e-4, "stribeck_speed_rad_s": 8.0}
-    assert scenario.fault[0] == Fault(kind="gap", start_s=100.0, duration_s=12.0)
-
-
 @pytest.mark.parametrize("text", ["", FULL], ids=["empty", "full"])
 def test_round_trip(text):
     scenario = Scenario.from_toml(text, "s.toml")
     assert Scenario.from_toml(scenario.to_toml(), "again") == scenario
 
 
-def test_an_empty_file_is_the_default_scenario():
-    assert Scenario.from_toml("", "s.toml") == Scenario()
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("[scenario", "s.toml: is no valid TOML"),
-        ("scenario = 3", "s.toml: scenario: is a table"),
         ("[scenarios]", "s.toml: scenarios: does not belong here"),
         ("[scenario.speed]", "s.toml: speed: does not belong here"),
         ("[scenario]\nduration_s = -1", "s.toml: duration_s: "),
-        ("[scenario]\nduration_s = nan", "s.toml: duration_s: "),
         ("[scenario]\nlength = 5", "s.toml: length: "),
         ('[scenario]\nchannels = ["current"]', "s.toml: channels: "),
         ('[speed]\nkind = "loop"', "s.toml: speed.kind: "),
-        ("[anomalies]\ndry = 1.3", "s.toml: anomalies.dry: "),
         ("[anomalies.dry]\nfactor = -1", "s.toml: anomalies.dry.factor: "),
         ('[[fault]]\nkind = "gap"', "s.toml: fault.0.start_s: "),
         ('[noise]\nlaw = "ar1"\nar_coefficient = 1.0', "s.toml: noise.ar_coefficient: "),
@@ -108,8 +89,3 @@ def test_anomaly_grows_linearly_from_its_onset():
     assert [anomaly.factor_at(time) for time in (0.0, 100.0, 125.0, 150.0, 1e6)] == pytest.approx([1, 1, 1.3, 1.6, 1.6])
     sudden = Anomaly(factor=1.6, onset_s=100.0)
     assert [sudden.factor_at(time) for time in (99.9, 100.0)] == [1.0, 1.6]
-
-
-def test_effect_blocks_are_those_of_the_wheel():
-    block = EffectBlock(name="stribeck", parameters={"strength_Nm": 1e-4})
-    assert Scenario(effect=(block,)).effect == (block,)

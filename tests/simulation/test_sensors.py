@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors, bearing_temperature, measure
-from rwa_monitor.wheel.wheel import built_in_wheel
+from rwa_monitor.simulation.sensors import Fault, FrictionNoise, bearing_temperature, measure
 
 N = 100_000
 
@@ -43,26 +42,12 @@ def test_ar1_has_its_coefficient_and_begins_in_its_stationary_law():
     assert stats.kstest(first, "norm").pvalue > 1e-5
 
 
-def test_student_t_has_heavy_tails():
-    drawn = FrictionNoise(law="student_t", degrees_of_freedom=3).draw(1.0, N, np.random.default_rng(2))
-    expected = 2 * stats.t.sf(4.0 * np.sqrt(3.0), 3)
-    assert np.mean(np.abs(drawn) > 4.0) == pytest.approx(expected, rel=0.3)
-    assert expected > 50 * stats.norm.sf(4.0)
-
-
 def test_a_sensor_rounds_to_its_quantum_after_its_noise():
     true = np.linspace(-1, 1, N)
     reading = measure(true, 0.05, 0.01, np.random.default_rng(3))
     assert np.allclose(reading / 0.01, np.rint(reading / 0.01), atol=1e-9)
     assert np.std(reading - true) == pytest.approx(np.hypot(0.05, 0.01 / np.sqrt(12)), rel=0.02)
     assert np.array_equal(measure(true, 0.0, 0.0, np.random.default_rng(3)), true)
-
-
-def test_unset_sensors_are_those_of_the_wheel():
-    sensors = Sensors(current_noise_A=0.0).for_wheel(built_in_wheel())
-    assert sensors.speed_noise_rad_s == pytest.approx(0.01)
-    assert sensors.current_noise_A == 0.0
-    assert all(value is not None for value in sensors.model_dump().values())
 
 
 def test_temperature_swings_with_the_orbit_and_follows_dissipation_with_a_lag():
@@ -101,10 +86,3 @@ def test_faults_hit_their_slots_and_nothing_else():
     assert np.isnan(dropout.apply(values, hit, rng)).sum() == 99
     assert not hit[0]
     assert values[1] == 1.0  # the input is left as it was
-
-
-def test_a_fault_after_the_end_hits_nothing():
-    fault = Fault(kind="stuck", start_s=1e6, duration_s=5.0)
-    hit = fault.slots_hit(100, 0.5, np.random.default_rng(0))
-    assert not hit.any()
-    assert np.array_equal(fault.apply(np.ones(100), hit, np.random.default_rng(0)), np.ones(100))

@@ -175,28 +175,6 @@ def test_narrow_margin_does_not_lose_the_best():
         assert narrow.states < wide.states
 
 
-def test_bounds_are_never_below_what_follows():
-    """The bound of the empty path, which holds all others, is at least the best score: whatever the prices."""
-    rng = np.random.default_rng(3)
-    slack = []
-    for _ in range(30):
-        problem = random_problem(rng, (SHORT, LONG), 8, sized=bool(rng.integers(2)))
-        paths = search(problem.scores, paths=40, margin=50.0, budget=100_000).paths
-        best = paths[0].score
-        (rest, *free), worth = free_bounds(problem.scores)
-        others = [paths[0], paths[-1], replace(paths[0], actions=np.full(8, NO_SYSTEM)), random_path(rng, problem)]
-        assert rest[0, 0] >= best
-        for rest_fit, own in (
-            free,
-            *(priced_bounds(problem.scores, worth, np.array(path.start), path.actions) for path in others),
-        ):
-            best_own = max(own[0, q, 0, 0] + own[1, p, 0, 0] for q in range(2) for p in range(3))
-            assert rest_fit[0, 0] + best_own >= best - 1e-9
-            slack.append(rest_fit[0, 0] + best_own - best)
-    free_slack, best_slack = np.mean(np.reshape(slack, (-1, 5))[:, :2], axis=0)
-    assert best_slack < free_slack
-
-
 def test_prices_change_the_work_and_not_the_paths():
     """The same paths as with the free bounds alone, with any prices, from fewer entries with good ones."""
     rng = np.random.default_rng(4)

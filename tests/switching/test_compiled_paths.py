@@ -7,7 +7,7 @@ import pytest
 
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatPath
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_agreement, tell
+from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, tell
 from rwa_monitor.kernels.friction import condition
 from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
 from rwa_monitor.kernels.segments import pair_moments
@@ -62,18 +62,6 @@ def test_a_path_of_the_search_becomes_a_switching_path():
             assert np.array_equal(system[:, 0] == UNATTRIBUTED, path.actions == NO_SYSTEM)
             assert np.array_equal(direction != 0, system >= 0)
     assert len(kinds) >= 10  # with missed jumps and two at once
-
-
-def test_agreement_is_counted_near_a_jump_and_for_the_same_system_only():
-    index = np.array([100, 103, 500])
-    best, up = np.array([[0, REJECTED], [REJECTED, REJECTED], [1, 2]]), np.array([[1, 0], [0, 0], [1, -1]])
-    other, way = np.array([[REJECTED, REJECTED], [0, REJECTED], [1, REJECTED]]), np.array([[0, 0], [1, 0], [-1, 0]])
-    sure = np.zeros((3, 2))
-    add_agreement(index, 5, best, up, other, way, 0.25, sure)
-    # The jump of system 0 is three slots off: the same. At 500 system 1 goes the other way, and system 2 nowhere.
-    assert sure.tolist() == [[0.25, 0.25], [0.0, 0.25], [0.0, 0.0]]
-    add_agreement(index, 2, best, up, other, way, 0.25, sure)
-    assert sure.tolist() == [[0.25, 0.5], [0.0, 0.5], [0.0, 0.0]]
 
 
 def test_levels_signs_and_chains_are_those_of_the_samples():
@@ -167,10 +155,3 @@ def test_densities_of_sojourns_are_those_of_their_levels():
         nominal, anomalous, inside = level_densities(friction[k : k + 1], std[k : k + 1], levels.numbers)[:, 0]
         plain.append((max(0.0, 1.0 - inside / (nominal + anomalous)), std[k] / levels.reach))
     assert np.stack([stray, relative], axis=1) == pytest.approx(np.array(plain), rel=1e-12)
-
-
-def test_a_wheel_without_systems_has_an_empty_path():
-    none = np.zeros(0, dtype=np.int64)
-    flat = FlatPath(none, none, none, np.array([30]))
-    assert flat.by_system().configurations == ()
-    assert all(np.array_equal(one, other) for one, other in zip(flat.by_system().flat(), flat, strict=True))

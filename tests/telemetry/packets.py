@@ -11,8 +11,8 @@ from spacepackets.ccsds.spacepacket import SpacePacketHeader
 from spacepackets.ccsds.time import CdsShortTimestamp
 
 from rwa_monitor.samples import CHANNELS, Samples
-from rwa_monitor.telemetry.ccsds_packets import FIRST_APID, example_decoding, packets_of
 from rwa_monitor.telemetry.reader import Decoding, TextFile
+from tests.telemetry.packet_writer import FIRST_APID, example_decoding, packets_of
 
 KEY = "rwa/sat/wheel_1/samples"
 CDS_APID = 33
@@ -39,7 +39,6 @@ def packets(count: int = 20) -> list[bytes]:
 
 def with_map(text: str, xtce: str | None = None) -> Decoding:
     definition = decoding().xtce
-    assert definition is not None
     return Decoding(TextFile("m.toml", text), definition if xtce is None else TextFile("x.xml", xtce))
 
 

@@ -13,19 +13,21 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rwa_monitor.batch.tasks import Diagnose, FindDiscrepancy, Identify
+from rwa_monitor.batch.tasks import Diagnose
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.identification.identify import identify
 from rwa_monitor.messages import SamplesMessage, samples_json
-from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from rwa_monitor.monitor.telemetry_files import READERS, read_telemetry
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.ccsds_packets import definition_of, write_packets
-from rwa_monitor.telemetry.csv_table import write_csv
+from rwa_monitor.telemetry.ccsds_packets import definition_of
 from rwa_monitor.telemetry.parquet_table import write_parquet
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, joined, only_wheel, read_decoding
-from rwa_monitor.telemetry.table import FileFormat, file_format
+from rwa_monitor.telemetry.table import FileFormat, file_format, write_csv
 from tests.monitor.support import KEY, telemetry, wheel
 from tests.telemetry import bags
+from tests.telemetry.packet_writer import write_packets
 
 ROWS = 2_300  # two windows of the test wheel, and a part of one
 
@@ -96,14 +98,14 @@ def test_what_was_written_comes_back(name: FileFormat, tmp_path: Path) -> None:
 def test_every_work_on_recordings_takes_it(name: FileFormat, tmp_path: Path) -> None:
     samples = telemetry(ROWS)
     path, decoding = FORMATS[name][0](samples, tmp_path)
-    found = Diagnose(wheel(), decoding=decoding).diagnose(path)
+    found = Diagnose(wheel(), decoding)(path)
     assert [diagnosis.partial for diagnosis in found.diagnoses] == [False, False, True]
     assert {diagnosis.source for diagnosis in found.diagnoses} == {str(path)}
-    (report,) = FindDiscrepancy(wheel(), decoding=decoding)(path).rows
-    assert report["verdict"] in ("adequate", "inadequate", "untestable")
+    read = joined(only_wheel(read_telemetry(path, decoding), "test"))
+    assert find_discrepancy([("test", read)], wheel()).result.verdict in ("adequate", "inadequate", "untestable")
     # It has read them all: what they lack for a wheel file is the same from every format.
     with pytest.raises(InputError, match=r"uncertain by 5.4 %: the speed hardly leaves 198.1 rad/s"):
-        Identify(wheel(), systems=False, decoding=decoding)(path)
+        identify([("test", read)], wheel(), systems=False)
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -6,10 +6,7 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given
 
-from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.monitor.support import telemetry
 
 CAPACITY = 13
 
@@ -52,10 +49,3 @@ def test_values_are_kept_for_fewer_slots_than_the_fact_that_they_came() -> None:
     again.restore(ring.begin, ring.is_filled(np.arange(ring.begin, 18)), dict.fromkeys(ring.channels, values[8:]))
     np.testing.assert_array_equal(again.read("torque_Nm", 0, 18), values)
     np.testing.assert_array_equal(again.is_filled(asked), ring.is_filled(asked))
-
-
-def test_memory_is_bounded() -> None:
-    # A flag for each of 80,000 slots, and two channels of 8 bytes for the piece that is being written.
-    core = WheelCore(built_in_wheel(), None)
-    core.feed(telemetry(2_000, given=False))
-    assert core._windows.ring.nbytes <= 200_000

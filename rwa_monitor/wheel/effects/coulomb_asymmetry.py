@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
 
 
 class CoulombAsymmetry(MeanEffect):
@@ -37,9 +35,6 @@ class CoulombAsymmetry(MeanEffect):
     parameters = (Parameter("strength", "-", -1.0, 1.0, 0.05, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return level·sign²; NaN where the level is not known (`Channels.dry_level_Nm`)."""
-        del shape, memory
-        return stack(known_or_nan(channels.dry_level_Nm, channels) * np.abs(channels.direction)), None
+        return known_or_nan(channels.dry_level_Nm, channels) * np.abs(channels.direction)

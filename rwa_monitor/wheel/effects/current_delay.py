@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar
 
 import numpy as np
 
-from rwa_monitor.kernels.effects import backward_difference
-from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
+from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    Shape,
+    known_or_nan,
+    since_last,
+    stack,
+)
 
 
 class CurrentDelay(MeanEffect):
@@ -33,19 +40,31 @@ class CurrentDelay(MeanEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("strength_s", "s", -5.0, 5.0, 0.25, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return d(K_T I)/dt.
 
         In the search `motor_torque_rate_Nm_s` must be given, from neighbours that leave out every sample entering
         the friction of the slot. Without it a backward difference of K_T I is taken, which shares the slot's own
         noise: good for simulation and for removing a known effect, not for finding one.
         """
-        del shape
         if channels.motor_torque_rate_Nm_s is not None:
             return stack(channels.motor_torque_rate_Nm_s), None
         state = np.array([np.nan, 0.0]) if memory is None else memory.copy()
         motor_torque = known_or_nan(channels.motor_torque_Nm, channels)
         usable = channels.good & np.isfinite(motor_torque)
         return stack(backward_difference(motor_torque, usable, channels.sample_period_s, state)), state
+
+
+def backward_difference(values: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
+    """Return the rate of change since the last usable slot, float64 (n,); 0 at the first of a record, NaN elsewhere.
+
+    `state`, float64 (2,), is the last value (NaN at the start) and the slots since; changed in place.
+    """
+    rate = np.full(values.size, np.nan)
+    at, since = since_last(usable, state[1:])
+    if at.size:
+        there = values[at]
+        rate[at] = (there - np.append(state[0], there[:-1])) / (since * period_s)
+        rate[at[0]] = 0.0 if np.isnan(state[0]) else rate[at[0]]
+        state[0] = there[-1]
+    return rate

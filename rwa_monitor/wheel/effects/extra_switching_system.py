@@ -6,8 +6,8 @@ import numpy as np
 
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import Geometric
-from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter
-from rwa_monitor.wheel.effects.switching_base import SwitchingEffect, SwitchingEvidence
+from rwa_monitor.wheel.effects.base import Channels, Parameter
+from rwa_monitor.wheel.effects.switching_base import SwitchingEffect
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem
 
@@ -40,32 +40,3 @@ class ExtraSwitchingSystem(SwitchingEffect):
             friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=0.75, high=1.25)),
         )
         return self.values["strength_Nm"] * simulate_system(system, len(channels), rng).friction
-
-    @classmethod
-    def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
-        """Compare the number of unexplained jumps with the number of false ones expected (Poisson)."""
-        if not evidence.systems or evidence.unattributed.size != len(evidence.jumps):
-            return cls.nothing_found()
-        odd = evidence.unattributed
-        count = int(odd.sum())
-        if count <= evidence.false_jumps or count < 2:
-            return cls.nothing_found(count)
-        index, size = evidence.jumps.index[odd], evidence.jumps.size_Nm[odd]
-        lengths_s = np.diff(index) * evidence.channels.sample_period_s
-        # After a jump up the system is active, after a jump down at rest.
-        active = lengths_s[size[:-1] > 0]
-        rest = lengths_s[size[:-1] <= 0]
-        typical = cls.typical().values
-        values = {
-            "strength_Nm": float(np.median(np.abs(size))),
-            "rest_s": float(rest.mean()) if rest.size else typical["rest_s"],
-            "active_s": float(active.mean()) if active.size else typical["active_s"],
-        }
-        std = {
-            "strength_Nm": float(np.std(np.abs(size)) / np.sqrt(count)),
-            # The mean of an exponential law has a standard deviation of itself over the root of the count.
-            "rest_s": values["rest_s"] / np.sqrt(rest.size) if rest.size else float("nan"),
-            "active_s": values["active_s"] / np.sqrt(active.size) if active.size else float("nan"),
-        }
-        gain = count * np.log(count / evidence.false_jumps) - (count - evidence.false_jumps)
-        return LikelihoodFit(values, std, float(gain), 3, count)

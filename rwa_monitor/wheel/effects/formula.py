@@ -17,14 +17,8 @@ import numpy as np
 
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, narrowed
-from rwa_monitor.wheel.effects.torque_ripple import (
-    LOWEST_ORDER,
-    MANY_TURNS,
-    MAX_HARMONIC,
-    angle_range_turns,
-    angle_turned,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, known_or_nan, narrowed
+from rwa_monitor.wheel.effects.torque_ripple import LOWEST_ORDER, ORDERS, angle_turned, half_a_line
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
 ORIGIN_degC: Final = 20.0  # where exponential and linear laws of the temperature are one or zero: a convention
@@ -84,7 +78,7 @@ class Variable:
     words: str
     functions: tuple[str, ...]
     constants: Mapping[str, tuple[str, Parameter]]
-    values: Callable[[Channels, Mapping[str, float], Memory], tuple[FloatArray, Memory]]
+    values: Callable[[Channels, Shape, Memory], tuple[FloatArray, Memory]]
     origin: float = 0.0
     own: tuple[str, ...] = ()
     needs: frozenset[str] = frozenset()
@@ -100,22 +94,19 @@ class Carrier:
     values: Callable[[Channels], FloatArray]
 
 
-def _speed(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
-    del shape, memory
+def _speed(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     return np.abs(channels.speed_rad_s), None
 
 
-def _temperature(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
-    del shape, memory
+def _temperature(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     return known_or_nan(channels.bearing_temperature_degC, channels), None
 
 
-def _time(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
-    del shape, memory
+def _time(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     return channels.time_s, None
 
 
-def _since_slew(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
+def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot in slots."""
     slot = np.arange(len(channels), dtype=np.float64)
     slews = np.abs(channels.acceleration_rad_s2) > shape["slew_rad_s2"]
@@ -124,9 +115,8 @@ def _since_slew(channels: Channels, shape: Mapping[str, float], memory: Memory) 
     return since * channels.sample_period_s, since[-1:].copy() if since.size else memory
 
 
-def _angle(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
+def _angle(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     """Return the wheel's angle [rad], as `torque_ripple` takes it."""
-    del shape
     return angle_turned(channels, memory)
 
 
@@ -213,15 +203,7 @@ VARIABLES: Final = {
         {
             "order": (
                 "k",
-                Parameter(
-                    "order",
-                    "-",
-                    LOWEST_ORDER,
-                    float(MAX_HARMONIC),
-                    6.0,
-                    choices=tuple(float(k) for k in range(1, MAX_HARMONIC + 1)),
-                    between=True,
-                ),
+                Parameter("order", "-", LOWEST_ORDER, ORDERS[-1], 6.0, choices=ORDERS, between=half_a_line),
             )
         },
         _angle,
@@ -259,9 +241,7 @@ class Formula(MeanEffect):
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return carrier × function, a column for each strength."""
         variable, function = VARIABLES[cls.variable], FUNCTIONS[cls.function]
         x, memory = variable.values(channels, shape, memory)
@@ -281,12 +261,6 @@ class Formula(MeanEffect):
             )
             for role, (_, parameter) in _constants(cls.function, cls.variable).items()
         }
-
-    @classmethod
-    def reach_between(cls, channels: Channels) -> dict[str, float]:
-        """Half an order over the range of the angle in turns, as for `torque_ripple`."""
-        turns = angle_range_turns(channels) if cls.variable == "angle" else 0.0
-        return {"order": 0.5 / turns} if 0.0 < turns < MANY_TURNS else {}
 
 
 def _constants(function: str, variable: str) -> dict[str, tuple[str, Parameter]]:

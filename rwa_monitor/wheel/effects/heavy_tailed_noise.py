@@ -43,7 +43,6 @@ class HeavyTailedNoise(NoiseEffect):
     parameters = (Parameter("degrees_of_freedom", "-", 2.05, GAUSSIAN_FROM, 4.0),)
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
-        del channels
         nu = self.values["degrees_of_freedom"]
         mixing = rng.chisquare(nu, size=noise_Nm.size)
         return noise_Nm * np.sqrt((nu - 2.0) / mixing)

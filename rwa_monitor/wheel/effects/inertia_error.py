@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 class InertiaError(MeanEffect):
@@ -37,14 +35,11 @@ class InertiaError(MeanEffect):
     parameters = (Parameter("strength_kg_m2", "kg m²", -np.inf, np.inf, 2.0e-4, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return dω/dt.
 
         In the search `acceleration_rad_s2` must not come from samples that enter the friction of the same slot: the two
         would share noise, and an error of inertia would be found that is not there (1.6 % at |t| = 36 in a trial).
         Derive it from neighbours outside the friction's own stencil.
         """
-        del shape, memory
-        return stack(channels.acceleration_rad_s2.astype(np.float64)), None
+        return channels.acceleration_rad_s2.astype(np.float64)

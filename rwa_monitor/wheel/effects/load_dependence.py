@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
 
 
 class LoadDependence(MeanEffect):
@@ -31,9 +29,6 @@ class LoadDependence(MeanEffect):
     parameters = (Parameter("strength", "-", 0.0, 1.0, 0.02, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return |K_T I|·sign; in the search K_T I must be a mean of neighbours that leaves out the slot itself."""
-        del shape, memory
-        return stack(channels.direction * np.abs(known_or_nan(channels.motor_torque_Nm, channels))), None
+        return channels.direction * np.abs(known_or_nan(channels.motor_torque_Nm, channels))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.kernels.effects import first_order_lag
-from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, duration, narrowed, stack
+from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, duration, stack
 
 MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
 FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the drive's
+
+
+def _shown_time(channels: Channels) -> tuple[float, float]:
+    """From 10 s, or ten slots (shorter: like dω/dt), to the record's length (longer: like ω and a drift)."""
+    return max(10.0 * channels.sample_period_s, FASTEST_S), duration(channels)
 
 
 class LubricantLag(MeanEffect):
@@ -36,13 +40,11 @@ class LubricantLag(MeanEffect):
     )
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),
-        Parameter("time_constant_s", "s", 1.0, 1.0e4, 120.0),
+        Parameter("time_constant_s", "s", 1.0, 1.0e4, 120.0, shown=_shown_time),
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         state = np.full(2, np.nan) if memory is None else memory.copy()
         usable = channels.good & np.isfinite(channels.speed_rad_s)
         lagged = first_order_lag(
@@ -51,13 +53,40 @@ class LubricantLag(MeanEffect):
         return stack(channels.speed_rad_s - lagged), state
 
     @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From 10 s, or ten slots (shorter: like dω/dt), to the record's length (longer: like ω and a drift)."""
-        bounds = super().shape_bounds(channels)
-        low, high = max(10.0 * channels.sample_period_s, FASTEST_S), duration(channels)
-        return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], low, high)}
-
-    @classmethod
     def is_possible(cls, strengths: FloatArray, viscous_Nm_s_rad: float) -> bool:
         """What trails is a part of the viscous friction, or little more: drag hardly falls while the speed rises."""
         return float(strengths[0]) >= -MOST_TRAILING * viscous_Nm_s_rad
+
+
+def first_order_lag(
+    values: FloatArray, usable: BoolArray, period_s: float, time_constant_s: float, state: FloatArray
+) -> FloatArray:
+    """Follow `values` with a first-order lag, dx/dt = (u - x)/τ, exact for values that are linear between slots.
+
+    At the start of a record x equals u: the wheel has run at that speed for long. At a slot that is not usable the
+    state is held, as if no time had passed. A record cut into pieces gives the same bits.
+
+    Parameters
+    ----------
+    values, usable, period_s, time_constant_s
+        u, float64 (n,), and where it counts, bool (n,); from slot to slot [s], and τ [s].
+    state
+        float64 (2,), x and the last u, NaN at the start; changed in place.
+
+    Returns
+    -------
+    x, float64 (n,), NaN before the first usable slot.
+    """
+    from scipy import signal
+
+    before, u = state[0], values[usable]
+    if u.size == 0:
+        return np.full(values.size, before)
+    if math.isnan(before):
+        state[:] = u[0]
+    ratio = period_s / time_constant_s
+    keep, mean_weight = math.exp(-ratio), -math.expm1(-ratio) / ratio
+    taps = [1.0 - mean_weight, mean_weight - keep]
+    lagged, _ = signal.lfilter(taps, [1.0, -keep], u, zi=[keep * state[0] + taps[1] * state[1]])
+    state[:] = lagged[-1], u[-1]
+    return np.asarray(np.append(before, lagged)[np.cumsum(usable)])

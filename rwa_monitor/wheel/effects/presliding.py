@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
@@ -14,8 +13,8 @@ from rwa_monitor.wheel.effects.base import (
     MeanEffect,
     Memory,
     Parameter,
+    Shape,
     duration,
-    narrowed,
     speed_step,
     stack,
     used_speed,
@@ -23,6 +22,15 @@ from rwa_monitor.wheel.effects.base import (
 from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 
 SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape
+
+
+def _slot_at_reversal(channels: Channels) -> float:
+    """Return half the angle that a slot at a reversal covers, |dω/dt|·Δt²/2 [rad]."""
+    return 0.5 * speed_step(channels) * channels.sample_period_s
+
+
+def _shown_angle(channels: Channels) -> tuple[float, float]:
+    return _slot_at_reversal(channels), 0.1 * float(used_speed(channels).mean()) * duration(channels)
 
 
 class Presliding(MeanEffect):
@@ -49,13 +57,11 @@ class Presliding(MeanEffect):
     )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.6e-3, linear=True),
-        Parameter("breakaway_angle_rad", "rad", 1e-6, 10.0, 2.0e-2),
+        Parameter("breakaway_angle_rad", "rad", 1e-6, 10.0, 2.0e-2, shown=_shown_angle),
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         state = np.full(2, np.nan) if memory is None else memory.copy()
         usable = channels.good & np.isfinite(channels.speed_rad_s)
         bristle = dahl_bristle(
@@ -64,18 +70,9 @@ class Presliding(MeanEffect):
         return stack(bristle - channels.direction), state
 
     @classmethod
-    def unresolved_as(cls, channels: Channels, shape: Mapping[str, float]) -> str:
+    def unresolved_as(cls, channels: Channels, shape: Shape) -> str:
         """Return the dead zone where a reversal at the usual |dω/dt| turns through the angle in less than SEEN_SLOTS.
 
         Then only the first samples after a change of sign are off.
         """
-        at_reversal = 0.5 * speed_step(channels) * channels.sample_period_s
-        return "" if shape["breakaway_angle_rad"] >= SEEN_SLOTS**2 * at_reversal else SpeedDeadZone.name
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From half the angle that a slot at a reversal covers, |dω/dt|·Δt²/2, to a tenth of the angle of all turns."""
-        bounds = super().shape_bounds(channels)
-        low = 0.5 * speed_step(channels) * channels.sample_period_s
-        high = 0.1 * float(used_speed(channels).mean()) * duration(channels)
-        return {**bounds, "breakaway_angle_rad": narrowed(bounds["breakaway_angle_rad"], low, high)}
+        return "" if shape["breakaway_angle_rad"] >= SEEN_SLOTS**2 * _slot_at_reversal(channels) else SpeedDeadZone.name

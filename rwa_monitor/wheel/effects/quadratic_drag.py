@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 class QuadraticDrag(MeanEffect):
@@ -38,8 +36,5 @@ class QuadraticDrag(MeanEffect):
     parameters = (Parameter("strength_Nm_s2_rad2", "N m s²/rad²", 0.0, np.inf, 2.0e-9, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        del shape, memory
-        return stack(channels.speed_rad_s * np.abs(channels.speed_rad_s)), None
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
+        return channels.speed_rad_s * np.abs(channels.speed_rad_s)

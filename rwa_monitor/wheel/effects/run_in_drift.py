@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, duration, narrowed, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, duration
 
 HOUR_S: Final = 3600.0
+
+
+def _shown_time(channels: Channels) -> tuple[float, float]:
+    """From a twentieth of the record (shorter: a transient at its start) to ten records (longer: a ramp)."""
+    return 0.05 * duration(channels), 10.0 * duration(channels)
 
 
 class RunInDrift(MeanEffect):
@@ -38,7 +42,7 @@ class RunInDrift(MeanEffect):
     )
     parameters = (
         Parameter("strength_Nm_s", "N m/s", -np.inf, np.inf, -5.0e-9, linear=True),
-        Parameter("time_constant_s", "s", 1.0, 1.0e9, 1.0e5),
+        Parameter("time_constant_s", "s", 1.0, 1.0e9, 1.0e5, shown=_shown_time),
     )
     shows_at_one_speed = True
     changes_with_time = True
@@ -46,20 +50,10 @@ class RunInDrift(MeanEffect):
     unmeasured_cause = "viscosity_temperature"
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        del memory
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         time_constant_s = shape["time_constant_s"]
         settled = -time_constant_s * np.expm1(-channels.time_s / time_constant_s)
-        return stack(channels.direction * settled), None
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From a twentieth of the record (shorter: a transient at its start) to ten records (longer: a ramp)."""
-        bounds = super().shape_bounds(channels)
-        length = duration(channels)
-        return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], 0.05 * length, 10.0 * length)}
+        return channels.direction * settled
 
     @classmethod
     def largest_share(cls, channels: Channels) -> float:

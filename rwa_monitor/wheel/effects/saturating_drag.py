@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    narrowed,
-    speed_step,
-    stack,
-    used_speed,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, speed_step, used_speed
 
 SHARPEST: Final = 6.0  # of the bend: at ω_s the drag is 89 % of its end; sharper is a corner
 RARER: Final = 100.0  # odds of a power law, which bearings of machines are known to follow, against this one
+
+
+def _shown_speed(channels: Channels) -> tuple[float, float]:
+    """From a few speed steps, below which it is dry friction, to the largest speed, above which it is a slope."""
+    top = float(used_speed(channels).max())
+    return max(3.0 * speed_step(channels), 1e-3 * top), top
 
 
 class SaturatingDrag(MeanEffect):
@@ -50,30 +46,14 @@ class SaturatingDrag(MeanEffect):
     choice_deviance: ClassVar[float] = 2.0 * float(np.log(RARER))
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
-        Parameter("saturation_speed_rad_s", "rad/s", 1e-3, 1000.0, 20.0),
-        Parameter("bend", "-", 1.0, SHARPEST, 1.0, choices=(1.0,), default=1.0, between=True),
+        Parameter("saturation_speed_rad_s", "rad/s", 1e-3, 1000.0, 20.0, shown=_shown_speed),
+        Parameter("bend", "-", 1.0, SHARPEST, 1.0, False, (1.0,), 1.0, lambda _: SHARPEST - 1.0),
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return the drag at unit strength."""
-        del memory
         ratio, bend = channels.speed_rad_s / shape["saturation_speed_rad_s"], shape["bend"]
         if bend == 1.0:
-            return stack(ratio / (1.0 + np.abs(ratio))), None
-        return stack(ratio / (1.0 + np.abs(ratio) ** bend) ** (1.0 / bend)), None
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From a few speed steps, below which it is dry friction, to the largest speed, above which it is a slope."""
-        bounds, top = super().shape_bounds(channels), float(used_speed(channels).max())
-        low = max(3.0 * speed_step(channels), 1e-3 * top)
-        return {**bounds, "saturation_speed_rad_s": narrowed(bounds["saturation_speed_rad_s"], low, top)}
-
-    @classmethod
-    def reach_between(cls, channels: Channels) -> dict[str, float]:
-        """The bend is fitted in every record."""
-        del channels
-        return {"bend": SHARPEST - 1.0}
+            return ratio / (1.0 + np.abs(ratio))
+        return ratio / (1.0 + np.abs(ratio) ** bend) ** (1.0 / bend)

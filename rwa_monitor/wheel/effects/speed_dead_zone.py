@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    narrowed,
-    speed_step,
-    stack,
-    used_speed,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, speed_step, used_speed
+
+
+def _shown_width(channels: Channels) -> tuple[float, float]:
+    return 2.0 * speed_step(channels), 0.1 * float(used_speed(channels).max())
 
 
 class SpeedDeadZone(MeanEffect):
@@ -47,24 +40,14 @@ class SpeedDeadZone(MeanEffect):
     )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.6e-3, linear=True),
-        Parameter("dead_zone_rad_s", "rad/s", 1e-4, 100.0, 1.0),
+        Parameter("dead_zone_rad_s", "rad/s", 1e-4, 100.0, 1.0, shown=_shown_width),
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        del memory
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         inside = np.abs(channels.speed_rad_s) < shape["dead_zone_rad_s"]
         # Where the speed is not known, neither is the column: direction is NaN there and so is the product.
-        return stack(np.where(inside | np.isnan(channels.speed_rad_s), -channels.direction, 0.0)), None
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From two speed steps to a tenth of the largest speed."""
-        bounds = super().shape_bounds(channels)
-        low, high = 2.0 * speed_step(channels), 0.1 * float(used_speed(channels).max())
-        return {**bounds, "dead_zone_rad_s": narrowed(bounds["dead_zone_rad_s"], low, high)}
+        return np.where(inside | np.isnan(channels.speed_rad_s), -channels.direction, 0.0)
 
     def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
         """Return what a tachometer with this dead zone reads [rad/s]: zero inside."""

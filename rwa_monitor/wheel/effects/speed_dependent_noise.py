@@ -54,7 +54,6 @@ class SpeedDependentNoise(NoiseEffect):
     )
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
-        del rng
         return noise_Nm * spread_factor(np.abs(channels.speed_rad_s), self.values)
 
     @classmethod

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    narrowed,
-    speed_step,
-    stack,
-    used_speed,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, speed_step, used_speed
 
 GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
 WIDEST_SHARE: Final = 0.5  # of the largest speed: e⁻² of a wide one (δ = 1) is left there, and the rest is seen
 EXPONENT_REACH: Final = 0.6  # of a round of fitting; several follow each other
+
+
+def _shown_speed(channels: Channels) -> tuple[float, float]:
+    """From a few speed steps to half of the largest speed: wider ones are a part of the slope."""
+    speed = used_speed(channels)
+    return max(3.0 * speed_step(channels), float(speed.min()) / GONE_AT), WIDEST_SHARE * float(speed.max())
 
 
 class Stribeck(MeanEffect):
@@ -58,33 +54,13 @@ class Stribeck(MeanEffect):
     )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 5.0e-4, linear=True),
-        Parameter("stribeck_speed_rad_s", "rad/s", 1e-3, 200.0, 8.0),
-        Parameter("exponent", "-", 0.4, 3.0, 2.0, choices=(1.0, 2.0), default=2.0, between=True),
+        Parameter("stribeck_speed_rad_s", "rad/s", 1e-3, 200.0, 8.0, shown=_shown_speed),
+        Parameter("exponent", "-", 0.4, 3.0, 2.0, False, (1.0, 2.0), 2.0, lambda _: EXPONENT_REACH),
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        del memory
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         ratio, exponent = np.abs(channels.speed_rad_s) / shape["stribeck_speed_rad_s"], shape["exponent"]
         usual = {1.0: ratio, 2.0: ratio * ratio}  # without logarithms
         decay = np.exp(-(usual[exponent] if exponent in usual else np.power(ratio, exponent)))
-        return stack(channels.direction * decay), None
-
-    @classmethod
-    def reach_between(cls, channels: Channels) -> dict[str, float]:
-        """Any exponent may show."""
-        del channels
-        return {"exponent": EXPONENT_REACH}
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From a few speed steps to half of the largest speed: wider ones are a part of the slope."""
-        speed = used_speed(channels)
-        low = max(3.0 * speed_step(channels), float(speed.min()) / GONE_AT)
-        bounds = super().shape_bounds(channels)
-        return {
-            **bounds,
-            "stribeck_speed_rad_s": narrowed(bounds["stribeck_speed_rad_s"], low, WIDEST_SHARE * float(speed.max())),
-        }
+        return channels.direction * decay

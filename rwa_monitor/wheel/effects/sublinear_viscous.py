@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
 from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K
 
 ACTIVATION_REACH_K: Final = 3000.0  # [K] of a round of fitting; several follow each other
 LEAST_K: Final = 0.5  # [K] that the temperature must vary by: less is the resolution of a housekeeping sensor
+
+
+def _where_temperature_varies(channels: Channels) -> float:
+    temperature = known_or_nan(channels.bearing_temperature_degC, channels)[channels.good]
+    known = temperature[np.isfinite(temperature)]
+    return ACTIVATION_REACH_K if known.size and np.ptp(known) > LEAST_K else 0.0
 
 
 class SublinearViscous(MeanEffect):
@@ -52,25 +57,15 @@ class SublinearViscous(MeanEffect):
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
         Parameter("exponent", "-", 0.3, 0.9, 2.0 / 3.0),
-        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, choices=(0.0,), default=0.0, between=True),
+        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, False, (0.0,), 0.0, _where_temperature_varies),
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return the drag, less as the bearing warms where B is not zero."""
-        del memory
         drag = channels.direction * np.power(np.abs(channels.speed_rad_s), shape["exponent"])
         activation_K = shape["activation_temperature_K"]
         if activation_K != 0.0:
             temperature_K = known_or_nan(channels.bearing_temperature_degC, channels) + ZERO_CELSIUS_K
             drag = drag * np.exp(shape["exponent"] * activation_K * (1.0 / temperature_K - 1.0 / REFERENCE_K))
-        return stack(drag), None
-
-    @classmethod
-    def reach_between(cls, channels: Channels) -> dict[str, float]:
-        """B is fitted where the temperature varies."""
-        temperature = known_or_nan(channels.bearing_temperature_degC, channels)[channels.good]
-        known = temperature[np.isfinite(temperature)]
-        return {"activation_temperature_K": ACTIVATION_REACH_K} if known.size and np.ptp(known) > LEAST_K else {}
+        return drag

@@ -6,7 +6,6 @@ torque that depends on the jumps, which is then a regression column too, once th
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Final
@@ -15,12 +14,11 @@ import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.durations import Geometric
-from rwa_monitor.wheel.effects.base import Channels, Effect, Family, LikelihoodFit, no_gain
+from rwa_monitor.wheel.effects.base import Channels, Effect, Family
 from rwa_monitor.wheel.switching_systems import Realisation
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
 STRAY_SHARE: Final = 0.02  # of the sojourns: one in fifty may be anything
-TAKEN_UP: Final = 1e-12  # share of a column's square below which levels and slope hold it already
 TINY: Final = float(np.finfo(np.float64).tiny)  # keeps a logarithm finite
 
 
@@ -92,39 +90,27 @@ class Sojourns:
 
 @dataclass(frozen=True, slots=True)
 class SwitchingEvidence:
-    """What a fit of a switching effect goes by.
+    """What a fit of the rate of jumps goes by.
 
     Attributes
     ----------
-    residual_Nm
-        float64 (n,), friction torque less base law, levels and mean effects [N m].
     channels
         The measured motion.
     good
-        bool (n,), slots whose residual counts.
+        bool (n,), slots that count.
     jumps
         The jumps found.
-    unattributed
-        bool (m,), jumps that no known switching system explains; empty where jumps were not attributed.
     systems
         The known switching systems, by name.
     sojourns
         Their sojourns, by name; empty where jumps were not attributed.
-    variance_factor
-        Long-run variance of the noise over its variance; 1 for white noise.
-    false_jumps
-        How many false jumps the detection is expected to leave in a record of this length.
     """
 
-    residual_Nm: FloatArray
     channels: Channels
     good: BoolArray
     jumps: Jumps
-    unattributed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
     systems: Mapping[str, SwitchingSystem] = field(default_factory=dict)
     sojourns: Mapping[str, Sojourns] = field(default_factory=dict)
-    variance_factor: float = 1.0
-    false_jumps: float = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +152,7 @@ class JumpClock:
         )
 
 
-class SwitchingEffect(Effect, ABC):
+class SwitchingEffect(Effect):
     """An effect that changes the jumps of the dry level. Each overrides what it changes; the rest stays.
 
     A simulator asks in this order: `change_system` for each switching system, `clock` for the clock on which all run,
@@ -181,18 +167,15 @@ class SwitchingEffect(Effect, ABC):
 
     def clock(self, channels: Channels) -> JumpClock | None:
         """Return the clock on which the switching systems run, None for the record's own."""
-        del channels
         return None
 
     def extra_level(self, channels: Channels, rng: np.random.Generator) -> FloatArray:
         """Return what is added to the dry level, float64 (n,) [N m]."""
-        del rng
         return np.zeros(len(channels))
 
     @classmethod
     def columns(cls, channels: Channels, jumps: Jumps, shape: Mapping[str, float]) -> FloatArray:
         """Return the regression columns at unit strength, float64 (n, number of strengths), given the jumps."""
-        del jumps, shape
         return np.zeros((len(channels), 0))
 
     def torque(self, channels: Channels, jumps: Jumps) -> FloatArray:
@@ -203,96 +186,3 @@ class SwitchingEffect(Effect, ABC):
         for parameter, column in zip(self.strength_parameters(), columns.T, strict=True):
             torque += self.values[parameter.name] * column
         return torque
-
-    @classmethod
-    @abstractmethod
-    def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
-        """Fit the effect; a gain of zero where the evidence cannot show it."""
-
-    @classmethod
-    def nothing_found(cls, samples: int = 0) -> LikelihoodFit:
-        """Return the fit of evidence that cannot show the effect: typical values, no gain."""
-        return no_gain(cls, samples)
-
-
-class BeyondBase:
-    """What levels and slope leave of a torque along the motion: prepared once for many columns of one record.
-
-    Parameters
-    ----------
-    evidence
-        Gives residual, motion, jumps and which slots count.
-
-    Attributes
-    ----------
-    used
-        bool (n,), slots that enter: good, known, and with a direction.
-    segment
-        int64 (used slots,), number of the segment of each.
-    speed, target
-        float64 (used slots,), |ω| less its mean in each segment; residual along the motion without its base part.
-    """
-
-    def __init__(self, evidence: SwitchingEvidence) -> None:
-        channels = evidence.channels
-        known = np.isfinite(evidence.residual_Nm) & np.isfinite(channels.speed_rad_s)
-        self.used: BoolArray = evidence.good & known & (channels.direction != 0)
-        self._segment_of_slot = evidence.jumps.segment(len(channels))
-        self.segment = self._segment_of_slot[self.used]
-        self._count = np.maximum(np.bincount(self.segment), 1)
-        self._direction = channels.direction[self.used]
-        self._variance_factor = evidence.variance_factor
-        self._speed = np.abs(channels.speed_rad_s[self.used])
-        self._residual = evidence.residual_Nm[self.used] * self._direction
-        self.speed = self.centred(self._speed)
-        self._energy = float(np.sum(self.speed**2))
-        self.along = self.centred(self._residual)
-        self.target = self._without_slope(self.along)
-
-    def centred(self, values: FloatArray) -> FloatArray:
-        """Return values (used slots,) less their mean in each segment."""
-        mean: FloatArray = np.bincount(self.segment, values) / self._count
-        left: FloatArray = values - mean[self.segment]
-        return left
-
-    def left_of(self, torque_Nm: FloatArray) -> FloatArray:
-        """Return what is left of a torque (n,) along the motion, float64 (used slots,)."""
-        return self._without_slope(self.centred(torque_Nm[self.used] * self._direction))
-
-    def _without_slope(self, along: FloatArray) -> FloatArray:
-        if self._energy == 0.0:
-            return along
-        return along - self.speed * (float(np.sum(self.speed * along)) / self._energy)
-
-    def level(self, torque_Nm: FloatArray) -> FloatArray:
-        """Return the level in each slot, float64 (n,), when a torque (n,) is taken off the residual first."""
-        left = self._residual - torque_Nm[self.used] * self._direction
-        centred = self.centred(left)
-        slope = float(np.sum(self.speed * centred)) / self._energy if self._energy > 0.0 else 0.0
-        mean = np.bincount(self.segment, left - slope * self._speed) / self._count
-        whole: FloatArray = mean[np.minimum(self._segment_of_slot, mean.size - 1)]
-        return whole
-
-    def gain(self, column: FloatArray, low: float, high: float) -> tuple[float, float, float]:
-        """Return log-likelihood gain, strength and its standard deviation of one column beside levels and slope.
-
-        Parameters
-        ----------
-        column
-            float64 (n,), torque at unit strength.
-        low, high
-            Bounds of the strength.
-        """
-        regressor = self.left_of(column)
-        energy, total = float(np.sum(regressor**2)), float(np.sum(self.target**2))
-        if energy <= TAKEN_UP * float(np.sum(column[self.used] ** 2)) or total == 0.0:
-            return 0.0, 0.0, float("nan")
-        strength = float(np.clip(np.sum(regressor * self.target) / energy, low, high))
-        left = float(np.sum((self.target - strength * regressor) ** 2))
-        std = float(np.sqrt(left / self.target.size / energy * self._variance_factor))
-        return self.gain_of(total, left), strength, std
-
-    def gain_of(self, before: float, after: float) -> float:
-        """Return the log-likelihood gain of a smaller sum of squares; coloured noise lowers it."""
-        ratio = before / max(after, np.finfo(np.float64).eps * before)
-        return max(0.5 * self.target.size * float(np.log(ratio)) / self._variance_factor, 0.0)

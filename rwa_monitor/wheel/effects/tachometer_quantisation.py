@@ -47,7 +47,6 @@ class TachometerQuantisation(NoiseEffect):
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
         """Add what a central difference of the read speed makes of the steps, at its ends one-sided."""
-        del rng
         error = self.read_speed(channels.speed_rad_s) - channels.speed_rad_s
         return noise_Nm - self.values["inertia_kg_m2"] * np.gradient(error, channels.sample_period_s)
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 class TorqueBias(MeanEffect):
@@ -35,8 +33,5 @@ class TorqueBias(MeanEffect):
     parameters = (Parameter("strength_Nm", "N m", -np.inf, np.inf, 2.0e-4, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        del shape, memory
-        return stack(np.ones(len(channels))), None
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
+        return np.ones(len(channels))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
 
 
 class TorqueConstantError(MeanEffect):
@@ -32,9 +30,6 @@ class TorqueConstantError(MeanEffect):
     parameters = (Parameter("strength", "-", -0.5, 0.5, 0.02, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return K_T I; in the search it must be a mean of neighbours without the slot itself (shared noise)."""
-        del shape, memory
-        return stack(known_or_nan(channels.motor_torque_Nm, channels)), None
+        return known_or_nan(channels.motor_torque_Nm, channels)

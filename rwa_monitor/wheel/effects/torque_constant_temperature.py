@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
 
 REFERENCE_DEGC: Final = 20.0  # [°C] where the torque constant is the assumed one
 
@@ -38,10 +37,7 @@ class TorqueConstantTemperature(MeanEffect):
     parameters = (Parameter("strength_1_K", "1/K", -0.01, 0.01, 8.0e-4, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return (T - T₀)·K_T I; in the search K_T I must be a mean of neighbours that leaves out the slot itself."""
-        del shape, memory
         warmer_K = known_or_nan(channels.bearing_temperature_degC, channels) - REFERENCE_DEGC
-        return stack(warmer_K * known_or_nan(channels.motor_torque_Nm, channels)), None
+        return warmer_K * known_or_nan(channels.motor_torque_Nm, channels)

@@ -2,18 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.kernels.effects import turned_angle
-from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, stack
+from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, since_last, stack
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
+ORDERS: Final = tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
 LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
 MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order that is no whole number is a line beside
+
+
+def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
+    """Return the wheel's angle [rad], NaN where unknown: as measured, else the speed's integral and its memory."""
+    usable = channels.good & np.isfinite(channels.speed_rad_s)
+    if channels.measured_angle_rad is not None:
+        return np.where(usable, channels.measured_angle_rad, np.nan), memory
+    state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
+    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state), state
+
+
+def turned_angle(speed_rad_s: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
+    """Integrate the speed by the trapezoidal rule; across a gap as if the speed had changed evenly: the wheel turns on.
+
+    `state`, float64 (3,), is the angle, the last ω (NaN at the start), and the slots since; changed in place. Returns
+    the angle [rad], float64 (n,), 0 at the first usable slot of a record, NaN where not usable; the same bits however a
+    record is cut into pieces.
+    """
+    angle = np.full(speed_rad_s.size, np.nan)
+    at, since = since_last(usable, state[2:])
+    if at.size:
+        speed = speed_rad_s[at]
+        turned = 0.5 * (np.append(state[1], speed[:-1]) + speed) * period_s * since
+        turned[0] = 0.0 if np.isnan(state[1]) else turned[0]
+        angle[at] = np.cumsum(np.append(state[0], turned))[1:]
+        state[:2] = angle[at[-1]], speed[-1]
+    return angle
+
+
+def angle_range_turns(channels: Channels) -> float:
+    """Return between how many turns the wheel's angle lies; orders nearer than one over that look alike."""
+    angle, _ = angle_turned(channels)
+    known = angle[np.isfinite(angle)]
+    return float(np.ptp(known)) / (2.0 * np.pi) if known.size else 0.0
+
+
+def half_a_line(channels: Channels) -> float:
+    """Return half an order over the range of the angle in turns: the width of a line; 0 where the turns are many."""
+    turns = angle_range_turns(channels)
+    return 0.5 / turns if 0.0 < turns < MANY_TURNS else 0.0
 
 
 class TorqueRipple(MeanEffect):
@@ -53,21 +92,11 @@ class TorqueRipple(MeanEffect):
         Parameter("strength_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter("strength_double_cos_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter("strength_double_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
-        Parameter(
-            "harmonic",
-            "-",
-            LOWEST_ORDER,
-            float(MAX_HARMONIC),
-            6.0,
-            choices=tuple(float(h) for h in range(1, MAX_HARMONIC + 1)),
-            between=True,
-        ),
+        Parameter("harmonic", "-", LOWEST_ORDER, ORDERS[-1], 6.0, choices=ORDERS, between=half_a_line),
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return cos and sin of h·θ and 2·h·θ, with θ integrated here from the speed.
 
         At 8 Hz a wheel turns many times between two samples, so that the phase depends on how the speed is integrated:
@@ -80,32 +109,10 @@ class TorqueRipple(MeanEffect):
         return stack(np.cos(phase), np.sin(phase), np.cos(2.0 * phase), np.sin(2.0 * phase)), memory
 
     @classmethod
-    def reach_between(cls, channels: Channels) -> dict[str, float]:
-        """Half an order over the range of the angle in turns: the width of a line; none where the turns are many."""
-        turns = angle_range_turns(channels)
-        return {"harmonic": 0.5 / turns} if 0.0 < turns < MANY_TURNS else {}
-
-    @classmethod
-    def plainer_shape(cls, shape: Mapping[str, float]) -> dict[str, float] | None:
+    def plainer_shape(cls, shape: Shape) -> dict[str, float] | None:
         """Twice the order: where only the double of an order is there, that is the order."""
         double = 2.0 * shape["harmonic"]
         return {"harmonic": double} if double <= MAX_HARMONIC else None
-
-
-def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
-    """Return the wheel's angle [rad], NaN where unknown: as measured, else the speed's integral and its memory."""
-    usable = channels.good & np.isfinite(channels.speed_rad_s)
-    if channels.measured_angle_rad is not None:
-        return np.where(usable, channels.measured_angle_rad, np.nan), memory
-    state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
-    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state), state
-
-
-def angle_range_turns(channels: Channels) -> float:
-    """Return between how many turns the wheel's angle lies; orders nearer than one over that look alike."""
-    angle, _ = angle_turned(channels)
-    known = angle[np.isfinite(angle)]
-    return float(np.ptp(known)) / (2.0 * np.pi) if known.size else 0.0
 
 
 def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:

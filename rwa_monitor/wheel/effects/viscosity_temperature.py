@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, known_or_nan, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
 
 ZERO_CELSIUS_K: Final = 273.15  # [K]
 REFERENCE_K: Final = ZERO_CELSIUS_K + 20.0  # [K] where ν = ν₀: a convention, it shifts strength into the base slope
@@ -49,10 +48,7 @@ class ViscosityTemperature(MeanEffect):
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        del memory
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         temperature_K = known_or_nan(channels.bearing_temperature_degC, channels) + ZERO_CELSIUS_K
         exponent = shape["activation_temperature_K"] * (1.0 / temperature_K - 1.0 / REFERENCE_K)
-        return stack(channels.speed_rad_s * np.expm1(exponent)), None
+        return channels.speed_rad_s * np.expm1(exponent)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 class ViscousAsymmetry(MeanEffect):
@@ -31,8 +29,5 @@ class ViscousAsymmetry(MeanEffect):
     parameters = (Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 3.0e-7, linear=True),)
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        del shape, memory
-        return stack(np.abs(channels.speed_rad_s)), None
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
+        return np.abs(channels.speed_rad_s)

@@ -10,7 +10,7 @@ from scipy import special
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import DurationLaw, Weibull
 from rwa_monitor.wheel.effects.base import LikelihoodFit, Parameter, curvature_std
-from rwa_monitor.wheel.effects.switching_base import TINY, Sojourns, SwitchingEffect, SwitchingEvidence
+from rwa_monitor.wheel.effects.switching_base import TINY, Sojourns, SwitchingEffect
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
 FEWEST_SOJOURNS: Final = 5
@@ -48,17 +48,7 @@ class WrongDurationLaw(SwitchingEffect):
         return weibull_of_mean(self.values["duration_factor"] * mean_slots, self.values["weibull_shape"])
 
     @classmethod
-    def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
-        """Fit factor and shape to the sojourns of each system; return the system that gains most."""
-        fits = [
-            cls.fit_system(evidence.systems[name], sojourns)
-            for name, sojourns in evidence.sojourns.items()
-            if name in evidence.systems and sojourns.slots.size >= FEWEST_SOJOURNS
-        ]
-        return max(fits, key=lambda fit: fit.penalised_gain, default=cls.nothing_found())
-
-    @classmethod
-    def fit_system(cls, system: SwitchingSystem, sojourns: Sojourns) -> LikelihoodFit:
+    def fit(cls, system: SwitchingSystem, sojourns: Sojourns) -> LikelihoodFit:
         """Fit factor and shape to the sojourns of one system, against its known laws."""
         means = np.array([law.mean() for law in system.durations])
         known = sojourns.log_likelihood(system, sojourns.slots)

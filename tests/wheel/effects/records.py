@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
+
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
@@ -23,61 +25,43 @@ def rich_motion(slots: int, period_s: float = PERIOD_S, top_speed_rad_s: float =
     speed = np.convolve(np.pad(speed, 10, mode="edge"), smooth, mode="valid")
     acceleration = np.gradient(speed, period_s)
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * period_s)])
-    direction = np.sign(speed)
     temperature = 27.0 + 7.5 * np.sin(2 * turn + 1.3)
     level = DRY_NM * (1.0 + np.cumsum((rng.random(slots) < 8 / slots) * rng.normal(0.0, 0.4, slots)).clip(-0.6, 2.0))
-    friction = direction * level + VISCOUS_NM_S_RAD * speed
-    return Channels(
-        time_s=time_s,
-        speed_rad_s=speed,
-        direction=direction,
+    friction = np.sign(speed) * level + VISCOUS_NM_S_RAD * speed
+    return channels_of(
+        speed,
+        period_s,
         acceleration_rad_s2=acceleration,
         angle_rad=angle,
         motor_torque_Nm=INERTIA_KG_M2 * acceleration + friction,
         bearing_temperature_degC=temperature,
         dry_level_Nm=level,
-        sample_period_s=period_s,
-        good=np.ones(slots, dtype=bool),
     )
+
+
+def channels_of(speed: FloatArray, period_s: float = PERIOD_S, **others: FloatArray | None) -> Channels:
+    """Return the channels of a speed that was measured in every slot [rad/s]; those not given are zero or absent."""
+    absent = ("motor_torque_Nm", "bearing_temperature_degC", "dry_level_Nm")
+    channels = {
+        "direction": np.sign(speed),
+        "acceleration_rad_s2": np.zeros(speed.size),
+        "angle_rad": np.zeros(speed.size),
+        "good": np.ones(speed.size, dtype=np.bool_),
+        **dict.fromkeys(absent),
+        **others,
+    }
+    return Channels(time_s=np.arange(speed.size) * period_s, speed_rad_s=speed, sample_period_s=period_s, **channels)
 
 
 def piece(channels: Channels, start: int, stop: int) -> Channels:
     """Return the slots [start, stop) as a record that goes on from an earlier one."""
-
-    def cut(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else values[start:stop].copy()
-
-    return Channels(
-        time_s=channels.time_s[start:stop].copy(),
-        speed_rad_s=channels.speed_rad_s[start:stop].copy(),
-        direction=channels.direction[start:stop].copy(),
-        acceleration_rad_s2=channels.acceleration_rad_s2[start:stop].copy(),
-        angle_rad=channels.angle_rad[start:stop].copy(),
-        motor_torque_Nm=cut(channels.motor_torque_Nm),
-        bearing_temperature_degC=cut(channels.bearing_temperature_degC),
-        dry_level_Nm=cut(channels.dry_level_Nm),
-        sample_period_s=channels.sample_period_s,
-        good=channels.good[start:stop].copy(),
-        motor_torque_rate_Nm_s=cut(channels.motor_torque_rate_Nm_s),
-    )
+    of_name = {one.name: getattr(channels, one.name) for one in fields(channels)}
+    arrays = {name: value[start:stop].copy() for name, value in of_name.items() if isinstance(value, np.ndarray)}
+    return replace(channels, **arrays)
 
 
 def mirrored(channels: Channels) -> Channels:
     """Return the same motion in the other direction."""
-
-    def flip(values: FloatArray | None) -> FloatArray | None:
-        return None if values is None else -values
-
-    return Channels(
-        time_s=channels.time_s,
-        speed_rad_s=-channels.speed_rad_s,
-        direction=-channels.direction,
-        acceleration_rad_s2=-channels.acceleration_rad_s2,
-        angle_rad=-channels.angle_rad,
-        motor_torque_Nm=flip(channels.motor_torque_Nm),
-        bearing_temperature_degC=channels.bearing_temperature_degC,
-        dry_level_Nm=channels.dry_level_Nm,
-        sample_period_s=channels.sample_period_s,
-        good=channels.good,
-        motor_torque_rate_Nm_s=flip(channels.motor_torque_rate_Nm_s),
-    )
+    odd = ("speed_rad_s", "direction", "acceleration_rad_s2", "angle_rad", "motor_torque_Nm", "motor_torque_rate_Nm_s")
+    flipped = {name: getattr(channels, name) for name in odd}
+    return replace(channels, **{name: -values for name, values in flipped.items() if values is not None})

@@ -26,15 +26,6 @@ def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
     return shape_of(effect.typical())
 
 
-def test_the_catalogue_holds_the_mean_effects_of_the_specification() -> None:
-    assert set(MEAN_EFFECTS) == {
-        *("stribeck", "presliding", "coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "viscosity_temperature"),
-        *("sublinear_viscous", "quadratic_drag", "lubricant_lag", "run_in_drift", "load_dependence", "inertia_error"),
-        *("torque_constant_error", "torque_constant_temperature", "current_delay", "torque_ripple", "speed_dead_zone"),
-        "saturating_drag",
-    }
-
-
 @every_mean_effect
 def test_a_strength_at_the_end_of_its_range_is_no_finding(effect: type[MeanEffect]) -> None:
     viscous = 5.333e-6
@@ -67,13 +58,6 @@ def test_columns_have_one_for_each_strength_and_are_finite(effect: type[MeanEffe
     assert columns.dtype == np.float64
     assert np.isfinite(columns).all()
     assert np.abs(columns).max() > 0, "a rich motion must show the effect"
-
-
-@every_mean_effect
-def test_zero_strength_changes_nothing(effect: type[MeanEffect]) -> None:
-    zero = {parameter.name: 0.0 for parameter in effect.strength_parameters()}
-    torque, _ = effect.typical(**zero).torque(rich_motion(1024))
-    assert np.array_equal(torque, np.zeros(1024))
 
 
 @every_mean_effect

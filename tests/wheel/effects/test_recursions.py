@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.kernels.effects import autoregress, backward_difference, dahl_bristle, first_order_lag, turned_angle
+from rwa_monitor.kernels.effects import dahl_bristle
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.torque_ripple import coherent_slots
+from rwa_monitor.wheel.effects.current_delay import backward_difference
+from rwa_monitor.wheel.effects.lubricant_lag import first_order_lag
+from rwa_monitor.wheel.effects.torque_ripple import coherent_slots, turned_angle
 
 
 def start() -> FloatArray:
@@ -17,28 +21,6 @@ def start() -> FloatArray:
 
 
 SPEEDS = np.concatenate([np.linspace(3.0, -3.0, 200), np.zeros(5), np.linspace(0.0, 2.0, 60)])
-
-
-def test_noise_is_coloured_by_one_coefficient() -> None:
-    coloured = autoregress(SPEEDS, 0.6)
-    assert coloured[0] == SPEEDS[0]
-    np.testing.assert_allclose(coloured[1:] - 0.6 * coloured[:-1], 0.8 * SPEEDS[1:], rtol=1e-12, atol=1e-12)
-
-
-def test_a_lag_follows_a_ramp_as_its_equation_says() -> None:
-    """Of u = t begun at x = u: x = t - τ + τ exp(-t/τ)."""
-    time_s = np.arange(200) * 0.125
-    lagged = first_order_lag(time_s, np.ones(200, dtype=bool), 0.125, 4.0, start())
-    np.testing.assert_allclose(lagged, time_s - 4.0 + 4.0 * np.exp(-time_s / 4.0), rtol=1e-9, atol=1e-12)
-
-
-def test_the_bristle_turns_over_exponentially_in_angle() -> None:
-    """After a reversal at constant speed: z/z_c = -1 + 2 exp(-θ/z_c)."""
-    speed = np.full(100, -0.01)
-    state = np.array([1.0, -0.01])
-    bristle = dahl_bristle(speed, np.ones(100, dtype=bool), 0.125, 0.02, state)
-    angle = 0.01 * 0.125 * np.arange(1, 101)
-    np.testing.assert_allclose(bristle, 2.0 * np.exp(-angle / 0.02) - 1.0, rtol=1e-12, atol=1e-12)
 
 
 def test_the_state_is_held_through_a_gap() -> None:
@@ -102,3 +84,20 @@ def test_a_lag_stays_between_the_extremes_of_its_input(
     slack = 1e-9 * (1.0 + np.abs(values).max())
     assert lagged.max() <= values.max() + slack
     assert lagged.min() >= values.min() - slack
+
+
+@given(st.lists(st.integers(0, 80), max_size=5), st.integers(0, 2**32 - 1))
+def test_a_record_cut_into_pieces_gives_the_same_bits(cuts: list[int], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    usable = rng.random(80) < 0.7
+    speed = np.where(usable, rng.normal(0.0, 3.0, 80), np.nan)
+    for recursion, arguments, state in (
+        (first_order_lag, (0.125, 4.0), start()),
+        (dahl_bristle, (0.125, 0.02), start()),
+        (backward_difference, (0.125,), np.array([np.nan, 0.0])),
+        (turned_angle, (0.125,), np.array([0.0, np.nan, 0.0])),
+    ):
+        whole, carried = recursion(speed, usable, *arguments, state.copy()), state.copy()
+        edges = [0, *sorted(cuts), 80]
+        pieces = [recursion(speed[a:b], usable[a:b], *arguments, carried) for a, b in itertools.pairwise(edges)]
+        assert np.concatenate(pieces).tobytes() == whole.tobytes()

@@ -10,11 +10,11 @@ from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import effect_torque
 from rwa_monitor.wheel.effects.coulomb_asymmetry import CoulombAsymmetry
 from rwa_monitor.wheel.effects.torque_bias import TorqueBias
 from rwa_monitor.wheel.wheel import EffectBlock, built_in_wheel
+from tests.wheel.effects.records import channels_of
 
 VISCOUS = 5.0e-6  # N m s/rad
 
@@ -24,18 +24,7 @@ def test_asymmetry_and_bias_are_removed_exactly_but_for_the_fifth_order() -> Non
     level = np.where(np.arange(1000) < 600, 1.6e-3, 2.4e-3)
     base = level * np.sign(speed) + VISCOUS * speed
     friction = base + 0.1 * level + 2.0e-5
-    channels = Channels(
-        time_s=np.arange(1000) * 0.125,
-        speed_rad_s=speed,
-        direction=np.sign(speed),
-        acceleration_rad_s2=np.zeros(1000),
-        angle_rad=np.zeros(1000),
-        motor_torque_Nm=None,
-        bearing_temperature_degC=None,
-        dry_level_Nm=None,
-        sample_period_s=0.125,
-        good=np.ones(1000, dtype=bool),
-    )
+    channels = channels_of(speed)
     effects = [CoulombAsymmetry(strength=0.1), TorqueBias(strength_Nm=2.0e-5)]
     torque, memories = effect_torque(effects, channels, friction, VISCOUS, [None, None])
     assert np.max(np.abs(friction - torque - base)) < 2 * 0.1**5 * level.max()

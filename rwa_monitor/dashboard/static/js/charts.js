@@ -15,8 +15,8 @@ const ink = (name) => getComputedStyle(document.documentElement).getPropertyValu
 
 /** A chart that follows the width of its place and the page's colours.
  *  `series`: {label, colour, points, width, fill, paths, dash, steps}; `bands`: [upper, lower, colour] by series number;
- *  `sync`: charts with the same word share cursor and zoom; `log`: a logarithmic axis. */
-export function chart({ label, unit, series, height = 210, draw, zero = false, log = false, bands = [], sync }) {
+ *  `sync`: charts with the same word share cursor and zoom. */
+export function chart({ label, unit, series, height = 210, draw, zero = false, bands = [], sync }) {
   const place = h("div", { class: "chart", role: "img", "aria-label": `${label}${unit ? ` [${unit}]` : ""} over time` });
   const reading = h("p", { class: "reading soft" }, " ");
   let plot = null;
@@ -33,7 +33,7 @@ export function chart({ label, unit, series, height = 210, draw, zero = false, l
     plot = new uPlot({
       width: place.clientWidth, height, tzDate: (s) => uPlot.tzDate(new Date(s * 1e3), "Etc/UTC"), legend: { show: false },
       cursor: { drag: { x: true, y: false }, sync: sync ? { key: sync, scales: ["x", null] } : undefined },
-      scales: { y: log ? { distr: 3 } : zero ? { range: (u, low, high) => [Math.min(0, low), (high || 1) * 1.05] } : {} },
+      scales: { y: zero ? { range: (u, low, high) => [Math.min(0, low), (high || 1) * 1.05] } : {} },
       axes: [{ ...axis, label: clock, labelSize: 18, size: 34, space: 75, values: clockTicks }, { ...axis, size: 68, label: unit ? `${label} [${unit}]` : label, labelSize: 18, values: (u, ticks) => ticks.map((tick) => (tick === null ? "" : String(Number(tick.toPrecision(4))))) }],
       series: [{}, ...series.map(drawn)],
       bands: bands.map(([upper, lower, fill]) => ({ series: [upper, lower], fill })),

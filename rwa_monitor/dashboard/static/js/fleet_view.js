@@ -6,7 +6,6 @@ import { last } from "./store.js";
 import { SIGN, colour, misfit } from "./verdict.js";
 
 const ORDER = { anomalous: 0, inconclusive: 2, nominal: 4 };
-const ARROW = { worse: "↑ worse", better: "↓ better", steady: "→ steady" };
 let search = "";
 
 /** All wheels, the worst first. What is stale is marked, and stands behind what is as bad and live. */
@@ -89,7 +88,7 @@ export function fleetView(store, base) {
     const shown = diagnosis ? colour(diagnosis) : verdict;
     element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
     parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
-    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}${wheel.verdicts?.change ? `\n${ARROW[wheel.verdicts.change]}` : ""}`;
+    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}`;
     parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`;
     const alarm = store.worstAlarm(wheel.name);
     parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));

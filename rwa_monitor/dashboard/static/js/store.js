@@ -3,7 +3,6 @@ import { LEVELS } from "./levels.js";
 /** What is known of the fleet, from the entries of the feed. Live and replay each have one, and nothing else differs. */
 const MAX_WINDOWS = 1000;
 const MAX_POINTS = 12000;
-const MAX_CURVES = 4; // windows whose wGLR is kept: those that the samples' charts span
 const SILENT_MS = 6000; // the monitor reports every second
 
 export class Store {
@@ -19,7 +18,7 @@ export class Store {
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, jumps: [], t: [], speed: [], friction: [] });
     }
     return this.wheels.get(name);
   }
@@ -51,7 +50,6 @@ export class Store {
       if (entry.beside) wheel.verdicts = entry.beside;
     } else if (parts[3] === "changepoints") wheel.jumps.push(...message.changepoints);
     else if (parts[3] === "samples") this.addSamples(wheel, message);
-    else if (parts[3] === "evidence") this.addCurve(wheel, message);
     else if (parts[3] === "discrepancy") wheel.discrepancy = message;
   }
 
@@ -78,14 +76,6 @@ export class Store {
       if (known.length > MAX_WINDOWS) known.shift();
       wheel.jumps = wheel.jumps.filter((jump) => jump.time_ns >= message.window_end_ns);
     }
-  }
-
-  /** The curve of a closed window replaces that of the same one while it was open. */
-  addCurve(wheel, message) {
-    wheel.curves = wheel.curves.filter((one) => !one.open && one.window_start_ns !== message.window_start_ns);
-    wheel.curves.push(message);
-    wheel.curves.sort((a, b) => a.window_start_ns - b.window_start_ns);
-    if (wheel.curves.length > MAX_CURVES) wheel.curves.shift();
   }
 
   addSamples(wheel, message) {

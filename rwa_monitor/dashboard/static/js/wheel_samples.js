@@ -1,4 +1,4 @@
-/** What one wheel's samples show: speed, friction with its jumps, the wGLR that found them, what the model leaves. */
+/** What one wheel's samples show: speed, friction with its jumps, what the model leaves. */
 import { COLOURS, GREY, chart, marks, systemStyle } from "./charts.js";
 import { h } from "./dom.js";
 import { simulated } from "./friction.js";
@@ -12,10 +12,8 @@ export function wheelSamples(store, wheel) {
   const notice = h("p", { class: "soft" });
   const speed = chart({ label: "speed", unit: "rad/s", height: 170, sync, series: [{ label: "speed", colour: COLOURS[1] }] });
   const friction = chart({ label: "friction", unit: "mN m", height: 270, sync, draw: (u) => marks(u, jumps()), series: [{ label: "measured", colour: CLOUD, width: 0, points: true }, { label: "simulated", colour: COLOURS[0], width: 2 }] });
-  const evidence = chart({ label: "wGLR", height: 200, log: true, sync, series: [{ label: "wGLR", colour: COLOURS[1], width: 1 }, { label: "threshold", colour: COLOURS[0], dash: [6, 4], width: 2 }] });
   const residual = chart({ label: "residual", unit: "mN m", height: 170, sync, series: [{ label: "measured less simulated", colour: COLOURS[3], width: 0, points: true }] });
-  const charts = [speed, friction, evidence, residual];
-  const curves = h("p", { class: "soft" });
+  const charts = [speed, friction, residual];
   let systems = [];
 
   function jumps() {
@@ -42,31 +40,12 @@ export function wheelSamples(store, wheel) {
     notice.textContent = !times.length
       ? "No samples now: they are drawn while they come over the bus. Earlier ones are under Recordings."
       : measured.every((value) => value === null) ? "These samples hold no friction torque, and none can be derived: that takes motor current or torque and the wheel's inertia (--wheel)." : "";
-    drawing.hidden = !times.length && !wheel.curves.length;
+    drawing.hidden = !times.length;
     if (drawing.hidden) return;
     speed.set([times, speeds]);
     friction.set([times, measured, model]);
     residual.set([times, rest]);
-    drawCurves(times);
     key.replaceChildren(h("span", {}, "· measured, positive against the rotation"), h("span", {}, "— simulated from the diagnosis"), ...systems.map((one) => legend(one, one)), legend("", "not (yet) attributed"), legend("rejected", "rejected"));
-  }
-
-  function drawCurves(times) {
-    const x = [], statistic = [], threshold = [];
-    for (const curve of wheel.curves) {
-      if (x.length) { x.push(x[x.length - 1] + 1e-3); statistic.push(null); threshold.push(null); }
-      curve.time_ns.forEach((time, i) => { x.push(time / 1e9); statistic.push(Math.max(curve.statistic[i], 0.1)); threshold.push(curve.threshold); });
-    }
-    const from = times[0] ?? -Infinity;
-    const keep = x.map((time, i) => i).filter((i) => x[i] >= from);
-    // The same span of time as the charts above, so that a jump stands below itself.
-    const ends = times.length && keep.length ? [[times[0], null, null]] : [];
-    const rows = [...ends, ...keep.map((i) => [x[i], statistic[i], threshold[i]])];
-    if (ends.length && times[times.length - 1] > x[x.length - 1]) rows.push([times[times.length - 1], null, null]);
-    evidence.set([0, 1, 2].map((column) => rows.map((one) => one[column])));
-    curves.textContent = wheel.curves.length
-      ? "Evidence of a jump, the largest of the scales of 4 to 128 slots, in variances of its noise. Near a large jump the curve has side lobes above the threshold, which are no jumps."
-      : "The wGLR is drawn once the samples of a window are at hand here.";
   }
 
   function legend(system, text) {
@@ -77,7 +56,6 @@ export function wheelSamples(store, wheel) {
   }
 
   const drawing = h("div", {}, speed.element, friction.element, key,
-    h("h2", {}, "wGLR and its threshold"), evidence.element, curves,
     h("h2", {}, "Measured less simulated"), residual.element, h("p", { class: "soft" }, "Simulated: base dry and viscous friction and the switching systems. Jumps that fit no system stay in the residual."));
   const element = h("section", { class: "card" }, h("h2", {}, "Speed, friction and jumps"), notice, drawing);
   return { element, refresh, get width() { return speed.width; }, close: () => charts.forEach((one) => one.close()) };

@@ -37,7 +37,6 @@ export function wheelView(store, name, base) {
         store.addSamples(wheel, now.samples);
       }
       if (!wheel.jumps.length) wheel.jumps = now.changepoints.flatMap((one) => one.changepoints);
-      now.evidence.forEach((one) => store.addCurve(wheel, one));
       wheel.discrepancy ??= now.discrepancy;
       wheel.status ??= now.status;
       earlier = records;
@@ -59,7 +58,7 @@ export function wheelView(store, name, base) {
     drawQuality(diagnosis, state);
     drawReport();
     retirement.refresh(state);
-    const now = `${wheel.diagnoses.length} ${diagnosis?.window_end_ns} ${wheel.t.length} ${wheel.t[wheel.t.length - 1]} ${wheel.curves.map((one) => one.time_ns.length)} ${samples.width} ${matchMedia("(prefers-color-scheme: dark)").matches}`;
+    const now = `${wheel.diagnoses.length} ${diagnosis?.window_end_ns} ${wheel.t.length} ${wheel.t[wheel.t.length - 1]} ${samples.width} ${matchMedia("(prefers-color-scheme: dark)").matches}`;
     if (now === drawn) return;
     drawn = now;
     const systems = diagnosis ? Object.keys(diagnosis.friction.fss) : [];

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.adequacy.strength import level_columns, orthogonal_part, orthogonal_rms, strength_for
 from rwa_monitor.errors import InputError
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
-from rwa_monitor.wheel.effects.strength import level_columns, orthogonal_part, orthogonal_rms, strength_for
 from tests.wheel.effects.records import rich_motion
 
 JUMPS = np.array([700, 1500, 2900])
@@ -33,14 +33,6 @@ def test_sign_speed_and_levels_leave_nothing_of_themselves() -> None:
     base = channels.direction * (1 + (np.arange(4096) >= 1500)) + 0.3 * channels.speed_rad_s
     assert orthogonal_rms(base, channels, levels) < 1e-12
     assert np.abs(orthogonal_part(base, channels, levels)).max() < 1e-12
-
-
-def test_level_columns_add_up_to_the_sign() -> None:
-    direction = rich_motion(4096).direction
-    columns = level_columns(direction, JUMPS)
-    assert columns.shape == (4096, 4)
-    assert np.array_equal(columns.sum(axis=1), direction)
-    assert np.flatnonzero(np.diff((columns != 0).argmax(axis=1)))[0] == 699, "a jump is the first slot of the new level"
 
 
 def test_an_effect_that_the_base_law_takes_up_is_refused() -> None:

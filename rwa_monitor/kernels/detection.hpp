@@ -1,0 +1,174 @@
+// Stage 1: what its sources share, and the running sums that later stages read. In the order of the flow.
+#pragma once
+
+#include "arrays.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace rwa {
+
+// ---- running sums (running_sums.cpp): the sufficient statistics of any range of slots -------------------------------
+
+constexpr int64_t STRIDE = 16;        // slots from one checkpoint to the next
+constexpr int64_t CENTRE_BLOCK = 64;  // slots whose median is the origin of the sums
+
+struct SumArrays {
+    Matrix<double> checkpoints;
+    Floats x, z;
+    Flags used;
+    Vector<double> centre;
+    auto fields() { return std::tie(checkpoints, x, z, used, centre); }
+};
+
+// n, Σx, Σz, Σx², Σxz, Σz²
+struct Sums {
+    double n = 0.0, x = 0.0, z = 0.0, xx = 0.0, xz = 0.0, zz = 0.0;
+
+    Sums operator-(const Sums& first) const {
+        return {n - first.n, x - first.x, z - first.z, xx - first.xx, xz - first.xz, zz - first.zz};
+    }
+    double level(double slope) const { return (z - slope * x) / n; }
+    // As one column of a table with a row for each sum, or one row with a column for each.
+    void write(double* at, int64_t apart) const {
+        for (double sum : {n, x, z, xx, xz, zz}) *at = sum, at += apart;
+    }
+    static Sums read(const double* at, int64_t apart) {
+        return {at[0], at[apart], at[2 * apart], at[3 * apart], at[4 * apart], at[5 * apart]};
+    }
+};
+
+// The centred sums over the slots [0, k); reads at most 15 samples.
+inline Sums prefix_moments(int64_t k, const SumArrays& arrays) {
+    Sums sums = Sums::read(&arrays.checkpoints(k / STRIDE, 0), 1);
+    for (int64_t i = k - k % STRIDE; i < k; ++i) {
+        if (!arrays.used[i]) continue;
+        const double u = arrays.x[i] - arrays.centre[0], v = arrays.z[i] - arrays.centre[1];
+        sums = {sums.n + 1.0, sums.x + u, sums.z + v, sums.xx + u * u, sums.xz + u * v, sums.zz + v * v};
+    }
+    return sums;
+}
+
+// The statistics, not centred, of the slots between two of `prefix_moments`.
+inline Sums moments_between(const Sums& first, const Sums& last, const Vector<double>& centre) {
+    const double cx = centre[0], cz = centre[1];
+    const auto [n, sx, sz, sxx, sxz, szz] = last - first;
+    return {n, sx + n * cx, sz + n * cz, sxx + 2.0 * cx * sx + n * cx * cx, sxz + cx * sz + cz * sx + n * cx * cz,
+            szz + 2.0 * cz * sz + n * cz * cz};
+}
+
+void find_centre(const SumArrays& arrays, Floats running, int64_t start, int64_t stop);
+void extend_checkpoints(const SumArrays& arrays, Vector<double> running, int64_t start, int64_t stop);
+
+// Slope that all intervals share, and its standard deviation, from the slots so far.
+std::tuple<double, double> slope_within(
+    int64_t slots, Integers index, Integers exclude, const SumArrays& sums, double variance, double prior_mean,
+    double prior_std);
+
+// ---- the windowed generalised likelihood ratio at several scales, and its peaks (wglr.cpp) --------------------------
+
+constexpr int64_t CHUNK = 1024;   // slots after which the prefix sums begin anew: a quarter more work for 50 kB
+constexpr int64_t STEP = 64;      // slots after which peaks are confirmed
+constexpr int64_t MAX_SCALE = 128;
+constexpr int64_t HISTORY = 2 * MAX_SCALE;  // slots before a chunk that its first statistics reach back to
+constexpr int64_t PREFIXES = 5;             // n, x, e, xx, xe
+
+// Histogram of the statistic: 16 bins an octave, straight from the bits of the float, from 2⁻⁶⁰ to 2³⁶ torque².
+constexpr int64_t BINS_PER_OCTAVE = 16;
+constexpr int64_t LOWEST_EXPONENT = -60;
+constexpr int64_t BINS = 96 * BINS_PER_OCTAVE;
+
+// Columns of PeakArrays::slots and ::values, entries of ::counters.
+constexpr int64_t PEAK_SCALE = 0, PEAK_INDEX = 1, PEAK_CONFIRMED = 2;
+constexpr int64_t PEAK_STATISTIC = 0, PEAK_JUMP = 1;
+constexpr int64_t COUNT_PEAKS = 0, COUNT_SETTLED = 1, COUNT_CONFIRMED = 2;
+
+struct PeakArrays {
+    Matrix<int64_t> slots;
+    Matrix<double> values;
+    Matrix<int64_t> open;
+    Vector<int64_t> counters, confirmed, told;
+    Matrix<double> told_values;
+    auto fields() { return std::tie(slots, values, open, counters, confirmed, told, told_values); }
+};
+
+struct ScanState {
+    Matrix<double> prefix;
+    Matrix<int64_t> histogram;
+    auto fields() { return std::tie(prefix, histogram); }
+};
+
+struct ScanSettings {
+    Integers scales;
+    double weight, slope;
+    Floats floors, sure;
+    auto fields() { return std::tie(scales, weight, slope, floors, sure); }
+};
+
+// The slots from one statistic of scale w that goes into the histogram to the next.
+inline int64_t counted_every(int64_t w) { return w < 4 ? 1 : w / 4; }
+
+int64_t scan(
+    Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings,
+    const ScanState& state, const PeakArrays& peaks, int64_t chunk_peaks);
+
+// index, scale, statistic and jump of chosen peaks
+using Peaks = std::tuple<NewIntegers, NewIntegers, NewFloats, NewFloats>;
+Peaks peaks_above(
+    Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales, Floats variances,
+    double threshold);
+
+// ---- the noise of a window, measured beside its jumps (noise.cpp) ---------------------------------------------------
+
+constexpr int64_t LAGS = 64;        // lags 1 … 64 of the differences; the autocovariance is given at 0 … 63
+constexpr int64_t NOISE_BLOCK = 64;  // base slots of a block; a block reads NOISE_BLOCK + LAGS samples
+constexpr double SMALLEST_STD = 1e-9;    // normalised; the rounding errors of noise-free data lie far below
+
+void block_differences(
+    Floats x, Floats z, Flags used, int64_t first, int64_t last, int64_t hop, double slope, double weight,
+    Matrix<double> sums, Matrix<double> pairs);
+
+// How many statistics are counted, their median and 99.5 % quantile: the middles of bins of the histogram.
+using Quantiles = std::tuple<double, double, double>;
+bool are_heavy(const Quantiles& quantiles, double variance);
+
+// Levels and counts of the complete blocks (`quiet_levels`), the variance of each scale's contrast, and the quantiles
+// of the narrowest scale's statistic.
+using Noise = std::tuple<NewFloats, NewFloats, NewFloats, Quantiles>;
+Noise learn_noise(
+    Matrix<const double> block_sums, Matrix<const double> block_pairs, Matrix<const int64_t> histogram, Integers scales,
+    double start_variance);
+
+// ---- direction, dead band and wheel angle beside the running sums (structure.cpp) -----------------------------------
+
+struct StructureArrays {
+    Vector<int64_t> signs, counts;
+    Matrix<double> near_zero;
+    Vector<double> zeros;
+    Matrix<double> ripple;
+    auto fields() { return std::tie(signs, counts, near_zero, zeros, ripple); }
+};
+
+// The pieces of `length` slots, one every `hop` slots from 0 on, `most` of them, that end by `slot`.
+inline int64_t pieces_before(int64_t slot, int64_t length, int64_t hop, int64_t most) {
+    return slot < length ? 0 : std::min((slot - length) / hop + 1, most);
+}
+
+void count_signs(int64_t first, Floats speed, Flags good, Vector<int64_t> signs, Vector<int64_t> counts);
+void extend_structure(
+    Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain, double angle_per_x,
+    int64_t hop, const StructureArrays& arrays);
+
+// ---- from the peaks of all scales to the candidates of a window (changepoints.cpp) ----------------------------------
+
+// The wGLR's statistic [torque²] and jump at slot k and scale w, with any centre and weight of the slope (see wglr.pyi).
+// Both 0 where a half has no used sample.
+std::tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums);
+
+// The order in which peaks are tried, which come in the order of their slots: narrow scales and large statistics first.
+std::vector<int64_t> order_in_turn(Integers scale, Floats statistic);
+
+// The slots of peaks, taken in turn, with no kept one within ±w; sorted.
+std::vector<int64_t> kept_apart(Integers index, Integers scale);
+
+}  // namespace rwa
