@@ -64,6 +64,7 @@ def amplitudes(time: np.ndarray, angle: np.ndarray, periods: int, period: float,
         start += periods * period
         if x.size < 12:
             continue
+        c, size, phase = np.zeros(7), 0.0, 0.0
         for _ in range(6):
             w = 2 * np.pi / period
             sine, cosine = np.sin(w * x), np.cos(w * x)
@@ -174,7 +175,8 @@ def kr300(mirrors: Path, out: Path) -> None:
     """
     for path, inertia in (("A", 0.00317), ("B", 0.00331), ("C", 0.00306)):
         file = f"data/recorded_trajectories/2020-10-21 10s FF {path} 08ms/data.mat"
-        record = loadmat(io.BytesIO(fetch(mirrors, "JonasWeigand/Robot_Identification", file)))["rec"][0, 0]
+        content = io.BytesIO(fetch(mirrors, "JonasWeigand/Robot_Identification", file))
+        record = loadmat(content)["rec"][0, 0]  # type: ignore[arg-type]
         time, torque = record["time_cont"].ravel(), record["act_torque_abs_nm"][5]
         speed = np.radians(record["act_vel_mot_deg_per_s"][5]) * 154.32313
         middle = np.array([np.median(speed[max(k - 5, 0) : k + 6]) for k in range(speed.size)])
@@ -219,9 +221,8 @@ def hsm(mirrors: Path, out: Path) -> None:
         ("hsm_backward_40", "neg_0.04_1"),
         ("hsm_backward_45", "neg_0.045_1"),
     ):
-        data = loadmat(io.BytesIO(fetch(mirrors, "malik-robert/HSM150-data", f"Data/Identification/idf_{file}.mat")))[
-            "data"
-        ]
+        content = io.BytesIO(fetch(mirrors, "malik-robert/HSM150-data", f"Data/Identification/idf_{file}.mat"))
+        data = loadmat(content)["data"]  # type: ignore[arg-type]
         time, speed, current = means(10, data[:, 0], data[:, 3], data[:, 6])
         part = time > 0.1
         columns = {"time_s": time[part], "speed_rad_s": speed[part], "motor_current_A": current[part]}

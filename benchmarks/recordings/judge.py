@@ -1,9 +1,9 @@
 """Searches the validation recordings and holds the answers against what was written down before any search was run.
 
 `python -m benchmarks.recordings.judge FOLDER` prints a Markdown table; FOLDER holds what `validation` converted, with
-`FOLDER second` what `second_validation` did, and so on up to `FOLDER fifth`. An answer is right where it names, in a set
-of look-alikes or alone, one effect of each group that is required (or nothing, where that is acceptable), and nothing
-but what is tolerable beside. Effects of the noise count for nothing; a formula counts as a law of the speed.
+`FOLDER second` what `second_validation` did, and so on up to `FOLDER fifth`. An answer is right where it names, in a
+set of look-alikes or alone, one effect of each group that is required (or nothing, where that is acceptable), and
+nothing but what is tolerable beside. Effects of the noise count for nothing; a formula counts as a law of the speed.
 """
 
 from __future__ import annotations

@@ -278,7 +278,7 @@ class Fitting:
                 others, jumps = (*terms[:i], *terms[i + 1 :]), _off_steps(term, jumps)
                 beside = Background.of(self.problem, others, law_of(model), jumps)
                 terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
-                jumps = _off_steps(terms[i], jumps)
+                jumps = _off_steps(term, jumps)
         off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
         return with_law(self.problem, off_steps, law_of(model))
 
