@@ -210,7 +210,9 @@ def look_at_bus(bus: BusOptions) -> str:
     if not routers + peers:
         return f"open, but nobody has connected in {LISTEN_S:.0f} s"
     sending, monitored = found["samples"], found["status"]
-    listed = [f"{counted(len(one), 'wheel')} ({first_few(sorted(one), NAMED) or 'none'})" for one in (sending, monitored)]
+    listed = [
+        f"{counted(len(one), 'wheel')} ({first_few(sorted(one), NAMED) or 'none'})" for one in (sending, monitored)
+    ]
     unserved = sorted(sending - monitored)
     return (
         f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {LISTEN_S:.0f} s received"

@@ -9,8 +9,8 @@ result does not depend on how the samples are cut into messages.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
 import numpy as np
@@ -21,17 +21,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ProvisionalJump
-from rwa_monitor.monitor.checkpoint import (
-    Checkpoint,
-    EffectsState,
-    GatheredState,
-    GridState,
-    ScreenState,
-    SequencerState,
-    SlotsState,
-    WaitingSample,
-    WindowsState,
-)
+from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import EpochStarted, Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
@@ -43,6 +33,7 @@ from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import (
     LAG_SLOTS,
     TORQUE,
+    Channel,
     Fault,
     SensorValidation,
     friction_limit,
@@ -66,6 +57,8 @@ class WheelCore:
         "joint" or "paper".
     carried
         The state that earlier windows handed on; None for none.
+    sequencer
+        With the messages that wait; None for none.
 
     Attributes
     ----------
@@ -79,15 +72,21 @@ class WheelCore:
     """
 
     def __init__(
-        self, wheel: Wheel, model: Model | None, *, method: Method = "joint", carried: CarriedState | None = None
+        self,
+        wheel: Wheel,
+        model: Model | None,
+        *,
+        method: Method = "joint",
+        carried: CarriedState | None = None,
+        sequencer: Sequencer | None = None,
     ) -> None:
         self.wheel = wheel
         self.model = model
         self.method = method
-        self.counts = Counts()
+        self._sequencer = sequencer or Sequencer()
+        self.counts = self._sequencer.counts
         self._windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
         limits, most_torque_Nm = wheel.limits, wheel.max_motor_torque_Nm
-        self._sequencer = Sequencer(self.counts)
         self._assignment = SlotAssignment(wheel.period_ns, wheel.window.samples, limits, most_torque_Nm, self.counts)
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._reported_missing = False
@@ -137,18 +136,11 @@ class WheelCore:
             self._source = source_of(samples, self.wheel)
             if self._source != self._windows.friction.source:
                 self._windows.begin_source(self._source)
-        ready, notes = self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns)
-        events: list[Event] = list(notes)
-        for message in ready:
-            events += self._take(message)
-        return events
+        return self._take_all(self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns))
 
     def finish(self) -> list[Event]:
         """Take what waits, close the open window as it is, and return what happened: nothing more will come."""
-        ready, notes = self._sequencer.flush(self._assignment.last_ns)
-        events: list[Event] = list(notes)
-        for message in ready:
-            events += self._take(message)
+        events = self._take_all(self._sequencer.flush(self._assignment.last_ns))
         if self._waiting is not None:
             events += self._place(self._waiting, last=True)
             self._waiting = None
@@ -167,6 +159,12 @@ class WheelCore:
             source_of(without_motor(samples, self.wheel), self.wheel)
 
     # ---- samples into slots -----------------------------------------------------------------------------------------
+
+    def _take_all(self, ready: Iterable[Batch | Trouble]) -> list[Event]:
+        events: list[Event] = []
+        for one in ready:
+            events += self._take(one) if isinstance(one, Batch) else [one]
+        return events
 
     def _take(self, message: Batch) -> list[Event]:
         samples, friction = message.samples, self._windows.friction
@@ -247,17 +245,14 @@ class WheelCore:
         grid = self._assignment.grid
         return Checkpoint(
             source=self._source,
-            said_missing=self._reported_missing,
-            counts=asdict(self.counts),
+            reported_missing=self._reported_missing,
             carried=self.carried,
-            sequencer=SequencerState.of(self._sequencer),
-            waiting=None if self._waiting is None else WaitingSample.of(self._waiting),
-            grid=GridState(
-                origin_ns=grid.origin_ns if grid else None,
-                frontier=self._assignment.frontier,
-                last_ns=self._assignment.last_ns,
-            ),
-            **self._windows.states(),
+            sequencer=self._sequencer,
+            waiting=self._waiting,
+            origin_ns=grid.origin_ns if grid else None,
+            frontier=self._assignment.frontier,
+            last_ns=self._assignment.last_ns,
+            **self._windows.state(),
         )
 
     @classmethod
@@ -269,24 +264,14 @@ class WheelCore:
         InputError
             As the constructor, or if the checkpoint does not fit the wheel.
         """
-        core = cls(wheel, model, method=method, carried=checkpoint.carried)
+        core = cls(wheel, model, method=method, carried=checkpoint.carried, sequencer=checkpoint.sequencer)
         if checkpoint.source:
             core._source = checkpoint.source
             core._windows.begin_source(checkpoint.source)
-        core._reported_missing = checkpoint.said_missing
-        unknown = set(checkpoint.counts) - {field.name for field in fields(core.counts)}
-        if unknown:
-            raise InputError("checkpoint", f"{min(unknown)[:40]!r} is nothing that is counted", "counts")
-        for name, count in checkpoint.counts.items():  # the sequencer and the slot assignment count in the same place
-            setattr(core.counts, name, count)
-        checkpoint.sequencer.restore(core._sequencer)
-        state, assignment = checkpoint.grid, core._assignment
-        assignment.grid = None if state.origin_ns is None else SlotGrid(state.origin_ns, wheel.period_ns)
-        assignment.frontier, assignment.last_ns = state.frontier, state.last_ns
-        if checkpoint.waiting is not None:
-            if set(checkpoint.waiting.values) != set(core._windows.ring.channels):
-                raise InputError("checkpoint", f"does not fit the wheel {wheel.name}")
-            core._waiting = checkpoint.waiting.rows()
+        core._reported_missing, core._waiting = checkpoint.reported_missing, checkpoint.waiting
+        origin_ns, assignment = checkpoint.origin_ns, core._assignment
+        assignment.grid = None if origin_ns is None else SlotGrid(origin_ns, wheel.period_ns)
+        assignment.frontier, assignment.last_ns = checkpoint.frontier, checkpoint.last_ns
         core._windows.resume(checkpoint)
         return core
 
@@ -532,22 +517,23 @@ class Windows:
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 
-    def states(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Return what a checkpoint holds of the slots that are still needed, and of what works on them, by its name."""
         needed = min([self._done, *(window.start for window in self._open)])
         around = 2 * self.friction.reach + BLOCK_SLOTS + LAG_SLOTS
+        channels = (self.screen.speed, self.screen.torque, self.friction.channel)
         return {
             "epoch_origin_ns": self.grid.origin_ns,
-            "slots": SlotsState.of(self.ring, needed - around, self._done - around),
-            "screen": ScreenState.of(self.screen),
-            "effects": EffectsState.of(self.friction),
-            "windows": WindowsState(
-                done=self._done,
-                next_start=self._next_start,
-                last_end=self._last_end,
-                open=[window.start for window in self._open],
-                gathered=[GatheredState.of(window.accumulator.gathered()) for window in self._open],
-            ),
+            "slots": Slots.of(self.ring, needed - around, self._done - around),
+            "screened": self.screen.done,
+            "channels": tuple(channel.state.copy() for channel in channels),
+            "angle_rad": self.friction.angle_rad,
+            "last_speed_rad_s": self.friction.last_speed_rad_s,
+            "memories": self.friction.memories,
+            "done": self._done,
+            "next_start": self._next_start,
+            "last_end": self._last_end,
+            "open": [(window.start, window.accumulator.gathered()) for window in self._open],
         }
 
     def resume(self, checkpoint: Checkpoint) -> None:
@@ -558,26 +544,22 @@ class Windows:
         InputError
             If it does not fit the wheel.
         """
-        slots, effects, windows = checkpoint.slots, checkpoint.effects, checkpoint.windows
-        fits = (
-            0 <= slots.end - slots.begin <= self.ring.capacity
-            and slots.consistent
-            and set(slots.values) == set(self.ring.channels)
-            and len(effects.memories) == len(self.friction.memories)
-            and slots.begin <= min([windows.done, *windows.open])
-            and windows.done <= slots.end
-            and len(windows.gathered) == len(windows.open)
-        )
-        if not fits:
+        if not checkpoint.fits(self.ring, len(self.friction.effects)):
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         self.grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
-        slots.restore(self.ring)
-        checkpoint.screen.restore(self.screen)
-        effects.restore(self.friction)
-        self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
-        for start, gathered in zip(windows.open, windows.gathered, strict=True):
+        checkpoint.slots.restore(self.ring)
+        self.screen.done = checkpoint.screened
+        self.screen.speed, self.screen.torque, self.friction.channel = map(Channel, checkpoint.channels)
+        self.friction.angle_rad = checkpoint.angle_rad
+        self.friction.last_speed_rad_s = checkpoint.last_speed_rad_s
+        self.friction.memories = list(checkpoint.memories)
+        self._done, self._next_start, self._last_end = checkpoint.done, checkpoint.next_start, checkpoint.last_end
+        for start, gathered in checkpoint.open:
             accumulator = WindowAccumulator(self.wheel)
-            accumulator.resume(gathered.gathered())
+            try:
+                accumulator.resume(gathered)
+            except ValueError as error:
+                raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}: {error}") from error
             self._open.append(_OpenWindow(start, accumulator))
         self._find_border()
 

@@ -215,7 +215,7 @@ def test_a_checkpoint_damaged_while_the_wheels_come_over_costs_nothing(tmp_path:
     run.recorder.sync(run.now_s)
     path = recordings_of(run.folder)[-1]
     data = bytearray(path.read_bytes())
-    data[data.index(b'"said_missing"')] ^= 1
+    data[data.index(b'"reported_missing"')] ^= 1
     folder = run.killed("damaged")
     (folder / path.name).write_bytes(data)
     assert "cannot be read" in go_on(start(folder)).log_lines[0]

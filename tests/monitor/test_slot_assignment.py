@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import EpochStarted, Event, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import (
@@ -124,7 +125,8 @@ def test_a_sample_that_the_next_one_judges_waits_and_is_counted() -> None:
     core.feed(samples_at([0, 1]))
     assert core.feed(samples_at([5 * WINDOW])) == []
     assert (core.counts.used, core.counts.queued) == (2, 1)
-    resumed = WheelCore.resume(core.checkpoint(), wheel(), None, method="joint")
+    kept = Checkpoint.from_json(core.checkpoint().to_json(), "test")
+    resumed = WheelCore.resume(kept, wheel(), None, method="joint")
     for one in (core, resumed):
         events = one.feed(samples_at([5 * WINDOW + 1]))
         assert [type(event) for event in events] == [WindowDiagnosed, EpochStarted, Trouble]
