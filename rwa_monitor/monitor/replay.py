@@ -25,7 +25,7 @@ from rwa_monitor.monitor.recording.reader import (
     recorded_inputs,
     recordings_of,
 )
-from rwa_monitor.monitor.searches import jobs_of, search
+from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, WheelSet
 from rwa_monitor.monitor.state_recovery import Comparable, run_recording, split_outputs
 from rwa_monitor.words import counted
@@ -277,23 +277,19 @@ class _Chain:
 
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
-        reports = [m for m in recording.messages if m.schema == Discrepancy.schema_name()]
-        parsed = recording.parsed(Discrepancy)
-        jobs = jobs_of(parsed, self._inputs_of(parsed, recording.path), wheels)
-        for message, job in zip(reports, jobs, strict=True):
-            again = search(job).message
-            assert again is not None  # else it raises
-            entry = (message.topic, message.schema)
-            self.report.compare([(*entry, message.data)], [(*entry, again.to_json())])
+        for message in recording.messages:
+            if message.schema == Discrepancy.schema_name():
+                report = Discrepancy.parse(message.data, f"{recording.path}: {message.topic}")
+                again = search(job_of(report, self._inputs_of(report, recording.path), wheels))
+                entry = (message.topic, message.schema)
+                self.report.compare([(*entry, message.data)], [(*entry, again.to_json())])
 
-    def _inputs_of(self, reports: Sequence[Discrepancy], path: Path) -> Iterator[tuple[str, bytes]]:
-        """Return topic and payload of samples from the files so far that hold some of what reports are about."""
+    def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[tuple[str, bytes]]:
+        """Return topic and payload of samples from the files so far that hold some of what a report is about."""
         for file, spans_ns in zip((*self.report.files, path), self.spans_ns, strict=True):
-            for report in reports:
-                span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
-                if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
-                    yield from ((topic, payload) for _, topic, payload in recorded_inputs(file))
-                    break
+            span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
+            if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
+                yield from ((topic, payload) for _, topic, payload in recorded_inputs(file))
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
         """Check that a recording names what it goes on from, and that this is as it was then."""
