@@ -27,7 +27,7 @@ from rwa_monitor.monitor.recording.reader import (
 )
 from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, WheelSet
-from rwa_monitor.monitor.state_recovery import Comparable, run_recording, split_outputs
+from rwa_monitor.monitor.state_recovery import Comparable, run_recording
 from rwa_monitor.words import counted
 
 MAX_LISTED: Final = 20  # fields in the short report
@@ -253,7 +253,7 @@ class _Chain:
         self.report.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
         self.report.messages += [(output.key, output.payload) for output in run.outputs if output.published]
 
-        inherited, own = split_outputs(recording)
+        inherited, own = run.inherited, run.own
         replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")

@@ -54,12 +54,16 @@ class RecordingRun:
         Messages of samples processed.
     spans_ns
         First and last time of the samples on each topic [ns].
+    inherited, own
+        The outputs that the recording holds: those before the first input are for inputs of its predecessor.
     """
 
     cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
     outputs: list[Output] = field(default_factory=list)
     inputs: int = 0
     spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
+    inherited: list[Comparable] = field(default_factory=list)
+    own: list[Comparable] = field(default_factory=list)
 
 
 def run_recording(
@@ -110,6 +114,8 @@ def run_recording(
                     reason = f"holds more than {MAX_KEPT_BYTES:,} bytes of outputs"
                     raise InputError(str(recording.path), reason)
                 recording.messages.append(part)
+            if part.schema in COMPARED_SCHEMAS:
+                (run.own if run.inputs else run.inherited).append((part.topic, part.schema, part.data))
         on_progress(part)
     return run
 
@@ -127,22 +133,6 @@ def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, run: Recordi
     first_ns, last_ns = run.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
     run.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
     run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
-
-
-def split_outputs(recording: Recording) -> tuple[list[Comparable], list[Comparable]]:
-    """Return the compared outputs that a recording holds: those for inputs of its predecessor, and its own."""
-    inherited = recording.settings().get("inherited", {})
-    counts = inherited if isinstance(inherited, dict) else {}
-    left = {topic: count for topic, count in counts.items() if isinstance(count, int)}
-    first: list[Comparable] = []
-    own: list[Comparable] = []
-    for message in recording.messages:
-        if message.schema in COMPARED_SCHEMAS:
-            is_inherited = left.get(message.topic, 0) > 0
-            if is_inherited:
-                left[message.topic] -= 1
-            (first if is_inherited else own).append((message.topic, message.schema, message.data))
-    return first, own
 
 
 # ---- from the recordings of a folder ---------------------------------------------------------------------------------
@@ -222,7 +212,7 @@ def recover_state(
         for recording, run in ran:
             for problem in recording.problems:
                 log(f"{recording.path}: {problem}")
-            recovered.unrecorded += _unrecorded(recording, run.outputs)
+            recovered.unrecorded += _unrecorded(recording, run)
             recovered.diagnoses += _diagnoses(recording.path, recording.messages)
         log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
         return recovered
@@ -262,17 +252,17 @@ def _run(files: Sequence[Path], stop: Event, log: Callable[[str], None]) -> list
     return ran
 
 
-def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
+def _unrecorded(recording: Recording, run: RecordingRun) -> list[Output]:
     """Return the outputs that the recording does not hold.
 
     These are those after the last one that it does, by topic; where something in the middle is damaged, by content.
     """
     if recording.problems:
         present = {(message.topic, message.data) for message in recording.messages}
-        return [output for output in outputs if (output.key, output.payload) not in present]
-    held = Counter(topic for topic, _, _ in split_outputs(recording)[1])
+        return [output for output in run.outputs if (output.key, output.payload) not in present]
+    held = Counter(topic for topic, _, _ in run.own)
     missing = []
-    for output in outputs:
+    for output in run.outputs:
         if held[output.key] > 0:
             held[output.key] -= 1
         else:

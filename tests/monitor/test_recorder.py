@@ -125,7 +125,6 @@ def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_p
     assert list(tmp_path.glob("*.part")) == []
     recording = read_recording(path)
     assert [message.data for message in recording.messages] == [b"owed"]
-    assert recording.settings()["inherited"] == {TOPICS[0]: 1}
 
 
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:

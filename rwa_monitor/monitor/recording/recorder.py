@@ -25,7 +25,6 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -196,15 +195,13 @@ class Recorder:
 
         def attachments() -> Iterator[tuple[str, bytes]]:
             yield from self._attachments.items()
-            yield SETTINGS_ATTACHMENT, self._settings_of(predecessor, which, inherited)
+            yield SETTINGS_ATTACHMENT, self._settings_of(predecessor, which)
             for name, make in checkpoints.items():
                 yield _attachment_of(name), make()
 
         return RecordingWriter(path, self._with_room_for(attachments()), self._wall_ns, inherited)
 
-    def _settings_of(
-        self, predecessor: Predecessor | None, which: str, inherited: Sequence[RecordedOutput] = ()
-    ) -> bytes:
+    def _settings_of(self, predecessor: Predecessor | None, which: str) -> bytes:
         """Return the settings that a recording holds."""
         return dump_json(
             {
@@ -213,7 +210,6 @@ class Recorder:
                 "software": SOFTWARE,
                 "predecessor": None if predecessor is None else predecessor.to_settings(),
                 "checkpoints": which,
-                "inherited": dict(Counter(topic for topic, _, _, _ in inherited)),
             }
         )
 
