@@ -22,7 +22,7 @@ from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ProvisionalJump
 from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
-from rwa_monitor.monitor.events import EpochStarted, Event, ProvisionalChangepoint, WindowDiagnosed
+from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
 from rwa_monitor.paper import method as paper
@@ -209,7 +209,6 @@ class WheelCore:
             if piece.epoch is not None:
                 events += windows.end_epoch()
                 windows.begin_epoch(piece.epoch)
-                events.append(EpochStarted(piece.epoch.origin_ns, piece.step_ns))
                 if piece.step_ns:
                     text = (
                         f"the wheel's clock stepped by {piece.step_ns / NANOSECONDS_PER_SECOND:.3f} s, to"
@@ -574,8 +573,7 @@ def without_positions(carried: CarriedState) -> CarriedState:
 
 
 STEPS: Final = 64  # steps of time from which the period of the samples is taken
-PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the quantile
-SLOW_QUANTILE: Final = 0.1  # nearly all steps are longer: the samples come slowly, not just with gaps
+PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the median
 MANY_BEYOND: Final = 64  # samples beyond the limit that are no single wild readings
 SHARE_BEYOND: Final = 0.1  # of all samples
 
@@ -619,10 +617,7 @@ class SettingsCheck:
         if steps.size < STEPS // 2:
             return []
         period_s = float(np.median(steps))
-        fast = period_s * PERIOD_DIFFERS < self._expected_s
-        # Of few steps nothing is interpolated.
-        slow = float(np.sort(steps)[int(SLOW_QUANTILE * (steps.size - 1))]) > self._expected_s * PERIOD_DIFFERS
-        if not (fast or slow):
+        if self._expected_s / PERIOD_DIFFERS <= period_s <= self._expected_s * PERIOD_DIFFERS:
             return []
         question = f"is sample_period_s = {self._expected_s:.6g} of the wheel file right?"
         return [Trouble("sample period", f"{question} The samples come every {period_s:.3g} s")]

@@ -298,18 +298,15 @@ class _Chain:
             if self.report.files:
                 self._note(recording, f"names no predecessor, {self.report.files[-1].name} comes before it")
             return
-        before = list(self.report.files)
-        if not before:
-            self._note(recording, f"goes on from {named.get('name', '')}, which is not replayed")
-        while isinstance(named, dict) and before:
-            path, name = before.pop(), str(named.get("name", ""))
-            if path.name != name:
-                self.report.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
-            elif named.get("sha256", "") is None:
-                self._note(recording, f"was begun while {name} was written, and does not hold its hash")
-            elif named.get("sha256") != file_sha256(path):
-                self.report.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
-            named = named.get("rest")
+        name, sha256 = str(named.get("name", "")), named.get("sha256", "")
+        if not self.report.files:
+            self._note(recording, f"goes on from {name}, which is not replayed")
+        elif (before := self.report.files[-1]).name != name:
+            self.report.broken.append(f"{recording.path}: goes on from {name}, but {before.name} comes before it")
+        elif sha256 is None:
+            self._note(recording, f"was begun while {name} was written, and does not hold its hash")
+        elif sha256 != file_sha256(before):
+            self.report.broken.append(f"{before}: is not the file that {recording.path.name} goes on from")
 
     def _note(self, recording: Recording, text: str) -> None:
         self.report.notes.append(f"{recording.path}: {text}")

@@ -186,19 +186,14 @@ def recover_state(
     log
         Takes lines of the log; a large fleet takes minutes, with a line every `PROGRESS_S`.
     """
-    recovered = RecoveredState()
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
+    recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
     for place, path in enumerate(paths):
         try:
             files = _that_hold_all(paths[place:], log)
-            if recovered.predecessor is None:
-                rest = predecessor_of(files[0]) if len(files) > 1 else None
-                recovered.predecessor = predecessor_of(files[-1], rest)
             ran = _run(files, stop, log)
             setup_then = Setup.of(ran[-1][0])
         except InputError as error:
-            if recovered.predecessor is None:
-                recovered.predecessor = predecessor_of(path)
             log(f"{error}; going back to the recording before it")
             continue
         cores, inputs = ran[-1][1].cores, sum(run.inputs for _, run in ran)

@@ -27,10 +27,9 @@ import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Any, Final, Self, cast
+from typing import IO, Any, Final, NamedTuple, Self, cast
 
 from mcap.writer import CompressionType, Writer
 
@@ -68,25 +67,11 @@ LOCK_NAME: Final = ".rwa-monitor.lock"
 Checkpoints = Mapping[str, Callable[[], bytes]]
 
 
-@dataclass(frozen=True, slots=True)
-class Predecessor:
-    """The recording before this one; `sha256` is None while that one is still being written.
-
-    `rest` is the one before it where it holds the state of some wheels only, and that one the state of the others.
-    """
+class Predecessor(NamedTuple):
+    """The recording before this one; `sha256` is None while that one is still being written."""
 
     name: str
     sha256: str | None
-    rest: Predecessor | None = None
-
-    def names(self) -> set[str]:
-        """Return the names of all files without which the state would be lost."""
-        return {self.name} | (self.rest.names() if self.rest else set())
-
-    def to_settings(self) -> dict[str, Any]:
-        """Return what a recording holds of it."""
-        named: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
-        return named if self.rest is None else named | {"rest": self.rest.to_settings()}
 
 
 class Recorder:
@@ -208,7 +193,7 @@ class Recorder:
                 **self._settings,
                 "recording_version": RECORDING_VERSION,
                 "software": SOFTWARE,
-                "predecessor": None if predecessor is None else predecessor.to_settings(),
+                "predecessor": None if predecessor is None else predecessor._asdict(),
                 "checkpoints": which,
             }
         )
@@ -301,15 +286,13 @@ class Recorder:
         except OSError as error:
             self._fail(error, now_s)
 
-    def _end(self, which: str) -> Predecessor | None:
-        """Close the file before, and write into the new one what it was; return that, None where there is none."""
-        if self._ending is None or self._writer is None:
-            return None
-        self._ending.close()
-        ended = Predecessor(self._ending.path.name, self._ending.sha256)
-        self._writer.attach(SETTINGS_ATTACHMENT, self._settings_of(ended, which))
-        self._ending = None
-        return ended
+    def _end(self, which: str) -> None:
+        """Close the file before, if wheels are left in it or not, and write into the new one what it was."""
+        if self._ending is not None and self._writer is not None:
+            self._ending.close()
+            ended = Predecessor(self._ending.path.name, self._ending.sha256)
+            self._writer.attach(SETTINGS_ATTACHMENT, self._settings_of(ended, which))
+            self._ending = None
 
     def close(self, now_s: float) -> None:
         """Write the end of the file; where wheels are left in the one before, the two go together."""
@@ -317,25 +300,22 @@ class Recorder:
             return
         writer = self._writer
         try:
-            ended = self._end(SOME_CHECKPOINTS)
+            self._end(SOME_CHECKPOINTS)
             writer.close()
         except OSError as error:
             self._fail(error, now_s)
             return
         self._writer = None
         self._left = {}
-        self._predecessor = Predecessor(writer.path.name, writer.sha256, ended)
+        self._predecessor = Predecessor(writer.path.name, writer.sha256)
 
     def abandon(self) -> None:
         """Close the file as it is, without its end, as a crash would leave it."""
-        if self._writer is None:
-            return
-        rest: Predecessor | None = None
         if self._ending is not None:
             self._ending.abandon()
-            rest = predecessor_of(self._ending.path)
-        self._writer.abandon()
-        self._predecessor = predecessor_of(self._writer.path, rest)
+        if self._writer is not None:
+            self._writer.abandon()
+            self._predecessor = predecessor_of(self._writer.path)
         self._writer, self._ending, self._left = None, None, {}
 
     def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
@@ -379,17 +359,14 @@ class Recorder:
             return
         recordings = sorted(self.folder.glob(f"rwa-*{RECORDING_SUFFIX}"))
         sizes = [path.stat().st_size for path in recordings]
-        # The last one stays in any case, and so does what it goes on from: what comes goes on from them.
-        kept = {recordings[-1].name} if recordings else set()
-        kept |= self._predecessor.names() if self._predecessor else set()
-        kept |= {self._ending.path.name} if self._ending else set()
+        # What comes goes on from the last one; where that holds some wheels only, or no file is whole yet, from two.
+        kept = 1 if self._writer is not None and self._ending is None else 2
         total = sum(sizes)
-        for path, size in zip(recordings, sizes, strict=True):
+        for path, size in zip(recordings[:-kept], sizes, strict=False):
             if total + needed <= self._max_total_bytes:
                 return
-            if path.name not in kept:
-                path.unlink()
-                total -= size
+            path.unlink()
+            total -= size
 
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
@@ -405,12 +382,12 @@ def last_recording(folder: Path) -> Path | None:
     return max((path for path in folder.iterdir() if path.suffix == RECORDING_SUFFIX), default=None)
 
 
-def predecessor_of(path: Path, rest: Predecessor | None = None) -> Predecessor:
+def predecessor_of(path: Path) -> Predecessor:
     """Return name and hash of a recording; an empty hash where it cannot be read."""
     try:
-        return Predecessor(path.name, file_sha256(path), rest)
+        return Predecessor(path.name, file_sha256(path))
     except OSError:
-        return Predecessor(path.name, "", rest)
+        return Predecessor(path.name, "")
 
 
 def _attachment_of(name: str) -> str:
