@@ -439,7 +439,6 @@ class FolderLock:
 
 PROFILE: Final = "rwa-monitor"
 CHUNK_BYTES: Final = 64 * 2**10
-FEW_CHANNELS: Final = 64  # so many are listed whole each time that one is new
 PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
 
 RecordedOutput = tuple[str, str, bytes, int | None]  # topic, schema, payload and time
@@ -573,8 +572,7 @@ class RecordingWriter:
         self.path = path
         self.wall_ns = wall_ns
         self._log_time = 0
-        self._described: dict[str, tuple[str, str]] = {}
-        self._described_whole = 0  # how many there were when all of them were written down last
+        self._described: set[str] = set()
         part = path.with_name(path.name + PART_SUFFIX)
         self._sink = Sink(part)
         try:
@@ -611,21 +609,11 @@ class RecordingWriter:
         """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
         channel = str(self._writer.channel(topic, schema))
         if channel not in self._described:
-            self._describe(channel, (topic, schema))
+            # Apart from the chunks, too: the messages of those that are whole must not need one that is damaged.
+            self._described.add(channel)
+            self.attach(CHANNELS_ATTACHMENT, dump_json({channel: (topic, schema)}))
         self._log_time = max(self._log_time, time_ns or 0)
         self._writer.write(topic, schema, payload, self._log_time, self.wall_ns())
-
-    def _describe(self, channel: str, topic: tuple[str, str]) -> None:
-        """Write down, apart from the chunks, which channel is what: all, so that one list that is whole is enough.
-
-        Of a fleet only what is new, but for when their number has doubled: else the lists would fill the file.
-        """
-        self._described[channel] = topic
-        count = len(self._described)
-        whole = count <= FEW_CHANNELS or count >= 2 * self._described_whole
-        if whole:
-            self._described_whole = count
-        self.attach(CHANNELS_ATTACHMENT, dump_json(self._described if whole else {channel: topic}))
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment; of several with one name the last one counts."""
