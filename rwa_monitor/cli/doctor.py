@@ -168,11 +168,11 @@ def look_at_recordings(folder: Path) -> str:
     """
     import shutil
 
-    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, FolderLock, last_recording
+    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, last_recording, locked
 
     if not folder.exists():
         return f"{folder} is not there yet"
-    with FolderLock(folder):
+    with locked(folder):
         pass
     free = shutil.disk_usage(folder).free
     found = f"{folder}: {free / BYTES_PER_GB:.3g} GB of the disk are free"

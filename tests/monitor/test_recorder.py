@@ -17,7 +17,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import file_sha256, last_settings, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, FolderLock, Recorder, RecordingWriter
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked
 from tests.monitor.recordings import TOPICS
 
 Checkpoints = dict[str, Callable[[], bytes]]
@@ -158,8 +158,8 @@ def test_the_lists_of_a_fleets_topics_do_not_fill_the_recording(tmp_path: Path) 
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="--record"):
-        FolderLock(tmp_path / "file" / "inside")
+    with pytest.raises(InputError, match="--record"), locked(tmp_path / "file" / "inside"):
+        pass
 
 
 DISK_FULL = """

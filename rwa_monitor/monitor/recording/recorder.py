@@ -24,12 +24,13 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple, Self, cast
+from typing import IO, Any, Final, NamedTuple, cast
 
 from mcap.writer import CompressionType, Writer
 
@@ -61,6 +62,7 @@ MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go 
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
+_NAME: Final = re.compile(rf"rwa-(\d+){re.escape(RECORDING_SUFFIX)}")
 
 # Of each wheel, "<spacecraft>/<wheel>" and what makes its checkpoint. They are made one by one when they are written:
 # those of fifty wheels have 85 MB when their windows are nearly full.
@@ -172,11 +174,8 @@ class Recorder:
         checkpoints: Checkpoints,
         inherited: Sequence[RecordedOutput] = (),
     ) -> RecordingWriter:
-        number = 1 if predecessor is None else _number_of(predecessor.name) + 1
-        path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
-        while path.exists():
-            number += 1
-            path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+        numbers = [int(name[1]) for one in self.folder.iterdir() if (name := _NAME.fullmatch(one.name))]
+        path = self.folder / f"rwa-{max(numbers, default=0) + 1:06d}{RECORDING_SUFFIX}"
 
         def attachments() -> Iterator[tuple[str, bytes]]:
             yield from self._attachments.items()
@@ -399,39 +398,26 @@ def _wheel_of(topic: str) -> str:
     return "/".join(topic.split("/")[1:3])
 
 
-def _number_of(name: str) -> int:
-    digits = "".join(character for character in Path(name).stem if character.isdigit())
-    return int(digits or "0")
-
-
-class FolderLock:
-    """Keeps two monitors from recording in one folder; held until closed, or until the process ends.
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other monitors from recording in a folder, until the block or the process ends.
 
     Raises
     ------
     InputError
         If the folder cannot be made or written, or another monitor holds it.
     """
-
-    def __init__(self, folder: Path) -> None:
-        make_folder(folder, "--record")
+    make_folder(folder, "--record")
+    try:
+        file = (folder / LOCK_NAME).open("ab")
+    except OSError as error:
+        raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
+    with file:
         try:
-            self._file = (folder / LOCK_NAME).open("ab")
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            self._file.close()
             raise InputError(str(folder), "another monitor records in it", "--record") from error
-
-    def __enter__(self) -> Self:
-        """Enter; the folder is locked already."""
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        """Let go of the folder."""
-        self._file.close()
+        yield
 
 
 # ---- one file, whose attachments stand among its messages in the order in which they came ----------------------------
