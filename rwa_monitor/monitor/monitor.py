@@ -175,8 +175,7 @@ class Monitor:
         for key, core in recovered.cores.items():
             self._served[key] = _Served(key, core)
         if self.recorder is not None:
-            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in recovered.unrecorded]
-            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), inherited)
+            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
             self._log_recorder()
         health = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.events import Output
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import file_sha256, last_settings, read_recording, recordings_of
@@ -119,7 +121,7 @@ def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp
 def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "rwa-000007.mcap.part").write_bytes(b"half a header")
     writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0, inherited=[(TOPICS[0], "rwa.Diagnosis", b"owed", 3)])
+    writing.begin({}, now_s=0.0, inherited=[Output(TOPICS[0], Diagnosis, b"owed", 3)])
     writing.abandon()  # as a crash right after the beginning
     (path,) = recordings_of(tmp_path)
     assert list(tmp_path.glob("*.part")) == []

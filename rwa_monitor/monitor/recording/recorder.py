@@ -36,6 +36,7 @@ from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
+from rwa_monitor.monitor.events import Output
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
@@ -142,7 +143,7 @@ class Recorder:
         """The file that is being written."""
         return None if self._writer is None else self._writer.path
 
-    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[RecordedOutput] = ()) -> None:
+    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[Output] = ()) -> None:
         """Begin a new file, with the state of all wheels before anything else.
 
         Parameters
@@ -172,7 +173,7 @@ class Recorder:
         predecessor: Predecessor | None,
         which: str,
         checkpoints: Checkpoints,
-        inherited: Sequence[RecordedOutput] = (),
+        inherited: Sequence[Output] = (),
     ) -> RecordingWriter:
         numbers = [int(name[1]) for one in self.folder.iterdir() if (name := _NAME.fullmatch(one.name))]
         path = self.folder / f"rwa-{max(numbers, default=0) + 1:06d}{RECORDING_SUFFIX}"
@@ -427,8 +428,6 @@ PROFILE: Final = "rwa-monitor"
 CHUNK_BYTES: Final = 64 * 2**10
 PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
 
-RecordedOutput = tuple[str, str, bytes, int | None]  # topic, schema, payload and time
-
 
 class Sink:
     """The file under an MCAP writer: gathers what is written and passes it on in one piece when flushed.
@@ -540,7 +539,7 @@ class RecordingWriter:
     wall_ns
         The wall clock [ns], for publish times.
     inherited
-        Messages that the file begins with: topic, schema, payload and time, as for `write`.
+        Messages that the file begins with.
 
     Raises
     ------
@@ -553,7 +552,7 @@ class RecordingWriter:
         path: Path,
         attachments: Iterable[tuple[str, bytes]],
         wall_ns: Callable[[], int],
-        inherited: Iterable[RecordedOutput] = (),
+        inherited: Iterable[Output] = (),
     ) -> None:
         self.path = path
         self.wall_ns = wall_ns
@@ -563,8 +562,8 @@ class RecordingWriter:
         self._sink = Sink(part)
         try:
             self._begin(attachments)
-            for topic, schema, payload, time_ns in inherited:
-                self.write(topic, schema, payload, time_ns)
+            for output in inherited:
+                self.write(output.key, output.schema, output.payload, output.time_ns)
             self.sync()
             part.rename(path)
             _sync_folder(path.parent)
