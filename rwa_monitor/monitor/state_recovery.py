@@ -27,7 +27,6 @@ from rwa_monitor.monitor.recording.reader import (
     PassingRecording,
     RecordedMessage,
     Recording,
-    last_settings,
 )
 from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.setup import Setup, key_of_name
@@ -190,8 +189,10 @@ def recover_state(
     recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
     for place, path in enumerate(paths):
         try:
-            files = _that_hold_all(paths[place:], log)
-            ran = _run(files, stop, log)
+            ran = _run([path], stop, log)
+            files = _with_the_one_before(paths[place:], ran[0][0], log)
+            if len(files) > 1:
+                ran = _run(files, stop, log)
             setup_then = Setup.of(ran[-1][0])
         except InputError as error:
             log(f"{error}; going back to the recording before it")
@@ -214,20 +215,19 @@ def recover_state(
     return recovered
 
 
-def _that_hold_all(paths: Sequence[Path], log: Callable[[str], None]) -> list[Path]:
+def _with_the_one_before(paths: Sequence[Path], recording: Recording, log: Callable[[str], None]) -> list[Path]:
     """Return the recordings, in order, that hold the state of all wheels: the first of `paths`, and often it alone.
 
     A monitor that ended while it brought the wheels from one recording over into the next left two.
     """
-    last = paths[0]
-    settings = last_settings(last)
+    settings = recording.settings()
     if settings.get("checkpoints") != SOME_CHECKPOINTS:
-        return [last]
+        return [paths[0]]
     before = (settings.get("predecessor") or {}).get("name")
     if len(paths) > 1 and paths[1].name == before:
-        return [paths[1], last]
-    log(f"{last}: holds some wheels only, and {before}, which holds the others, is not there")
-    return [last]
+        return [paths[1], paths[0]]
+    log(f"{paths[0]}: holds some wheels only, and {before}, which holds the others, is not there")
+    return [paths[0]]
 
 
 def _run(files: Sequence[Path], stop: Event, log: Callable[[str], None]) -> list[tuple[Recording, RecordingRun]]:

@@ -18,7 +18,7 @@ from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.events import Output
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.copies import recover
-from rwa_monitor.monitor.recording.reader import file_sha256, last_settings, read_recording, recordings_of
+from rwa_monitor.monitor.recording.reader import file_sha256, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked
 from tests.monitor.recordings import TOPICS
 
@@ -81,7 +81,7 @@ def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monk
     turns = []
     for number in range(60):
         writing.maintain(MAX_FILE_AGE_S + 1.0 + 0.1 * number, lambda: wheels, busy=number < 20)
-        turns.append(last_settings(recordings_of(tmp_path)[-1])["checkpoints"])
+        turns.append(read_recording(recordings_of(tmp_path)[-1]).settings()["checkpoints"])
     # The first at once, then one in five turns; from the twentieth turn on one in each.
     assert turns == ["some"] * (20 + 3) + ["all"] * (60 - 23)
     writing.close(MAX_FILE_AGE_S + 10.0)

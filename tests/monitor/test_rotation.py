@@ -23,7 +23,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.reader import last_settings, read_chain, recordings_of
+from rwa_monitor.monitor.recording.reader import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.state_recovery import recover_state
@@ -117,7 +117,7 @@ def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Run]]:
 
 def is_between(folder: Path) -> bool:
     """Return whether the wheels are being brought over into the last recording."""
-    return bool(last_settings(recordings_of(folder)[-1])["checkpoints"] == "some")
+    return bool(read_recording(recordings_of(folder)[-1]).settings()["checkpoints"] == "some")
 
 
 def check(folder: Path) -> None:

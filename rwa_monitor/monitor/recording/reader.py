@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from errno import EIO
 from hashlib import sha256
-from io import SEEK_END, BytesIO
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
 
@@ -53,7 +53,6 @@ _FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
 _COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
 _CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
-_ATTACHMENT_NAME: Final = 8 + 8  # where the name of an attachment begins, with its length, after two times
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
 _MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
@@ -480,32 +479,6 @@ def file_sha256(path: Path) -> str:
 # ---- what is read from the heads of the records alone ----------------------------------------------------------------
 
 
-def _heads(path: Path) -> Iterator[tuple[int, int, BinaryIO]]:
-    """Yield opcode and length of each record before the end of the data, and the file, which stands behind the head.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
-    try:
-        with path.open("rb") as file:
-            size = file.seek(0, SEEK_END)
-            position = len(MCAP0_MAGIC)
-            for _ in range(MAX_RECORDS):
-                file.seek(position)
-                head = file.read(_HEAD_BYTES)
-                if len(head) < _HEAD_BYTES:
-                    break
-                opcode, length = _RECORD_HEAD.unpack(head)
-                position += _HEAD_BYTES + length
-                if opcode == Opcode.DATA_END or position > size:
-                    break
-                yield opcode, length, file
-    except OSError as error:
-        raise unreadable(path, error) from error
-
-
 def time_span(path: Path) -> tuple[int, int] | None:
     """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it has none.
 
@@ -518,32 +491,19 @@ def time_span(path: Path) -> tuple[int, int] | None:
         If the file cannot be read.
     """
     first_ns: int | None = None
-    last_ns = 0
-    for opcode, length, file in _heads(path):
-        if opcode == Opcode.CHUNK and length >= _CHUNK_SPAN.size:
-            start_ns, end_ns = _CHUNK_SPAN.unpack(file.read(_CHUNK_SPAN.size))
-            if end_ns:
-                first_ns = first_ns or start_ns or end_ns
-                last_ns = max(last_ns, end_ns)
+    last_ns, position = 0, len(MCAP0_MAGIC)
+    try:
+        with path.open("rb") as file:
+            for _ in range(MAX_RECORDS):
+                file.seek(position)
+                head = file.read(_RECORD_HEAD.size + _CHUNK_SPAN.size)
+                if len(head) < _RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
+                    break
+                opcode, length = _RECORD_HEAD.unpack_from(head)
+                start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, _RECORD_HEAD.size)
+                if opcode == Opcode.CHUNK and end_ns:
+                    first_ns, last_ns = first_ns or start_ns or end_ns, max(last_ns, end_ns)
+                position += _RECORD_HEAD.size + length
+    except OSError as error:
+        raise unreadable(path, error) from error
     return None if first_ns is None else (first_ns, last_ns)
-
-
-def last_settings(path: Path) -> dict[str, Any]:
-    """Return the settings that a recording was given last, empty where it has none; all else is passed over unread.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
-    recording = Recording(path)
-    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
-    for opcode, length, file in _heads(path):
-        if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
-            continue
-        begin = file.read(_ATTACHMENT_NAME + len(named))
-        if begin[_ATTACHMENT_NAME:] == named:
-            content = begin + file.read(length - len(begin))
-            if attachment := _checked_attachment(content):
-                recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
-    return recording.settings() if recording.attachments else {}
