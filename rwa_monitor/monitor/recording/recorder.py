@@ -491,7 +491,6 @@ class TopicWriter:
         self._known = schemas
         self._schemas: dict[str, int] = {"": 0}
         self._channels: dict[tuple[str, str], int] = {}
-        self._sequences: dict[int, int] = {}
 
     def schema(self, name: str) -> int:
         """Return the number of a schema."""
@@ -508,10 +507,7 @@ class TopicWriter:
 
     def write(self, topic: str, schema: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Add a message; both times in ns."""
-        channel = self.channel(topic, schema)
-        sequence = self._sequences.get(channel, 0)
-        self._sequences[channel] = (sequence + 1) % 2**32
-        self.mcap.add_message(channel, log_time, data, publish_time, sequence)
+        self.mcap.add_message(self.channel(topic, schema), log_time, data, publish_time)
 
     def attach(self, name: str, data: bytes, time_ns: int = 0, media_type: str = "application/octet-stream") -> None:
         """Add an attachment."""
@@ -561,7 +557,9 @@ class RecordingWriter:
         part = path.with_name(path.name + PART_SUFFIX)
         self._sink = Sink(part)
         try:
-            self._begin(attachments)
+            self._writer = TopicWriter(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
+            for name, data in attachments:
+                self.attach(name, data)
             for output in inherited:
                 self.write(output.key, output.schema, output.payload, output.time_ns)
             self.sync()
@@ -572,13 +570,6 @@ class RecordingWriter:
             part.unlink(missing_ok=True)
             raise
         self.size_at_begin = self.size
-
-    def _begin(self, attachments: Iterable[tuple[str, bytes]]) -> None:
-        self._writer = TopicWriter(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
-        for message in MESSAGES:
-            self._writer.schema(message.schema_name())
-        for name, data in attachments:
-            self.attach(name, data)
 
     @property
     def size(self) -> int:
