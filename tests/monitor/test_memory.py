@@ -142,7 +142,7 @@ def held_bytes() -> int:
 
 def test_nothing_is_kept_of_windows_that_were_closed_and_of_files_that_were_ended(tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
-    with driven(folder, wheel(), max_file_bytes=100_000) as driver, traced():
+    with driven(folder, wheel(), max_file_bytes=80_000) as driver, traced():
         driver.send(2, range(24))
         held, sent_bytes, files = held_bytes(), driver.sent_bytes, len(recordings_of(folder))
         driver.send(2, range(24, 104))

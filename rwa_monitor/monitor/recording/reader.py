@@ -49,7 +49,7 @@ MAX_PASSING_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
 MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
 _HEAD_BYTES: Final = 9  # opcode and length
-_FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
+_FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4 + len(MCAP0_MAGIC)
 _COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
 _CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
@@ -242,7 +242,7 @@ class PassingRecording:
         if opcode == Opcode.ATTACHMENT:
             return self._take_attachment(content)
         if opcode == Opcode.DATA_END:
-            self.recording.finished = self._summary_is_whole(stop)
+            self.recording.finished = self._is_end(stop)
             return self.recording.finished
         return _is_ignored(opcode, content)
 
@@ -320,16 +320,10 @@ class PassingRecording:
         self._found.append(Attached(attachment.name, attachment.data))
         return True
 
-    def _summary_is_whole(self, start: int) -> bool:
-        """Check what follows the data: it only repeats it, but a damaged one may not be the end at all."""
-        end = self._size - len(MCAP0_MAGIC)
-        footer = end - _FOOTER_BYTES
-        if footer < start:
-            return False
-        summary, magic = self._read(start, end), self._read(end, self._size)
-        if summary[footer - start] != Opcode.FOOTER or magic != MCAP0_MAGIC:
-            return False
-        return zlib.crc32(summary[:-4]) == int.from_bytes(summary[-4:], "little")
+    def _is_end(self, stop: int) -> bool:
+        """Return whether the data ends here: the footer names where the summary begins, which only repeats them."""
+        footer = self._read(max(0, self._size - _FOOTER_BYTES), self._size)
+        return footer.endswith(MCAP0_MAGIC) and int.from_bytes(footer[_HEAD_BYTES : _HEAD_BYTES + 8], "little") == stop
 
     def _next_chunk(self, position: int) -> int:
         """Return where the next whole chunk begins, the file's end where there is none."""
