@@ -237,12 +237,10 @@ def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
 
 def _diagnose_again(satellite: Satellite, extended: Path) -> list[str]:
     """Return the verdicts on the full windows of the wheel that hides an effect, with its augmented model."""
-    from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.monitor.core import diagnose_samples
-    from rwa_monitor.telemetry.configuration import read_wheel
+    import rwa_monitor as rwa
 
-    windows = diagnose_samples(satellite.hidden.samples, read_wheel(extended), built_in_model())
-    return [window.diagnosis.verdict for window in windows if not window.partial]
+    diagnoses = rwa.diagnose(satellite.hidden.samples, rwa.read_wheel(extended))
+    return [diagnosis.verdict for diagnosis in diagnoses if not diagnosis.partial]
 
 
 def _counts(verdicts: Iterable[str]) -> str:

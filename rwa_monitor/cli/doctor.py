@@ -106,20 +106,13 @@ def _kernels() -> str:
     """Diagnose a small simulated window: the kernels, and all rooms that use them, do their work."""
     import time
 
-    import numpy as np
+    import rwa_monitor as rwa
 
-    from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.monitor.core import diagnose_samples
-    from rwa_monitor.simulation.record import simulate
-    from rwa_monitor.simulation.scenario import Scenario
-    from rwa_monitor.wheel.wheel import built_in_wheel
-
-    wheel, model = built_in_wheel(), built_in_model()
-    telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
+    samples = rwa.simulate(rwa.Scenario(duration_s=250.0)).samples
     began = time.perf_counter()
-    (window,) = diagnose_samples(telemetry.samples, wheel, model)
+    (diagnosis,) = rwa.diagnose(samples)
     elapsed = time.perf_counter() - began
-    return f"{window.diagnosis.slots} simulated slots diagnosed in {elapsed:.2f} s"
+    return f"{diagnosis.samples} simulated slots diagnosed in {elapsed:.2f} s"
 
 
 def _wheel(wheel_file: Path | None) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any, Final
 
-from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
+from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.monitor.recording.reader import (
     SOME_CHECKPOINTS,
     Attached,
@@ -24,6 +24,7 @@ from rwa_monitor.monitor.recording.reader import (
     file_sha256,
     recorded_inputs,
     recordings_of,
+    time_span,
 )
 from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, WheelSet
@@ -235,7 +236,6 @@ class _Chain:
     """Runs recordings one after the other and gathers their outputs."""
 
     report: Report = field(default_factory=Report)
-    spans_ns: list[dict[str, tuple[int, int]]] = field(default_factory=list)  # of the samples in each file, by topic
     owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
     def add(self, passing: PassingRecording, on_message: Callable[[int], None]) -> None:
@@ -269,7 +269,6 @@ class _Chain:
             self.owed += lost
         self.report.compare(own, replayed)
 
-        self.spans_ns.append(run.spans_ns)
         self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
             self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
@@ -285,10 +284,10 @@ class _Chain:
                 self.report.compare([(*entry, message.data)], [(*entry, again.to_json())])
 
     def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[tuple[str, bytes]]:
-        """Return topic and payload of samples from the files so far that hold some of what a report is about."""
-        for file, spans_ns in zip((*self.report.files, path), self.spans_ns, strict=True):
-            span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
-            if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
+        """Return topic and payload of samples from the files so far that may hold some of what a report is about."""
+        for file in (*self.report.files, path):
+            span = time_span(file)
+            if span is not None and span[1] >= report.start_ns:
                 yield from ((topic, payload) for _, topic, payload in recorded_inputs(file))
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:

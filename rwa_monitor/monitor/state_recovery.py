@@ -51,8 +51,6 @@ class RecordingRun:
         The outputs for the inputs, changepoints and diagnoses, in order.
     inputs
         Messages of samples processed.
-    spans_ns
-        First and last time of the samples on each topic [ns].
     inherited, own
         The outputs that the recording holds: those before the first input are for inputs of its predecessor.
     """
@@ -60,7 +58,6 @@ class RecordingRun:
     cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
     outputs: list[Output] = field(default_factory=list)
     inputs: int = 0
-    spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
     inherited: list[Comparable] = field(default_factory=list)
     own: list[Comparable] = field(default_factory=list)
 
@@ -129,8 +126,6 @@ def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, run: Recordi
         run.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
     events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
     run.inputs += 1
-    first_ns, last_ns = run.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
-    run.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
     run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
 
 
