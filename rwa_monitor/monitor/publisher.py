@@ -59,10 +59,10 @@ class ReliablePublisher:
 
 
 class SamplesPublisher:
-    """Numbers one wheel's samples and publishes them reliably, under a random name by default."""
+    """Numbers one wheel's samples and publishes them reliably, under a random name."""
 
-    def __init__(self, session: zenoh.Session, key: str, name: str | None = None) -> None:
-        self.name = secrets.token_hex(8) if name is None else name
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self.name = secrets.token_hex(8)
         self.batch = 0
         self._publisher = ReliablePublisher(session, key)
 

@@ -151,7 +151,7 @@ def test_a_lost_message_is_given_up_when_enough_others_wait() -> None:
         assert core.feed(parts[number], "p", number) == []
     assert core.counts.queued == 50 * HOLD_BACK_MESSAGES
     events = core.feed(parts[2 + HOLD_BACK_MESSAGES], "p", 2 + HOLD_BACK_MESSAGES)
-    assert troubles(events, "messages missed") == ["1 message of 'p' is missing, from batch 1 on"]
+    assert troubles(events, "messages missed") == ["missing: 1 message of 'p', from batch 1 on"]
     assert core.counts.queued == 0
     core.feed(parts[1], "p", 1)  # found again, too late
     core.feed(parts[1], "p", 1)  # and once more

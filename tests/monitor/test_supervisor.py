@@ -100,7 +100,7 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
 
     def log(line: str) -> None:
         """Stall as a terminal does whose reader has stopped reading."""
-        if "message of 'p' is missing" in line:
+        if "missing: 1 message of 'p'" in line:
             stalls.set()
             goes_on.wait(60.0)
 

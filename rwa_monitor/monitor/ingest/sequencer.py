@@ -13,7 +13,7 @@ import numpy as np
 
 from rwa_monitor.messages import ClockNs, Count
 from rwa_monitor.samples import Samples
-from rwa_monitor.words import counted, is_or_are
+from rwa_monitor.words import counted
 
 # A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
 # only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
@@ -264,6 +264,5 @@ class Sequencer:
         self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
         while len(self.skipped) > MAX_SKIPPED:
             del self.skipped[next(iter(self.skipped))]
-        missing = f"{is_or_are(number - first)} missing, from batch {first} on"
-        text = f"{counted(number - first, 'message')} of {self.current!r} {missing}"
+        text = f"missing: {counted(number - first, 'message')} of {self.current!r}, from batch {first} on"
         return Trouble("messages missed", text)
