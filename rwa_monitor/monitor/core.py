@@ -170,7 +170,9 @@ class WheelCore:
         samples, friction = message.samples, self._windows.friction
         torque = friction.torque(samples)
         clean = torque is not None and self._assignment.is_clean(samples)  # then there is nothing to look for
-        events: list[Event] = self._settings_check.check(samples, clean=clean)
+        allowed = None if clean else self._assignment.reject_beyond_limits(samples)
+        beyond = 0 if allowed is None else int(np.count_nonzero(~allowed))
+        events: list[Event] = self._settings_check.check(samples.time_ns, beyond)
         if torque is None:
             torque = np.full(len(samples), np.nan)
             if not self._reported_missing:
@@ -184,7 +186,6 @@ class WheelCore:
         if not clean:
             values = {name: np.where(np.isfinite(array), array, np.nan) for name, array in values.items()}
         rows = Rows(samples.time_ns, values)
-        allowed = None if clean else self._assignment.reject_beyond_limits(samples)
         if allowed is not None:
             rows = rows[np.flatnonzero(allowed)]
         return events + self._place(rows, passed=message.passed)
@@ -579,7 +580,7 @@ SHARE_BEYOND: Final = 0.1  # of all samples
 
 
 class SettingsCheck:
-    """Checks whether a wheel's samples fit its file as they arrive: the sample period, the unit of speed.
+    """Checks whether a wheel's samples fit its file as they arrive: the sample period, and limits in the right unit.
 
     Either mistake leaves diagnoses like any other, of half the samples or fewer; each is reported once.
 
@@ -590,21 +591,28 @@ class SettingsCheck:
     """
 
     def __init__(self, wheel: Wheel) -> None:
-        self._expected_s = wheel.sample_period_s
-        limit = wheel.limits.max_speed_rad_s
-        self._limit = float("inf") if limit is None else limit
-        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when all is reported
+        self._wheel = wheel
+        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when there are enough
         self._seen = self._beyond = 0
-        self._largest = 0.0
-        self._speed_reported = False
+        self._limits_reported = False
 
-    def check(self, samples: Samples, *, clean: bool = False) -> list[Event]:
-        """Return what these samples show for the first time; `clean` where their speeds are known to be in range."""
-        events = [] if self._times is None else self._check_period(self._times, samples.time_ns)
-        if clean:
-            self._seen += samples.time_ns.size
-        elif not self._speed_reported:
-            events += self._check_speed(samples)
+    def check(self, time_ns: IntArray, beyond: int) -> list[Event]:
+        """Return what samples show for the first time.
+
+        Parameters
+        ----------
+        time_ns
+            int64 (n,): their times.
+        beyond
+            How many of them are beyond the wheel's limits.
+        """
+        events = [] if self._times is None else self._check_period(self._times, time_ns)
+        self._seen += time_ns.size
+        self._beyond += beyond
+        if beyond and not self._limits_reported and self._beyond >= max(MANY_BEYOND, SHARE_BEYOND * self._seen):
+            self._limits_reported = True
+            text = f"{self._beyond} of {self._seen} samples are beyond the wheel's limits and rejected"
+            events.append(Trouble("limits", f"{text}: is the speed in rpm, or is the wheel file another wheel's?"))
         return events
 
     def _check_period(self, before_ns: IntArray, time_ns: IntArray) -> list[Event]:
@@ -614,22 +622,8 @@ class SettingsCheck:
         steps = np.diff(self._times)
         self._times = None
         steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back show no period
-        if steps.size < STEPS // 2:
+        period_s, expected_s = float(np.median(steps)) if steps.size else 0.0, self._wheel.sample_period_s
+        if steps.size < STEPS // 2 or expected_s / PERIOD_DIFFERS <= period_s <= expected_s * PERIOD_DIFFERS:
             return []
-        period_s = float(np.median(steps))
-        if self._expected_s / PERIOD_DIFFERS <= period_s <= self._expected_s * PERIOD_DIFFERS:
-            return []
-        question = f"is sample_period_s = {self._expected_s:.6g} of the wheel file right?"
+        question = f"is sample_period_s = {expected_s:.6g} of the wheel file right?"
         return [Trouble("sample period", f"{question} The samples come every {period_s:.3g} s")]
-
-    def _check_speed(self, samples: Samples) -> list[Event]:
-        sizes = np.abs(samples.speed_rad_s)
-        beyond = sizes[(sizes > self._limit) & np.isfinite(sizes)]
-        self._seen += len(samples)
-        self._beyond += beyond.size
-        self._largest = float(beyond.max(initial=self._largest))
-        if self._beyond < max(MANY_BEYOND, SHARE_BEYOND * self._seen):
-            return []
-        self._speed_reported = True
-        text = f"speeds beyond max_speed_rad_s = {self._limit:.6g}, up to {self._largest:.6g}, are rejected"
-        return [Trouble("speed limit", f"{text}: is it rpm, or is the wheel file another wheel's?")]

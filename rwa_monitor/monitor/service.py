@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from threading import Event
 from typing import Final
@@ -90,7 +90,7 @@ def run(
             )
         if session is None:
             session = stack.enter_context(open_session(options.bus))
-        bus = stack.enter_context(MonitorBus(session, Inbox()))
+        bus = stack.enter_context(closing(MonitorBus(session, Inbox())))
         monitor = Monitor(options, bus, recorder, log, clock)
         stack.callback(monitor.close)
         monitor.begin(recovered)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import tracemalloc
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import _lru_cache_wrapper
 from pathlib import Path
@@ -62,7 +62,7 @@ class Driven:
 @contextmanager
 def driven(folder: Path, of_wheel: Wheel, max_file_bytes: int) -> Iterator[Driven]:
     folder.mkdir()
-    with open_session(BusOptions()) as session, MonitorBus(session, Inbox()) as bus:
+    with open_session(BusOptions()) as session, closing(MonitorBus(session, Inbox())) as bus:
         driver = Driven(folder, of_wheel, bus, max_file_bytes)
         yield driver
         driver.monitor.close()
