@@ -188,14 +188,15 @@ def choose(
         What is known of the slope before the window, or None.
     """
     known = np.isfinite(variances)
-    peaks = in_turn(evidence.candidates, peaks_behind_gaps(evidence.sums))
-    if len(peaks) == 0 or not known.any():
-        return evidence.candidates
+    found, behind = evidence.candidates, peaks_behind_gaps(evidence.sums)
+    if len(found) + len(behind) == 0 or not known.any():
+        return found
     table = variance_table(scales[known], variances[known])
     noise = evidence.noise
     chosen = kernel.choose(
-        peaks.index,
-        peaks.scale,
+        np.concatenate((found.index, behind.index)),
+        np.concatenate((found.scale, behind.scale)),
+        np.concatenate((found.statistic, behind.statistic)),
         evidence.slots,
         evidence.sums.arrays,
         Threshold(table, evidence.threshold, outliers.largest_outlier),
@@ -214,16 +215,6 @@ def threshold_for(false_alarms: float, tests: float) -> float:
 def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
     """Return v for a shorter half of 0 … MAX_SCALE used samples: the scales' variances, interpolated in log n."""
     return np.exp(np.interp(_LOG_USED, np.log(scales), np.log(variances)))
-
-
-def in_turn(*peaks: Candidates) -> Candidates:
-    """Return the peaks in the order in which they are tried: narrow scales and large statistics first."""
-    index = np.concatenate([one.index for one in peaks])
-    scale = np.concatenate([one.scale for one in peaks])
-    statistic = np.concatenate([one.statistic for one in peaks])
-    order = np.lexsort((index, -statistic, scale))
-    jump = np.concatenate([one.jump for one in peaks])
-    return Candidates(index[order], scale[order], statistic[order], jump[order])
 
 
 def peaks_behind_gaps(sums: RunningSums) -> Candidates:

@@ -112,11 +112,31 @@ int64_t scan(
     Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings,
     const ScanState& state, const PeakArrays& peaks, int64_t chunk_peaks);
 
-// index, scale, statistic and jump of chosen peaks
-using Peaks = std::tuple<NewIntegers, NewIntegers, NewFloats, NewFloats>;
-Peaks peaks_above(
+// A peak of the wGLR, or the candidate that it became: the first slot of a new level, the half-width that found it, and
+// the statistic over the variance of its scale.
+struct Peak {
+    int64_t index, scale;
+    double statistic, jump;
+};
+// Those among the first `count` peaks whose statistic reaches `threshold`; by slot, then narrow scales first.
+std::vector<Peak> peaks_above(
     Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales, Floats variances,
     double threshold);
+
+// The fields of `Candidates`.
+using Columns = std::tuple<NewIntegers, NewIntegers, NewFloats, NewFloats>;
+template <typename Peaks>
+Columns columns_of(const Peaks& peaks) {
+    Columns columns;
+    auto& [index, scale, statistic, jump] = columns;
+    for (const Peak& peak : peaks) {
+        index.push_back(peak.index);
+        scale.push_back(peak.scale);
+        statistic.push_back(peak.statistic);
+        jump.push_back(peak.jump);
+    }
+    return columns;
+}
 
 // ---- the noise of a window, measured beside its jumps (noise.cpp) ---------------------------------------------------
 
@@ -165,10 +185,10 @@ void extend_structure(
 // Both 0 where a half has no used sample.
 std::tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums);
 
-// The order in which peaks are tried, which come in the order of their slots: narrow scales and large statistics first.
-std::vector<int64_t> order_in_turn(Integers scale, Floats statistic);
+// Bring peaks into the order in which they are tried: narrow scales and large statistics first.
+void sort_in_turn(std::vector<Peak>& peaks);
 
 // The slots of peaks, taken in turn, with no kept one within ±w; sorted.
-std::vector<int64_t> kept_apart(Integers index, Integers scale);
+NewIntegers kept_apart(const std::vector<Peak>& peaks);
 
 }  // namespace rwa

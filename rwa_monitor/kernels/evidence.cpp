@@ -84,20 +84,20 @@ void set_bars(const Window& window, double outlier) {
 
 // The blocks of the noise that end by `slot`.
 int64_t blocks_before(int64_t slot, const Window& window) {
-    return pieces_before(slot, NOISE_BLOCK + LAGS, window.by.block_hop, window.block_sums.extent(0));
+    return pieces_before(slot, NOISE_BLOCK + LAGS, window.by.block_hop, window.block_sums.shape[0]);
 }
 
 // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise look
 // heavy: then the thresholds, made for Gaussian ones, are to be set again.
 bool refresh(int64_t done, const Window& window) {
     const auto whole = [&](Matrix<double> table) -> Matrix<const double> {
-        return {table.data, {static_cast<std::size_t>(blocks_before(done, window)), table.shape[1]}};
+        return {table.data, {blocks_before(done, window), table.shape[1]}};
     };
     const double start_std = window.by.start_std;
     const auto [levels, counts, variances, quantiles] = learn_noise(
         whole(window.block_sums), whole(window.block_pairs), window.state.histogram, window.scales,
         start_std * start_std);
-    const Floats variance = variances.view();
+    const Floats variance = variances;
     std::copy(variance.begin(), variance.end(), window.learned.bars.row(VARIANCE).begin());
     const auto& numbers = window.learned.numbers;
     std::tie(numbers[COUNTED], numbers[MEDIAN], numbers[FAR]) = quantiles;
@@ -120,17 +120,12 @@ void learn_slope(int64_t slots, const Window& window) {
     }
     if (variance == 0.0) return;
     const auto& peaks = window.peaks;
-    const auto [index, scale, statistic, jump] = peaks_above(
+    std::vector<Peak> certain = peaks_above(
         peaks.slots, peaks.values, peaks.counters[COUNT_PEAKS], window.scales, variances, CERTAIN_STATISTIC);
-    std::vector<int64_t> slot, width;
-    for (auto p : order_in_turn(scale.view(), statistic.view())) {
-        slot.push_back(index.view()[p]);
-        width.push_back(scale.view()[p]);
-    }
-    const auto certain = kept_apart(view(slot), view(width));
-    const std::vector<int64_t> exclude(certain.size(), STEP / 4);
-    const auto [slope, error] = slope_within(
-        slots, view(certain), view(exclude), window.sums, variance, window.by.prior_mean, window.by.prior_std);
+    sort_in_turn(certain);
+    const NewIntegers index = kept_apart(certain), exclude(index.size(), STEP / 4);
+    const auto [slope, error] =
+        slope_within(slots, index, exclude, window.sums, variance, window.by.prior_mean, window.by.prior_std);
     if (!std::isfinite(error)) return;
     const double spread = std::max({error, SMALLEST_SLOPE_SPREAD * std::abs(slope), SMALLEST_STD});
     window.learned.numbers[SLOPE] = slope;
@@ -278,7 +273,7 @@ std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
         numbers[OUTLIER] = NAN;
     }
     while (done < ready) {
-        if (done % CHUNK == 0 && counters[COUNT_PEAKS] + by.chunk_peaks > window.peaks.slots.extent(0)) {
+        if (done % CHUNK == 0 && counters[COUNT_PEAKS] + by.chunk_peaks > window.peaks.slots.shape[0]) {
             return {count, done, told, NO_ROOM};
         }
         int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
@@ -297,16 +292,19 @@ std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
 }  // namespace
 
 void bind_evidence(nanobind::module_& module) {
-    module.attr("KEPT_STATISTIC") = KEPT_STATISTIC;
-    module.attr("SMALLEST_WEIGHT") = SMALLEST_WEIGHT;
-    const std::pair<const char*, int64_t> places[] = {
-        {"ALL_DONE", ALL_DONE}, {"FIRST_CHUNK", FIRST_CHUNK}, {"NO_ROOM", NO_ROOM}, {"VARIANCE", VARIANCE},
-        {"WEIGHT", WEIGHT},     {"COUNTED", COUNTED},         {"OUTLIER", OUTLIER}};
-    for (auto [name, place] : places) module.attr(name) = place;
+    CONSTANT(KEPT_STATISTIC);
+    CONSTANT(SMALLEST_WEIGHT);
+    CONSTANT(ALL_DONE);
+    CONSTANT(FIRST_CHUNK);
+    CONSTANT(NO_ROOM);
+    CONSTANT(VARIANCE);
+    CONSTANT(WEIGHT);
+    CONSTANT(COUNTED);
+    CONSTANT(OUTLIER);
     using nanobind::keep_alive;
     nanobind::class_<Window>(module, "Window")
         .def(nanobind::init<WindowArrays, WindowSettings, PeakArrays>(), keep_alive<1, 2>(), keep_alive<1, 4>());
-    kernel(module, "gather", &gather);
+    KERNEL(gather);
 }
 
 }  // namespace rwa

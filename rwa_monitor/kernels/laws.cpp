@@ -132,7 +132,7 @@ double density_in(double value, double sigma, double low, double high, double so
 }
 
 NewFloats band_densities(Floats value, Floats std, double low, double high, double soft) {
-    auto density = NewFloats::zeros(value.size());
+    NewFloats density(value.size());
     for (int64_t i = 0; i < value.size(); ++i) {
         density[i] = density_in(value[i], std::hypot(soft, std[i]), low, high, soft);
     }
@@ -173,7 +173,7 @@ Densities level_density(double value, const Softened& level) {
 }
 
 Table<double, 2> level_densities(Floats value, Floats std, Floats numbers) {
-    auto densities = Table<double, 2>::zeros(3, value.size());
+    Table<double, 2> densities({3, value.size()});
     for (int64_t i = 0; i < value.size(); ++i) {
         const auto [nominal, anomalous, inside] = level_density(value[i], {std[i], numbers.data});
         densities(0, i) = nominal, densities(1, i) = anomalous, densities(2, i) = inside;
@@ -183,13 +183,13 @@ Table<double, 2> level_densities(Floats value, Floats std, Floats numbers) {
 
 // Whether a measured value is finite and its configuration was learned.
 bool is_known(int64_t q, double value, double std, Matrix<const double> numbers) {
-    return std::isfinite(value) && std::isfinite(std) && q < numbers.extent(0) && !std::isnan(numbers(q, 0));
+    return std::isfinite(value) && std::isfinite(std) && q < numbers.shape[0] && !std::isnan(numbers(q, 0));
 }
 
 // Nominal and anomalous densities (2, n, offsets) of a system's sojourns with each offset added; 1 where not known.
 Table<double, 3> sojourn_densities(
     Integers configuration, Floats friction, Floats std, Floats shift, Matrix<const double> numbers) {
-    auto densities = Table<double, 3>::full(1.0, 2, configuration.size(), shift.size());
+    Table<double, 3> densities({2, configuration.size(), shift.size()}, 1.0);
     for (int64_t i = 0; i < configuration.size(); ++i) {
         const int64_t q = configuration[i];
         if (!is_known(q, friction[i], std[i], numbers)) continue;
@@ -214,20 +214,20 @@ std::tuple<NewFloats, NewFloats> strays(
         stray.push_back(everything > 0.0 ? std::max(0.0, 1.0 - 0.5 * inside / everything) : 1.0);
         relative.push_back(std[i] / numbers(q, LEVEL_NUMBERS - 1));
     }
-    return {NewFloats::from(std::move(stray)), NewFloats::from(std::move(relative))};
+    return {std::move(stray), std::move(relative)};
 }
 }  // namespace
 
 void bind_laws(nanobind::module_& module) {
-    module.attr("SOFT_SHARE") = SOFT_SHARE;
-    module.attr("OTHER_SIZE") = OTHER_SIZE;
-    module.attr("LEVEL_NUMBERS") = LEVEL_NUMBERS;
-    kernel(module, "tabulate", &tabulate);
-    kernel(module, "add_up", &add_up);
-    kernel(module, "band_densities", &band_densities);
-    kernel(module, "level_densities", &level_densities);
-    kernel(module, "sojourn_densities", &sojourn_densities);
-    kernel(module, "strays", &strays);
+    CONSTANT(SOFT_SHARE);
+    CONSTANT(OTHER_SIZE);
+    CONSTANT(LEVEL_NUMBERS);
+    KERNEL(tabulate);
+    KERNEL(add_up);
+    KERNEL(band_densities);
+    KERNEL(level_densities);
+    KERNEL(sojourn_densities);
+    KERNEL(strays);
 }
 
 }  // namespace rwa

@@ -138,7 +138,7 @@ VECTORISED void differences_with_gaps(
 
 // The variance of each scale's contrast, from the lower part of its histogram.
 NewFloats scale_variances(Matrix<const int64_t> histogram, Integers scales, double start_variance) {
-    auto variances = NewFloats::zeros(scales.size());
+    NewFloats variances(scales.size());
     double borrowed = start_variance;
     for (int64_t s = 0; s < scales.size(); ++s) {
         const auto counts = histogram.row(s);
@@ -174,7 +174,7 @@ void block_differences(
 
 // γ(0) - γ(l) at the lags 1 … LAGS and the pairs behind it, over the full blocks that do not stand out upwards.
 std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<const double> pairs) {
-    const int64_t blocks = sums.extent(0);
+    const int64_t blocks = sums.shape[0];
     std::vector<double> score(blocks, NAN), full;
     for (int64_t b = 0; b < blocks; ++b) {
         const double* row = &pairs(b, 0);
@@ -184,7 +184,7 @@ std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<
         }
         if (std::isfinite(score[b])) full.push_back(score[b]);
     }
-    auto levels = NewFloats::full(NAN, LAGS), counts = NewFloats::zeros(LAGS);
+    NewFloats levels(LAGS, NAN), counts = NewFloats(LAGS);
     if (full.empty()) return {levels, counts};
     const double middle = median_in_place(full);
     for (double& value : full) value = std::abs(value - middle);
@@ -207,7 +207,7 @@ std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<
 // The variance of each scale's contrast that the levels imply: v = -w Σ r(l) (γ(0) - γ(l)), r the correlation of its
 // weights -1/w and +1/w; 0 where it is longer than the lags reach.
 NewFloats contrast_variances(Floats levels, Integers scales) {
-    auto variances = NewFloats::zeros(scales.size());
+    NewFloats variances(scales.size());
     for (int64_t s = 0; s < scales.size(); ++s) {
         const int64_t w = scales[s];
         if (2 * w > LAGS) continue;
@@ -269,7 +269,7 @@ Noise learn_noise(
     double start_variance) {
     auto [levels, counts] = quiet_levels(block_sums, block_pairs);
     auto variances = scale_variances(histogram, scales, start_variance);
-    auto implied = contrast_variances(levels.view(), scales);
+    auto implied = contrast_variances(levels, scales);
     for (int64_t s = 0; s < scales.size(); ++s) {
         // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
         variances[s] = std::max(variances[s], LEAST_SHARE * implied[s]);
@@ -278,24 +278,24 @@ Noise learn_noise(
 }
 
 void bind_noise(nanobind::module_& module) {
-    module.attr("LAGS") = LAGS;
+    CONSTANT(LAGS);
     module.attr("BLOCK") = NOISE_BLOCK;
-    module.attr("SMALLEST_STD") = SMALLEST_STD;
-    module.attr("KEPT") = KEPT;
-    module.attr("KEPT_MEAN") = KEPT_MEAN;
-    module.attr("JUMPED") = JUMPED;
-    module.attr("JUMPED_RATE") = JUMPED_RATE;
-    module.attr("MOST_JUMPED") = MOST_JUMPED;
-    kernel(module, "lean", &lean);
-    kernel(module, "scale_variances", &scale_variances);
-    kernel(module, "block_differences", &block_differences);
-    kernel(module, "quiet_levels", &quiet_levels);
-    kernel(module, "contrast_variances", &contrast_variances);
-    module.attr("CHI_MEDIAN") = CHI_MEDIAN;
-    module.attr("GAUSSIAN_RATIO") = GAUSSIAN_RATIO;
-    kernel(module, "quantiles_of", &quantiles_of);
-    kernel(module, "are_heavy", &are_heavy);
-    kernel(module, "learn_noise", &learn_noise);
+    CONSTANT(SMALLEST_STD);
+    CONSTANT(KEPT);
+    CONSTANT(KEPT_MEAN);
+    CONSTANT(JUMPED);
+    CONSTANT(JUMPED_RATE);
+    CONSTANT(MOST_JUMPED);
+    KERNEL(lean);
+    KERNEL(scale_variances);
+    KERNEL(block_differences);
+    KERNEL(quiet_levels);
+    KERNEL(contrast_variances);
+    CONSTANT(CHI_MEDIAN);
+    CONSTANT(GAUSSIAN_RATIO);
+    KERNEL(quantiles_of);
+    KERNEL(are_heavy);
+    KERNEL(learn_noise);
 }
 
 }  // namespace rwa

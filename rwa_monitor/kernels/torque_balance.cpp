@@ -150,7 +150,7 @@ void rounding_error(
     double least_share, int64_t reach, bool soft, Vector<double> error) {
     const int64_t half = weights.size(), n = speed.size();
     std::vector<double> shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
-    const Vector<double> bend{shape.data(), {shape.size()}};
+    const Vector<double> bend(shape);
     differences.reserve(2 * half + 1);
     for (int64_t k = half; k < n - half; ++k) {
         const double here = torque[k];
@@ -209,8 +209,8 @@ void rounding_error(
 }  // namespace
 
 void bind_torque_balance(nanobind::module_& module) {
-    kernel(module, "bridge", &bridge);
-    kernel(module, "rounding_error", &rounding_error);
+    KERNEL(bridge);
+    KERNEL(rounding_error);
 }
 
 }  // namespace rwa

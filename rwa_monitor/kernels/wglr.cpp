@@ -2,8 +2,6 @@
 #include "detection.hpp"
 
 #include <cstring>
-#include <limits>
-#include <memory>
 
 namespace rwa {
 namespace {
@@ -56,9 +54,8 @@ void fill_prefix(
 // `evaluate`; where every slot is used the counts need not be read, and the operations are the same.
 template <bool AllUsed>
 ALWAYS_INLINE void evaluate_slots(
-    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* __restrict statistic,
+    const double* __restrict n, int64_t width, int64_t w, double weight, int64_t count, double* __restrict statistic,
     double* __restrict jump) {
-    const double* __restrict n = prefix - w;  // at the middle
     const double* __restrict x = n + width;
     const double* __restrict e = x + width;
     const double* __restrict xx = e + width;
@@ -79,24 +76,19 @@ ALWAYS_INLINE void evaluate_slots(
         statistic[j] = AllUsed || ((nl >= need) & (nr >= need)) ? value : NOT_EVALUATED;
     }
 }
-VECTORISED void evaluate_unmasked(
-    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* statistic, double* jump) {
-    evaluate_slots<true>(prefix, width, count, w, weight, statistic, jump);
-}
-VECTORISED void evaluate_masked(
-    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* statistic, double* jump) {
-    evaluate_slots<false>(prefix, width, count, w, weight, statistic, jump);
-}
 
 // Statistic and jump of one scale at neighbouring slots, `column` the first one's end k + w; NOT_EVALUATED where a half
 // has fewer than max(1, w/2) used samples.
-void evaluate(
-    Matrix<const double> prefix, int64_t column, int64_t w, double weight, Vector<double> statistic,
-    Vector<double> jump) {
-    const int64_t count = statistic.size();
-    const double* at = &prefix(0, column);
-    const bool all_used = at[count - 1] - at[-2 * w] == static_cast<double>(2 * w + count - 1);
-    (all_used ? evaluate_unmasked : evaluate_masked)(at, prefix.extent(1), count, w, weight, statistic.data, jump.data);
+VECTORISED void evaluate(
+    Matrix<const double> prefix, int64_t column, int64_t w, double weight, int64_t count, double* statistic,
+    double* jump) {
+    const double* middle = &prefix(0, column - w);
+    const bool all_used = middle[w + count - 1] - middle[-w] == static_cast<double>(2 * w + count - 1);
+    if (all_used) {
+        evaluate_slots<true>(middle, prefix.shape[1], w, weight, count, statistic, jump);
+    } else {
+        evaluate_slots<false>(middle, prefix.shape[1], w, weight, count, statistic, jump);
+    }
 }
 
 // Whether any value is above the floor.
@@ -175,11 +167,11 @@ int64_t scan(
     peaks.counters[COUNT_CONFIRMED] = 0;
     const auto scales = settings.scales;
     const int64_t room = std::min(STRETCH, std::max<int64_t>(stop - start, 0));
-    const std::unique_ptr<double[]> values(new double[2 * scales.size() * room]);  // not filled
+    NewFloats values(2 * scales.size() * room);
     std::vector<Evaluated> evaluated(scales.size());
     for (int64_t begin = start; begin < stop;) {
         const int64_t chunk = begin - begin % CHUNK;
-        if (begin == chunk && begin > start && peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.extent(0)) {
+        if (begin == chunk && begin > start && peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.shape[0]) {
             return begin;
         }
         const int64_t end = std::min({begin + STRETCH, chunk + CHUNK, stop});
@@ -188,9 +180,8 @@ int64_t scan(
             const int64_t w = scales[s], right = std::max(begin + 1, 2 * w), count = end - right + 1;
             evaluated[s] = {right, false};
             if (count <= 0) continue;
-            const auto size = static_cast<std::size_t>(count);
-            double *statistic = &values[2 * s * room], *jump = statistic + room;
-            evaluate(state.prefix, HISTORY + right - chunk, w, settings.weight, {statistic, {size}}, {jump, {size}});
+            double* const statistic = &values[2 * s * room];
+            evaluate(state.prefix, HISTORY + right - chunk, w, settings.weight, count, statistic, statistic + room);
             evaluated[s].above = exceeds(statistic, count, settings.floors[s]);  // in few stretches
             if (counting) count_bins(&state.histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
@@ -212,71 +203,57 @@ int64_t scan(
 
 // Statistic and jump of one scale at every slot of a whole array; NaN where a half leaves the array or lacks samples.
 std::tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, double weight, double slope) {
-    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
     const int64_t slots = x.size();
-    auto prefix = Table<double, 2>::zeros(PREFIXES, HISTORY + CHUNK + 1);
-    auto statistic = NewFloats::full(nan, slots), jump = NewFloats::full(nan, slots);
+    Table<double, 2> prefix({PREFIXES, HISTORY + CHUNK + 1});
+    NewFloats statistic(slots, NAN), jump(slots, NAN);
     for (int64_t chunk = 0; chunk < slots; chunk += CHUNK) {
         const int64_t stop = std::min(chunk + CHUNK, slots), right = std::max(chunk + 1, 2 * scale);
-        fill_prefix(prefix.view(), x, z, used, chunk, chunk, stop, slope);
+        fill_prefix(prefix, x, z, used, chunk, chunk, stop, slope);
         if (right > stop) continue;
-        const int64_t first = right - scale, last = stop + 1 - scale;
-        evaluate(
-            prefix.view(), HISTORY + right - chunk, scale, weight, statistic.view().slice(first, last),
-            jump.view().slice(first, last));
-        for (int64_t k = first; k < last; ++k) {
-            if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = nan;
+        const int64_t first = right - scale, count = stop + 1 - right;
+        evaluate(prefix, HISTORY + right - chunk, scale, weight, count, &statistic[first], &jump[first]);
+        for (int64_t k = first; k < first + count; ++k) {
+            if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = NAN;
         }
     }
     return {std::move(statistic), std::move(jump)};
 }
 
-// The fields of the `Candidates` among the first `count` peaks: those whose statistic, over its scale's variance, reaches
-// `threshold`; by slot, then narrow scales first.
-Peaks peaks_above(
+std::vector<Peak> peaks_above(
     Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales, Floats variances,
     double threshold) {
-    std::vector<int64_t> chosen;
+    std::vector<Peak> found;
     for (int64_t p = 0; p < count; ++p) {
-        if (values(p, PEAK_STATISTIC) / variances[slots(p, PEAK_SCALE)] >= threshold) chosen.push_back(p);
-    }
-    std::stable_sort(chosen.begin(), chosen.end(), [&](int64_t a, int64_t b) {
-        return std::tie(slots(a, PEAK_INDEX), slots(a, PEAK_SCALE)) < std::tie(slots(b, PEAK_INDEX), slots(b, PEAK_SCALE));
-    });
-    std::vector<int64_t> index, scale;
-    std::vector<double> statistic, jump;
-    for (auto p : chosen) {
         const int64_t s = slots(p, PEAK_SCALE);
-        index.push_back(slots(p, PEAK_INDEX));
-        scale.push_back(scales[s]);
-        statistic.push_back(values(p, PEAK_STATISTIC) / variances[s]);
-        jump.push_back(values(p, PEAK_JUMP));
+        const double statistic = values(p, PEAK_STATISTIC) / variances[s];
+        if (statistic >= threshold) found.push_back({slots(p, PEAK_INDEX), scales[s], statistic, values(p, PEAK_JUMP)});
     }
-    return {
-        NewIntegers::from(std::move(index)), NewIntegers::from(std::move(scale)),
-        NewFloats::from(std::move(statistic)), NewFloats::from(std::move(jump))};
+    std::stable_sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
+        return std::tie(a.index, a.scale) < std::tie(b.index, b.scale);
+    });
+    return found;
 }
 
 void bind_wglr(nanobind::module_& module) {
-    const std::pair<const char*, int64_t> constants[] = {
-        {"CHUNK", CHUNK},
-        {"STEP", STEP},
-        {"MAX_SCALE", MAX_SCALE},
-        {"HISTORY", HISTORY},
-        {"PREFIXES", PREFIXES},
-        {"BINS", BINS},
-        {"BINS_PER_OCTAVE", BINS_PER_OCTAVE},
-        {"LOWEST_EXPONENT", LOWEST_EXPONENT},
-        {"PEAK_SCALE", PEAK_SCALE},
-        {"PEAK_CONFIRMED", PEAK_CONFIRMED},
-        {"PEAK_STATISTIC", PEAK_STATISTIC},
-        {"COUNT_PEAKS", COUNT_PEAKS},
-        {"COUNT_SETTLED", COUNT_SETTLED},
-    };
-    for (const auto& [name, value] : constants) module.attr(name) = value;
-    kernel(module, "scan", &scan);
-    kernel(module, "wglr", &wglr);
-    kernel(module, "peaks_above", &peaks_above);
+    CONSTANT(CHUNK);
+    CONSTANT(STEP);
+    CONSTANT(MAX_SCALE);
+    CONSTANT(HISTORY);
+    CONSTANT(PREFIXES);
+    CONSTANT(BINS);
+    CONSTANT(BINS_PER_OCTAVE);
+    CONSTANT(LOWEST_EXPONENT);
+    CONSTANT(PEAK_SCALE);
+    CONSTANT(PEAK_CONFIRMED);
+    CONSTANT(PEAK_STATISTIC);
+    CONSTANT(COUNT_PEAKS);
+    CONSTANT(COUNT_SETTLED);
+    KERNEL(scan);
+    KERNEL(wglr);
+    module.def("peaks_above", [](Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales,
+                                 Floats variances, double threshold) {
+        return columns_of(peaks_above(slots, values, count, scales, variances, threshold));
+    });
 }
 
 }  // namespace rwa
