@@ -71,16 +71,16 @@ double trimmed_variance(Integers counts, int64_t total) {
 
 // The sum of LAGS values, as eight side by side.
 double sum_of_lags(const double* row) {
-    double part[8];
-    for (int i = 0; i < 8; ++i) {
-        part[i] = ((row[i] + row[8 + i]) + (row[16 + i] + row[24 + i])) +
-                  ((row[32 + i] + row[40 + i]) + (row[48 + i] + row[56 + i]));
+    double part[8] = {}, total = 0.0;
+    for (int64_t lag = 0; lag < LAGS; lag += 8) {
+        for (int i = 0; i < 8; ++i) part[i] += row[lag + i];
     }
-    return ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]));
+    for (double sum : part) total += sum;
+    return total;
 }
 
-// What the block's own level and slope leave of its friction; 0 where not used. Returns the used samples.
-VECTORISED double remainders(
+// What the block's own level and slope leave of its friction; 0 where not used.
+VECTORISED void remainders(
     const double* __restrict x, const double* __restrict z, const bool* __restrict used, double slope, double weight,
     double* __restrict good, double* __restrict e) {
     double u[LENGTH], v[LENGTH];
@@ -100,26 +100,10 @@ VECTORISED double remainders(
     const double share = 1.0 / std::max(n, 1.0);
     const double own = (sxz - sx * sz * share + weight * slope) / (std::max(sxx - sx * sx * share, 0.0) + weight);
     for (int64_t i = 0; i < LENGTH; ++i) e[i] = v[i] - own * u[i];
-    return n;
 }
 
-// Half the squared differences at each lag where every slot is used; four slots in a row for each sum in memory.
-VECTORISED void full_differences(const double* __restrict e, double* __restrict sums) {
-    double total[LAGS] = {};
-    for (int64_t i = 0; i < NOISE_BLOCK; i += 4) {
-        const double e0 = e[i], e1 = e[i + 1], e2 = e[i + 2], e3 = e[i + 3];
-        const double* __restrict later = e + i + 1;
-        for (int64_t lag = 0; lag < LAGS; ++lag) {
-            const double d0 = later[lag] - e0, d1 = later[lag + 1] - e1;
-            const double d2 = later[lag + 2] - e2, d3 = later[lag + 3] - e3;
-            total[lag] = (((total[lag] + d0 * d0) + d1 * d1) + d2 * d2) + d3 * d3;
-        }
-    }
-    for (int64_t lag = 0; lag < LAGS; ++lag) sums[lag] = 0.5 * total[lag];
-}
-
-// The same with gaps, and the pairs of used samples.
-VECTORISED void differences_with_gaps(
+// Half the squared differences of used samples at each lag, and how many pairs they are.
+VECTORISED void differences(
     const double* __restrict e, const double* __restrict good, double* __restrict sums, double* __restrict pairs) {
     double sum[LAGS] = {}, pair[LAGS] = {};
     for (int64_t i = 0; i < NOISE_BLOCK; ++i) {
@@ -162,13 +146,8 @@ void block_differences(
     double good[LENGTH], e[LENGTH];
     for (int64_t b = first; b < last; ++b) {
         const int64_t start = b * hop;
-        const double n = remainders(&x[start], &z[start], &used[start], slope, weight, good, e);
-        if (n == LENGTH) {
-            full_differences(e, &sums(b, 0));
-            std::fill(&pairs(b, 0), &pairs(b, 0) + LAGS, NOISE_BLOCK);
-        } else {
-            differences_with_gaps(e, good, &sums(b, 0), &pairs(b, 0));
-        }
+        remainders(&x[start], &z[start], &used[start], slope, weight, good, e);
+        differences(e, good, &sums(b, 0), &pairs(b, 0));
     }
 }
 

@@ -30,24 +30,19 @@ void fill_prefix(
             break;
         }
     }
-    const int64_t column = HISTORY + begin - chunk;
-    double* __restrict n_out = &prefix(0, column);
-    double* __restrict x_out = &prefix(1, column);
-    double* __restrict e_out = &prefix(2, column);
-    double* __restrict xx_out = &prefix(3, column);
-    double* __restrict xe_out = &prefix(4, column);
-    double n = *n_out, sx = *x_out, se = *e_out, sxx = *xx_out, sxe = *xe_out;
+    double* at[PREFIXES];
+    double sums[PREFIXES];
+    for (int64_t row = 0; row < PREFIXES; ++row) {
+        at[row] = &prefix(row, HISTORY + begin - chunk);
+        sums[row] = *at[row];
+    }
     for (int64_t k = begin; k < stop; ++k) {
         if (used[k]) {
-            const double u = x[k] - x_centre;
-            const double e = (z[k] - z_centre) - slope * u;
-            n += 1.0;
-            sx += u;
-            se += e;
-            sxx += u * u;
-            sxe += u * e;
+            const double u = x[k] - x_centre, e = (z[k] - z_centre) - slope * u;
+            const double terms[PREFIXES] = {1.0, u, e, u * u, u * e};
+            for (int64_t row = 0; row < PREFIXES; ++row) sums[row] += terms[row];
         }
-        *++n_out = n, *++x_out = sx, *++e_out = se, *++xx_out = sxx, *++xe_out = sxe;
+        for (int64_t row = 0; row < PREFIXES; ++row) *++at[row] = sums[row];
     }
 }
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatPath
-from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
 from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, switching_path
 from rwa_monitor.kernels.friction import solve_cases
-from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
+from rwa_monitor.kernels.laws import densities
 from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.assignment import Path, search
@@ -152,23 +152,18 @@ def test_the_posterior_is_that_of_the_normal_equations(spread):
     assert found[4].tolist() == column.tolist()
 
 
-def test_densities_of_sojourns_are_those_of_their_levels():
-    rng = np.random.default_rng(15)
+def test_values_that_are_not_known_have_no_density():
     model = built_in_model().anomalies[3]
-    configuration = np.array([0, 1, 2, 1, 2, 9])
-    friction, std = rng.uniform(0.2, 1.6, 6), rng.uniform(0.01, 0.2, 6)
-    friction[3] = np.nan
-    shift = np.linspace(-0.2, 0.2, 5)
-    found = sojourn_densities(configuration, friction, std, shift, model.numbers)
-    stray, relative = strays(configuration, friction, std, model.numbers)
-    plain = []
-    for k, q in enumerate(configuration):
-        levels = model.levels[q] if q < len(model.levels) else None
-        if levels is None or not np.isfinite(friction[k]):
-            assert (found[:, k] == 1.0).all()
-            continue
-        spread = np.full(5, std[k])
-        assert found[:, k] == pytest.approx(level_densities(friction[k] + shift, spread, levels.numbers)[:2], rel=1e-12)
-        nominal, anomalous, inside = level_densities(friction[k : k + 1], std[k : k + 1], levels.numbers)[:, 0]
-        plain.append((max(0.0, 1.0 - inside / (nominal + anomalous)), std[k] / levels.reach))
-    assert np.stack([stray, relative], axis=1) == pytest.approx(np.array(plain), rel=1e-12)
+    configuration, friction = np.array([0, 1, 2, 1, 9]), np.array([0.5, 0.5, 1.0, np.nan, 0.5])
+    std, offset = np.full(5, 0.05), np.linspace(-0.2, 0.2, 5)
+    found = densities(configuration, friction, std, offset, model.numbers)
+    for k, known in enumerate([model.levels[0] is not None, True, True, False, False]):
+        assert np.isfinite(found[2, k]).all() == known
+        assert known or (found[:2, k] == 1.0).all()
+    for k in (1, 2):  # as of one level, the offset added to the value
+        level, spread = np.zeros(5, dtype=np.int64), np.full(5, std[k])
+        one = densities(level, friction[k] + offset, spread, np.zeros(1), model.levels[configuration[k]].numbers[None])
+        assert found[:, k] == pytest.approx(one[:, :, 0], rel=1e-12)
+    stray, relative = stray_probabilities(model, configuration, friction, std)
+    assert stray == pytest.approx(found[2, 1:3, 2], rel=1e-12)
+    assert relative == pytest.approx([0.05 / model.levels[q].reach for q in (1, 2)], rel=1e-12)
