@@ -63,7 +63,8 @@ class Band(Strict):
     def density(self, value: ArrayLike, std: ArrayLike) -> FloatArray:
         """Return the density of measuring `value` with standard deviation `std`; arrays of one shape."""
         alone = np.array([self.low, self.high, self.soft, np.nan, np.nan, np.nan, 0.0, 1.0])  # without strays
-        return _densities(np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64), alone)[0]
+        nominal, _ = _densities(np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64), alone)
+        return np.asarray(nominal)
 
 
 class Levels(Strict):

@@ -274,7 +274,6 @@ void bind_noise(nanobind::module_& module) {
     CONSTANT(GAUSSIAN_RATIO);
     KERNEL(quantiles_of);
     KERNEL(are_heavy);
-    KERNEL(learn_noise);
 }
 
 }  // namespace rwa

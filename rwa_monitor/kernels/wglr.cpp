@@ -2,10 +2,12 @@
 #include "detection.hpp"
 
 #include <cstring>
+#include <numeric>
 
 namespace rwa {
 namespace {
 constexpr int64_t STRETCH = 512;   // slots that are evaluated in one go at most; a multiple of STEP
+constexpr int64_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
 constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
@@ -107,93 +109,124 @@ void count_bins(int64_t* histogram, const double* statistic, int64_t first, int6
     }
 }
 
-// Add local maxima above `floor` to the list of peaks. A slot belongs to the last peak of its sign when it lies within
-// ±w of it: the larger of the two stays.
-void keep_peaks(
-    const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, int64_t w, double floor,
-    const PeakArrays& peaks) {
-    for (int64_t j = 0; j < count; ++j) {
-        if (statistic[j] <= floor) continue;
-        const int64_t k = first + j;
-        int64_t& open = peaks.open(scale, jump[j] > 0.0 ? 1 : 0);
-        int64_t last = open;
-        if (last < 0 || k - peaks.slots(last, PEAK_INDEX) > w) {
-            last = open = peaks.counters[COUNT_PEAKS]++;
-            peaks.slots(last, PEAK_SCALE) = scale;
-            peaks.slots(last, PEAK_CONFIRMED) = 0;
-        } else if (statistic[j] <= peaks.values(last, PEAK_STATISTIC)) {
-            continue;
-        }
-        peaks.slots(last, PEAK_INDEX) = k;
-        peaks.values(last, PEAK_STATISTIC) = statistic[j];
-        peaks.values(last, PEAK_JUMP) = jump[j];
-    }
-}
-
-// List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
-void confirm_peaks(int64_t stop, const ScanSettings& settings, const PeakArrays& peaks) {
-    int64_t settled = peaks.counters[COUNT_SETTLED];
-    const int64_t count = peaks.counters[COUNT_PEAKS];
-    for (int64_t p = settled; p < count; ++p) {
-        if (peaks.slots(p, PEAK_CONFIRMED) != 0) continue;
-        const int64_t scale = peaks.slots(p, PEAK_SCALE), w = settings.scales[scale];
-        if (peaks.slots(p, PEAK_INDEX) + w > stop - w) continue;  // the last slot with a statistic
-        peaks.slots(p, PEAK_CONFIRMED) = 1;
-        if (peaks.values(p, PEAK_STATISTIC) > settings.sure[scale]) {
-            peaks.confirmed[peaks.counters[COUNT_CONFIRMED]++] = p;
-        }
-    }
-    while (settled < count && peaks.slots(settled, PEAK_CONFIRMED) == 1) ++settled;
-    peaks.counters[COUNT_SETTLED] = settled;
-}
-
 // What `scan` has evaluated of one scale.
 struct Evaluated {
     int64_t first_right = 0;  // the first slot's end k + w
-    bool above = false;            // whether any statistic is above the floor
+    bool above = false;       // whether any statistic is above the floor
 };
 
 }  // namespace
 
-// Advance the detection over the slots [start, stop), as far as there is room for peaks; returns where it ended.
-int64_t scan(
-    Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings,
-    const ScanState& state, const PeakArrays& peaks, int64_t chunk_peaks) {
-    peaks.counters[COUNT_CONFIRMED] = 0;
-    const auto scales = settings.scales;
-    const int64_t room = std::min(STRETCH, std::max<int64_t>(stop - start, 0));
-    NewFloats values(2 * scales.size() * room);
-    std::vector<Evaluated> evaluated(scales.size());
-    for (int64_t begin = start; begin < stop;) {
-        const int64_t chunk = begin - begin % CHUNK;
-        if (begin == chunk && begin > start && peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.shape[0]) {
-            return begin;
+Detector::Detector(Integers half_widths)
+    : scales(half_widths.begin(), half_widths.end()), histogram({half_widths.size(), BINS}),
+      prefix({PREFIXES, HISTORY + CHUNK + 1}), open(scales.size(), {-1, -1}) {
+    // Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
+    double most = 0.0;
+    for (int64_t w : scales) most += 2.0 * CHUNK / static_cast<double>(w + 1);
+    chunk_peaks = static_cast<std::size_t>(std::ceil(most)) + 2 * scales.size();
+}
+
+// Add local maxima above `floor` to the list of peaks. A slot belongs to the last peak of its sign when it lies within
+// ±w of it: the larger of the two stays.
+void Detector::keep(
+    const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor) {
+    for (int64_t j = 0; j < count; ++j) {
+        if (statistic[j] <= floor) continue;
+        const ScannedPeak peak{scale, first + j, statistic[j], jump[j], false};
+        int64_t& last = open[scale][jump[j] > 0.0];
+        if (last < 0 || peak.index - peaks[last].index > scales[scale]) {
+            last = peaks.size();
+            peaks.push_back(peak);
+        } else if (peak.statistic > peaks[last].statistic) {
+            const bool final = peaks[last].final;
+            peaks[last] = peak;
+            peaks[last].final = final;
         }
-        const int64_t end = std::min({begin + STRETCH, chunk + CHUNK, stop});
-        fill_prefix(state.prefix, x, z, used, chunk, begin, end, settings.slope);
-        for (int64_t s = 0; s < scales.size(); ++s) {
+    }
+}
+
+// List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
+void Detector::confirm(int64_t stop, Floats sure) {
+    for (std::size_t p = settled; p < peaks.size(); ++p) {
+        ScannedPeak& peak = peaks[p];
+        if (peak.final || peak.index + 2 * scales[peak.scale] > stop) continue;  // the last slot with a statistic
+        peak.final = true;
+        if (peak.statistic > sure[peak.scale]) confirmed.push_back(peak);
+    }
+    while (settled < peaks.size() && peaks[settled].final) ++settled;
+}
+
+// Keep the strongest peaks, half as many as there are, and those that are still open.
+void Detector::prune(Floats variances) {
+    NewFloats strength;
+    for (const ScannedPeak& peak : peaks) {
+        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITY);
+    }
+    for (const auto& of_scale : open) {
+        for (int64_t last : of_scale) {
+            if (last >= 0) strength[last] = INFINITY;
+        }
+    }
+    NewIntegers kept(peaks.size()), place(peaks.size(), -1);
+    std::iota(kept.begin(), kept.end(), 0);
+    std::stable_sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return strength[a] > strength[b]; });
+    kept.resize(peaks.size() / 2);
+    std::sort(kept.begin(), kept.end());
+    for (std::size_t i = 0; i < kept.size(); ++i) {
+        peaks[i] = peaks[kept[i]];
+        place[kept[i]] = i;
+    }
+    peaks.resize(kept.size());
+    for (auto& of_scale : open) {
+        for (int64_t& last : of_scale) last = last >= 0 ? place[last] : -1;
+    }
+    settled = 0;
+}
+
+void Detector::scan(
+    Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings) {
+    confirmed.clear();
+    const int64_t count_scales = scales.size(), room = std::min(STRETCH, std::max<int64_t>(stop - start, 0));
+    NewFloats values(2 * count_scales * room);
+    std::vector<Evaluated> evaluated(count_scales);
+    for (int64_t begin = start, end; begin < stop; begin = end) {
+        const int64_t chunk = begin - begin % CHUNK;
+        // Only where a chunk begins: what is left out must not depend on how slots arrive.
+        if (begin == chunk && peaks.size() + chunk_peaks > static_cast<std::size_t>(MOST_PEAKS)) prune(settings.variances);
+        end = std::min({begin + STRETCH, chunk + CHUNK, stop});
+        fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
+        for (int64_t s = 0; s < count_scales; ++s) {
             const int64_t w = scales[s], right = std::max(begin + 1, 2 * w), count = end - right + 1;
             evaluated[s] = {right, false};
             if (count <= 0) continue;
             double* const statistic = &values[2 * s * room];
-            evaluate(state.prefix, HISTORY + right - chunk, w, settings.weight, count, statistic, statistic + room);
+            evaluate(prefix, HISTORY + right - chunk, w, settings.weight, count, statistic, statistic + room);
             evaluated[s].above = exceeds(statistic, count, settings.floors[s]);  // in few stretches
-            if (counting) count_bins(&state.histogram(s, 0), statistic, right - w, count, counted_every(w));
+            if (counting) count_bins(&histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
         for (int64_t step = begin; step < end; step += STEP) {
             const int64_t step_end = std::min(step + STEP, end);
-            for (int64_t s = 0; s < scales.size(); ++s) {
+            for (int64_t s = 0; s < count_scales; ++s) {
                 if (!evaluated[s].above) continue;
                 const int64_t w = scales[s], right = std::max(step + 1, evaluated[s].first_right);
                 const double* statistic = &values[2 * s * room] + (right - evaluated[s].first_right);
-                keep_peaks(
-                    statistic, statistic + room, right - w, step_end + 1 - right, s, w, settings.floors[s], peaks);
+                keep(statistic, statistic + room, right - w, step_end + 1 - right, s, settings.floors[s]);
             }
-            confirm_peaks(step_end, settings, peaks);
+            confirm(step_end, settings.sure);
         }
-        begin = end;
     }
-    return stop;
+}
+
+std::vector<Peak> Detector::above(double threshold, Floats variances) const {
+    std::vector<Peak> found;
+    for (const auto& [scale, index, value, jump, final] : peaks) {
+        const double statistic = value / variances[scale];
+        if (statistic >= threshold) found.push_back({index, scales[scale], statistic, jump});
+    }
+    std::stable_sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
+        return std::tie(a.index, a.scale) < std::tie(b.index, b.scale);
+    });
+    return found;
 }
 
 // Statistic and jump of one scale at every slot of a whole array; NaN where a half leaves the array or lacks samples.
@@ -214,41 +247,18 @@ std::tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t sc
     return {std::move(statistic), std::move(jump)};
 }
 
-std::vector<Peak> peaks_above(
-    Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales, Floats variances,
-    double threshold) {
-    std::vector<Peak> found;
-    for (int64_t p = 0; p < count; ++p) {
-        const int64_t s = slots(p, PEAK_SCALE);
-        const double statistic = values(p, PEAK_STATISTIC) / variances[s];
-        if (statistic >= threshold) found.push_back({slots(p, PEAK_INDEX), scales[s], statistic, values(p, PEAK_JUMP)});
-    }
-    std::stable_sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
-        return std::tie(a.index, a.scale) < std::tie(b.index, b.scale);
-    });
-    return found;
-}
-
 void bind_wglr(nanobind::module_& module) {
     CONSTANT(CHUNK);
     CONSTANT(STEP);
     CONSTANT(MAX_SCALE);
-    CONSTANT(HISTORY);
-    CONSTANT(PREFIXES);
+    CONSTANT(MOST_PEAKS);
     CONSTANT(BINS);
     CONSTANT(BINS_PER_OCTAVE);
     CONSTANT(LOWEST_EXPONENT);
-    CONSTANT(PEAK_SCALE);
-    CONSTANT(PEAK_CONFIRMED);
-    CONSTANT(PEAK_STATISTIC);
-    CONSTANT(COUNT_PEAKS);
-    CONSTANT(COUNT_SETTLED);
-    KERNEL(scan);
     KERNEL(wglr);
-    module.def("peaks_above", [](Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales,
-                                 Floats variances, double threshold) {
-        return columns_of(peaks_above(slots, values, count, scales, variances, threshold));
-    });
+    nanobind::class_<Detector>(module, "Detector")
+        .def(nanobind::init<Integers>())
+        .def("scan", &Detector::scan);
 }
 
 }  // namespace rwa
