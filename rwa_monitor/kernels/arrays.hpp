@@ -19,6 +19,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -47,6 +48,7 @@
 
 namespace rwa {
 using std::int64_t;
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 template <typename T, std::size_t N>
 struct Array {

@@ -4,11 +4,9 @@
 #include "arrays.hpp"
 
 #include <cmath>
-#include <limits>
 
 namespace rwa {
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr int64_t REJECT = 0, NO_SYSTEM = 1;         // the first two rows of every table of actions
 constexpr int64_t STEPS = 6;                         // that a system can take at a candidate, see `step_from`
 constexpr int64_t REJECTED = -1, UNATTRIBUTED = -2;  // in place of a system: no changepoint; one that none made
@@ -90,6 +88,21 @@ inline bool possible(const Step& step, int64_t configurations) {
     return std::min(step.before, step.after) >= 0 && std::max(step.before, step.after) < configurations;
 }
 
+// Call `visit(system, step number)` for each system that steps in an action.
+template <typename Visit>
+void each_step(Matrix<const int64_t> actions, int64_t action, Visit visit) {
+    for (int place : {0, 2}) {
+        if (actions(action, place) >= 0) visit(actions(action, place), actions(action, place + 1));
+    }
+}
+
+// Configurations of all systems at the window's begin, by their number; the last system counts fastest.
+inline NewIntegers start_of(int64_t number, Integers configurations) {
+    NewIntegers start(configurations.size());
+    for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) start[s] = number % configurations[s];
+    return start;
+}
+
 // log P of a sojourn of system s in q from one node to each other, and of the jump that was skipped at its end.
 inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, int64_t since, const Step& step) {
     return step.skipped == 0 ? &scores.jump(s, q, since, 0) : &scores.missed(s, q, step.skipped - 1, since, 0);
@@ -108,10 +121,14 @@ std::tuple<Bounds, Worth> free_bounds(const Scores& scores);
 // Make the bounds `rest_fit` and `own` those with prices from a complete path: its start and the actions taken.
 void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds);
 
-// The entries kept as a tree (the entry before, and the action; at the root the start), and the complete paths (last
-// entry and score); how many entries were expanded, and the highest bound of what the budget cut.
+// The entries kept as a tree, and the complete paths (last entry and score); how many entries were expanded, and the
+// highest bound of what the budget cut.
 struct Expansion {
-    std::vector<std::int32_t> parent, action, last;
+    struct Node {
+        int64_t before, action;  // at the root the number of the start
+    };
+    std::vector<Node> tree;
+    NewIntegers last;
     NewFloats score;
     int64_t expanded = 0;
     double lost = -INFINITE;

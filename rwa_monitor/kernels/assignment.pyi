@@ -1,7 +1,8 @@
 from typing import Final
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.assignment import Knowns, Scores
+from rwa_monitor.switching.assignment import Scores
+from rwa_monitor.switching.friction_model import Cases
 
 REJECT: Final[int]
 NO_SYSTEM: Final[int]
@@ -67,7 +68,16 @@ def switching_path(
     """
 
 def weigh(
-    scores: Scores, start: IntArray, taken: IntArray, index: IntArray, pairs: FloatArray, knowns: Knowns
+    scores: Scores,
+    start: IntArray,
+    taken: IntArray,
+    index: IntArray,
+    pairs: FloatArray,
+    slots: int,
+    table: FloatArray,
+    cases: Cases,
+    variance: float,
+    scatter: float,
 ) -> tuple[_FlatPath, IntArray, IntArray, IntArray, FloatArray, float, float]:
     """Weigh a path by its full likelihood.
 
@@ -77,8 +87,12 @@ def weigh(
         As for `switching_path`.
     pairs
         The sufficient statistics between all pairs of nodes, see `segments.Level`.
-    knowns
-        What is known before the window.
+    slots
+        Length of the window.
+    table, cases
+        What is known before it, see `friction_model.prior_tables`.
+    variance, scatter
+        See `friction_model.solve`.
 
     Returns
     -------

@@ -158,16 +158,14 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
             continue;
         }
         double cost = 0.0, systems = 0.0;
-        for (int place : {0, 2}) {
-            const auto s = scores.actions(action, place);
-            if (s < 0) continue;
-            const Step step = step_from(configuration[s], scores.actions(action, place + 1));
+        each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+            const Step step = step_from(configuration[s], number);
             cost -= sojourn_laws(scores, s, configuration[s], since[s], step)[node] +
                     scores.turn(s, step.before, step.direction) +
                     std::max(worth.single(s, step.before, step.direction, node), LEAST_WORTH);
             systems += 1.0;
             configuration[s] = step.after, since[s] = node;
-        }
+        });
         price[node] = cost / systems;
     }
     return price;

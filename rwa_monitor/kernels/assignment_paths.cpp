@@ -10,15 +10,6 @@ namespace {
 
 using IndexTable = Table<int64_t, 2>;
 
-// See assignment.Knowns.
-struct Knowns {
-    int64_t slots;
-    Array<const double, 3> table;
-    Cases cases;
-    double variance, scatter;
-    auto fields() { return std::tie(slots, table, cases, variance, scatter); }
-};
-
 // Paths, best first: configurations at the window's begin and actions; entries expanded, highest bound of what was cut.
 struct Found {
     NewFloats score;
@@ -30,21 +21,19 @@ struct Found {
 // The best of all expanded paths, traced back from their leaves in the tree.
 Found search_once(
     const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept, int64_t paths) {
-    const Expansion tree = expand(scores, bounds, cutoff, budget, kept);
-    NewIntegers best(tree.score.size());
+    const Expansion all = expand(scores, bounds, cutoff, budget, kept);
+    NewIntegers best(all.score.size());
     std::iota(best.begin(), best.end(), 0);
-    std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return tree.score[a] > tree.score[b]; });
+    std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
     const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
     const int64_t count = std::min<int64_t>(best.size(), paths);
-    Found found{NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), tree.expanded, tree.lost};
+    Found found{NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
     for (int64_t path = 0; path < count; ++path) {
-        found.score[path] = tree.score[best[path]];
-        auto node = tree.last[best[path]];
-        for (auto k = candidates - 1; k >= 0; --k, node = tree.parent[node]) found.taken(path, k) = tree.action[node];
-        int64_t number = tree.action[node];  // of the start; the last system counts fastest
-        for (auto s = systems - 1; s >= 0; number /= scores.configurations[s--]) {
-            found.start(path, s) = number % scores.configurations[s];
-        }
+        found.score[path] = all.score[best[path]];
+        const Expansion::Node* node = &all.tree[all.last[best[path]]];
+        for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
+        const NewIntegers start = start_of(node->action, scores.configurations);
+        std::copy(start.begin(), start.end(), found.start.row(path).begin());
     }
     return found;
 }
@@ -65,7 +54,7 @@ std::tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
 
 // The part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
 double add_up_laws(const Scores& scores, Integers start, Integers taken) {
-    std::vector<int64_t> configuration(start.begin(), start.end()), since(start.size());
+    NewIntegers configuration(start.begin(), start.end()), since(start.size());
     double total = 0.0, staying = 0.0;
     for (int64_t node = 1; node <= taken.size(); ++node) {
         const auto action = taken[node - 1];
@@ -73,14 +62,12 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
             total += scores.priors[action];
             continue;
         }
-        for (int place : {0, 2}) {
-            const auto s = scores.actions(action, place);
-            if (s < 0) continue;
-            const Step step = step_from(configuration[s], scores.actions(action, place + 1));
+        each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+            const Step step = step_from(configuration[s], number);
             total += sojourn_laws(scores, s, configuration[s], since[s], step)[node];
             total += scores.turn(s, step.before, step.direction);
             configuration[s] = step.after, since[s] = node;
-        }
+        });
         if (scores.actions(action, 2) >= 0) total += scores.priors[2];
     }
     for (int64_t s = 0; s < start.size(); ++s) staying += scores.stay(s, configuration[s], since[s]);
@@ -135,14 +122,14 @@ std::tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
 // A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
 // its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
 std::tuple<NewPath, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
-    const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs,
-    const Knowns& knowns) {
+    const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs, int64_t slots,
+    Array<const double, 3> table, const Cases& cases, double variance, double scatter) {
     auto [path, borders, system, direction] = switching_path(scores.actions, index, start, taken);
     auto statistics = chain_of(pairs, borders);
-    for (auto& node : borders) node = node == 0 ? 0 : node > index.size() ? knowns.slots : index[node - 1];
+    for (auto& node : borders) node = node == 0 ? 0 : node > index.size() ? slots : index[node - 1];
     const double log_evidence = evidence_of_cases(
-        {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, knowns.table, statistics,
-        knowns.cases, knowns.variance, knowns.scatter);
+        {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, table, statistics, cases,
+        variance, scatter);
     return {std::move(path),       std::move(system), std::move(direction), std::move(borders),
             std::move(statistics), log_evidence,      add_up_laws(scores, start, taken) + log_evidence};
 }

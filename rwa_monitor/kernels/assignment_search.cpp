@@ -25,22 +25,22 @@ struct State {
 // A partial assignment: its state, score and node in the tree; mean and variance of each system's friction.
 struct Entry {
     State state;
-    std::int32_t node;
+    int64_t node;
     double score;
     std::array<double, MOST_SYSTEMS> mean{}, variance{};
 };
 
 // An extension of an entry, and the bound of the complete paths through it.
 struct Offer {
-    std::int32_t entry, action;
+    int64_t entry, action;
     double score, bound;
 };
 
 // A state of the next stage with its best offers, best first.
 struct Merged {
     State state;
-    std::int32_t kept = 0;
-    std::array<std::int32_t, MOST_KEPT> best{};
+    int64_t kept = 0;
+    std::array<int64_t, MOST_KEPT> best{};
 };
 
 // What a step of a system is worth: log-probability, change of its own bound, mean and variance of the jump.
@@ -56,24 +56,23 @@ double bound_of_systems(const Bounds& bounds, const State& state, int64_t system
 }
 
 // Enter all configurations that the systems may be in at the window's begin.
-std::vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& tree) {
+std::vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
     const auto systems = scores.configurations.size();
     std::vector<Entry> entries;
-    for (int64_t start = 0; start < starts; ++start) {
+    for (int64_t number = 0; number < starts; ++number) {
+        const NewIntegers start = start_of(number, scores.configurations);
         Entry entry;
-        for (int64_t s = systems - 1, rest = start; s >= 0; rest /= scores.configurations[s--]) {
-            const int64_t q = rest % scores.configurations[s];
-            entry.state.configuration[s] = static_cast<std::int16_t>(q);
-            entry.mean[s] = scores.law_mean(s, q), entry.variance[s] = scores.law_variance(s, q);
-        }
         double by_own = bounds.rest_fit(0, 0);
-        for (int64_t s = 0; s < systems; ++s) by_own += bounds.own(s, entry.state.configuration[s], 0, 0);
+        for (int64_t s = 0; s < systems; ++s) {
+            entry.state.configuration[s] = start[s];
+            entry.mean[s] = scores.law_mean(s, start[s]), entry.variance[s] = scores.law_variance(s, start[s]);
+            by_own += bounds.own(s, start[s], 0, 0);
+        }
         if (!(std::min(bounds.rest(0, 0), by_own) >= cutoff)) continue;
         entry.score = 0.0;
-        entry.node = static_cast<std::int32_t>(tree.parent.size());
+        entry.node = found.tree.size();
         entries.push_back(entry);
-        tree.parent.push_back(-1);
-        tree.action.push_back(static_cast<std::int32_t>(start));
+        found.tree.push_back({-1, number});
     }
     return entries;
 }
@@ -138,7 +137,7 @@ void list_offers(
         const auto offer = [&](int64_t action, double score, double follows) {
             const double bound = score + follows;
             if (bound >= cutoff && (bound > -INFINITE || action == REJECT)) {
-                offers.push_back({static_cast<std::int32_t>(at), static_cast<std::int32_t>(action), score, bound});
+                offers.push_back({static_cast<int64_t>(at), action, score, bound});
             }
         };
         const double fit = scores.fit(last, k);
@@ -174,14 +173,11 @@ void list_offers(
 // The state that an action at candidate k makes of one.
 State moved(const Scores& scores, State state, int64_t k, int64_t action) {
     if (action == REJECT) return state;
-    state.last = static_cast<std::int16_t>(k);
-    for (int place : {0, 2}) {
-        const auto s = scores.actions(action, place);
-        if (s < 0) continue;
-        auto& q = state.configuration[s];
-        q = static_cast<std::int16_t>(step_from(q, scores.actions(action, place + 1)).after);
-        state.since[s] = static_cast<std::int16_t>(k);
-    }
+    state.last = k;
+    each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+        state.configuration[s] = step_from(state.configuration[s], number).after;
+        state.since[s] = k;
+    });
     return state;
 }
 
@@ -195,7 +191,7 @@ std::uint64_t hash(const State& state, int64_t systems) {
 }
 
 // Put an offer among the best of its state, after those that score as much.
-void keep(const std::vector<Offer>& offers, std::int32_t offer, std::int32_t most, Merged& merged) {
+void keep(const std::vector<Offer>& offers, int64_t offer, int64_t most, Merged& merged) {
     auto& [state, kept, best] = merged;
     const double score = offers[offer].score;
     if (kept < most) {
@@ -211,7 +207,7 @@ void keep(const std::vector<Offer>& offers, std::int32_t offer, std::int32_t mos
 // Bring the first `room` offers that reach the cutoff together by state, which `table` finds by its hash.
 void merge(
     const Scores& scores, int64_t k, double cutoff, std::size_t room, const std::vector<Entry>& entries,
-    const std::vector<Offer>& offers, int64_t kept, std::vector<std::int32_t>& table, std::vector<Merged>& merged) {
+    const std::vector<Offer>& offers, int64_t kept, NewIntegers& table, std::vector<Merged>& merged) {
     std::size_t slots = 16, taken = 0;
     while (slots < 2 * std::min(room, offers.size())) slots *= 2;
     table.assign(slots, -1);
@@ -223,10 +219,10 @@ void merge(
         auto place = hash(state, scores.configurations.size()) & (slots - 1);
         while (table[place] >= 0 && !(merged[table[place]].state == state)) place = (place + 1) & (slots - 1);
         if (table[place] < 0) {
-            table[place] = static_cast<std::int32_t>(merged.size());
+            table[place] = merged.size();
             merged.push_back({state});
         }
-        keep(offers, static_cast<std::int32_t>(offer), static_cast<std::int32_t>(kept), merged[table[place]]);
+        keep(offers, offer, kept, merged[table[place]]);
     }
 }
 
@@ -235,25 +231,21 @@ void merge(
 void learn(const Scores& scores, const State& before, int64_t k, int64_t action, Entry& entry) {
     if (action == REJECT) return;
     double surprise = scores.size[k - 1], total = scores.size_variance[k - 1];
-    for (int place : {0, 2}) {
-        const auto s = scores.actions(action, place);
-        if (s < 0) continue;
-        const Step step = step_from(before.configuration[s], scores.actions(action, place + 1));
+    each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+        const Step step = step_from(before.configuration[s], number);
         double &mean = entry.mean[s], &variance = entry.variance[s];
         surprise += step.skipped == 0 ? mean : scores.law_mean(s, step.before);
         total += step.skipped == 0 ? variance : scores.law_variance(s, step.before);
         mean = scores.law_mean(s, step.after), variance = scores.law_variance(s, step.after);
         surprise -= mean;
         total += variance;
-    }
+    });
     if (!scores.sized) return;
-    for (int place : {0, 2}) {
-        const auto s = scores.actions(action, place);
-        if (s < 0) continue;
+    each_step(scores.actions, action, [&](int64_t s, int64_t) {
         const double share = entry.variance[s] / total;
         entry.mean[s] += share * surprise;
         entry.variance[s] *= 1.0 - share;
-    }
+    });
 }
 
 }  // namespace
@@ -267,7 +259,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     Expansion found;
     std::vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
     std::vector<Offer> offers;
-    std::vector<std::int32_t> table;
+    NewIntegers table;
     std::vector<Merged> merged;
     for (int64_t k = 1; k <= candidates; ++k) {
         // One more than there is room for: the best that is cut shows whether the search missed anything.
@@ -283,16 +275,15 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
         merge(scores, k, stage_cutoff, room, entries, offers, kept, table, merged);
         following.clear();
         for (const Merged& one : merged) {
-            for (std::int32_t rank = 0; rank < one.kept; ++rank) {
+            for (int64_t rank = 0; rank < one.kept; ++rank) {
                 const Offer& offer = offers[one.best[rank]];
                 const Entry& before = entries[offer.entry];
                 Entry& entry = following.emplace_back(before);
                 learn(scores, before.state, k, offer.action, entry);
                 entry.state = one.state;
                 entry.score = offer.score;
-                entry.node = static_cast<std::int32_t>(found.parent.size());
-                found.parent.push_back(before.node);
-                found.action.push_back(offer.action);
+                entry.node = found.tree.size();
+                found.tree.push_back({before.node, offer.action});
             }
         }
         std::swap(entries, following);

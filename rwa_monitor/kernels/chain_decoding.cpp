@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace rwa {
 namespace {
@@ -15,7 +14,6 @@ constexpr double BROAD_SHARE = 0.03;    // of the sojourns, as far from the othe
 constexpr double BROAD_SIGMA = 2.3;
 constexpr double NEVER = 1e-300;  // a probability whose logarithm is finite
 constexpr double TWO_PI = 2.0 * 3.141592653589793;
-constexpr double INF = std::numeric_limits<double>::infinity();
 constexpr int64_t MOST_SYSTEMS = 3;
 constexpr int64_t PARTS = 1 + MOST_SYSTEMS;  // of a level: the base, then what each system adds
 
@@ -193,7 +191,7 @@ void ways_on(
                 log_gauss(record.level[j] - expected, spread + record.variance[j]) + std::log(1.0 - OUTLIER_SHARE);
             for (bool outlier : {false, true}) {
                 const double value = track.score + worth + (outlier ? doubt : plain);
-                if (value > -INF) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
+                if (value > -INFINITE) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
             }
         }
     }

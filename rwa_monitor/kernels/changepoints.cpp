@@ -2,7 +2,6 @@
 #include "detection.hpp"
 
 #include <cstdlib>
-#include <limits>
 
 namespace rwa {
 namespace {
@@ -141,7 +140,7 @@ int64_t refine_in_colour(
     const double alone = 1.0 - correlation * correlation;  // weight of a sample whose neighbour is masked
     const int64_t first = std::max(low + 1, k - reach), last = std::min(high - 1, k + reach);
     int64_t best = k;
-    double cost = 0.0, best_cost = std::numeric_limits<double>::infinity();
+    double cost = 0.0, best_cost = INFINITE;
     for (int64_t at = first; at <= last; ++at) {
         if (!sums.used[at]) continue;
         if (cost < best_cost) {

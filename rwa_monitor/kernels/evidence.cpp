@@ -88,7 +88,7 @@ bool is_odd_power(int64_t chunks) {
 struct Window {
     Window(const WindowArrays& arrays, const WindowSettings& settings, Integers scales)
         : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
-          floors(scales.size(), INFINITY), sure(scales.size(), INFINITY) {
+          floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
         announced.fill(FAR_AWAY);
         block_sums = Table<double, 2>({blocks_before(a.x.size()), LAGS});
         block_pairs = Table<double, 2>(block_sums.shape);
@@ -103,7 +103,7 @@ struct Window {
     // chance. A tail is known to a factor: twice that is sure, half of it is worth keeping.
     void set_outlier(double outlier) {
         for (std::size_t s = 0; s < variances.size(); ++s) {
-            floors[s] = sure[s] = INFINITY;
+            floors[s] = sure[s] = INFINITE;
             if (!std::isfinite(variances[s])) continue;
             const double by_chance = outlier * outlier / (2.0 * static_cast<double>(detector.scales[s]));
             floors[s] = std::max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);

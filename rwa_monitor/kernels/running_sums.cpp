@@ -1,7 +1,6 @@
 // Running sums; slope and residuals of friction over them (rwa_monitor/changepoints/running_sums.py, estimation.py).
 #include "detection.hpp"
 
-#include <limits>
 
 namespace rwa {
 namespace {
@@ -84,7 +83,7 @@ std::tuple<double, double> slope_within(
         sxx += weight;
         sxz += weight * prior_mean;
     }
-    if (sxx == 0.0) return {0.0, std::numeric_limits<double>::infinity()};
+    if (sxx == 0.0) return {0.0, INFINITE};
     return {sxz / sxx, std::sqrt(variance / sxx)};
 }
 

@@ -3,13 +3,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
 
 namespace rwa {
 namespace {
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr int64_t COARSE_FROM = 2000;  // samples from which jumps are first looked for between blocks
 constexpr int64_t BLOCK = 4;           // samples to a block
 constexpr int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried

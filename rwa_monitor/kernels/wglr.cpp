@@ -160,11 +160,11 @@ void Detector::confirm(int64_t stop, Floats sure) {
 void Detector::prune(Floats variances) {
     NewFloats strength;
     for (const ScannedPeak& peak : peaks) {
-        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITY);
+        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITE);
     }
     for (const auto& of_scale : open) {
         for (int64_t last : of_scale) {
-            if (last >= 0) strength[last] = INFINITY;
+            if (last >= 0) strength[last] = INFINITE;
         }
     }
     NewIntegers kept(peaks.size()), place(peaks.size(), -1);
