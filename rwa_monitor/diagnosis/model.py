@@ -17,7 +17,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities, strays
+from rwa_monitor.kernels.laws import LEVEL_NUMBERS, densities
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
 from rwa_monitor.wheel.toml import Strict
@@ -62,8 +62,9 @@ class Band(Strict):
 
     def density(self, value: ArrayLike, std: ArrayLike) -> FloatArray:
         """Return the density of measuring `value` with standard deviation `std`; arrays of one shape."""
-        at, sigma = np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64)
-        return np.asarray(band_densities(at.ravel(), sigma.ravel(), self.low, self.high, self.soft)).reshape(at.shape)
+        alone = np.array([self.low, self.high, self.soft, np.nan, np.nan, np.nan, 0.0, 1.0])  # without strays
+        nominal, _ = _densities(np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64), alone)
+        return np.asarray(nominal)
 
 
 class Levels(Strict):
@@ -334,6 +335,8 @@ def built_in_model() -> Model:
 
 # ---- likelihoods of what a window shows, each value with its own standard deviation ----------------------------------
 
+_NO_OFFSET: Final[FloatArray] = np.zeros(1)
+
 
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
     """Return the log density of measured values under nominal (row 0) and anomalous (row 1), float64 (2, …).
@@ -345,7 +348,14 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     """
     if value.shape != std.shape:
         value, std = np.broadcast_arrays(value, std)
-    return np.log(level_densities(value.ravel(), std.ravel(), levels.numbers)[:2]).reshape(2, *value.shape)
+    return np.log(_densities(value, std, levels.numbers))
+
+
+def _densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Return the densities of measured values of one level, float64 (2, …)."""
+    level = np.zeros(value.size, dtype=np.int64)
+    found = densities(level, value.ravel(), std.ravel(), _NO_OFFSET, numbers[np.newaxis])
+    return found[:2].reshape(2, *value.shape)
 
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: FloatArray) -> FloatArray:
@@ -353,7 +363,7 @@ def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: 
     configuration, friction, std = system.active()
     if model is None or friction.size == 0:
         return np.zeros((2, offset.size))
-    log_density = np.log(sojourn_densities(configuration, friction, std, offset, model.numbers))
+    log_density = np.log(densities(configuration, friction, std, offset, model.numbers)[:2])
     # One after the other: the sum's last bit must not depend on how many there are.
     return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
 
@@ -370,5 +380,6 @@ def stray_probabilities(
     configuration, value, std
         (n,); values of configurations that were not learned, and those that are not finite, are left out.
     """
-    stray, relative = strays(configuration, value, std, model.numbers)
-    return stray, relative
+    stray = densities(configuration, value, std, _NO_OFFSET, model.numbers)[2, :, 0]
+    known = np.isfinite(stray)
+    return stray[known], std[known] / model.numbers[configuration[known], LEVEL_NUMBERS - 1]
