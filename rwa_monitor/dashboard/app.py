@@ -359,10 +359,9 @@ class Api:
         retired = self._history.retired
 
         def change() -> RetirementEvent:
-            if not who.aside:
-                return retired.restore(spacecraft, wheel, who.name, who.note)
-            self._check_quiet(spacecraft, wheel)
-            return retired.retire(spacecraft, wheel, who.name, who.note)
+            if who.aside:
+                self._check_quiet(spacecraft, wheel)
+            return retired.change(spacecraft, wheel, who.name, who.note, retire=who.aside)
 
         event = await run_in_threadpool(change)
         self.notifier.hub.post(record_entry(event, "aside"))
