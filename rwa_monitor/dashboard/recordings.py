@@ -26,7 +26,8 @@ from rwa_monitor.monitor.setup import COMMON, WheelSet
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
-SHOWN: Final[dict[str, type[Message]]] = {shown.schema_name(): shown for shown in (SamplesMessage, *REPORTS)}
+SHOWN: Final[dict[str, type[Message]]] = {report.schema_name(): report for report in REPORTS}
+SHOWN[SamplesMessage.schema_name()] = SamplesMessage
 
 
 class RecordingFile(Message):
