@@ -316,24 +316,17 @@ class Api:
 
     def wheel(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
+        parts = dict.fromkeys(WheelNow.model_fields, b"null") | {"changepoints": b"[]"}
         known = self._fleet.wheel(spacecraft, wheel)
-        samples = discrepancy = status = None
-        jumps: list[bytes] = []
         if known is not None:
             with self._fleet.lock:
-                samples, jumps = known.decimated.message(), [entry.payload for entry in known.provisional]
-                discrepancy, status = (
-                    known.latest[kind].payload if kind in known.latest else None
-                    for kind in (Discrepancy.kind, Status.kind)
-                )
+                parts["samples"] = known.decimated.message()
+                parts["changepoints"] = array_json(entry.payload for entry in known.provisional)
+                parts |= {kind: known.latest[kind].payload for kind in parts if kind in known.latest}
         elif (spacecraft, wheel) not in self._history.wheels():
             raise HTTPException(404, "no such wheel")
-        parts = {
-            "samples": samples or b"null",
-            "changepoints": array_json(jumps),
-            "discrepancy": discrepancy or self._history.discrepancy(spacecraft, wheel) or b"null",
-            "status": status or b"null",
-        }
+        if parts["discrepancy"] == b"null":
+            parts["discrepancy"] = self._history.discrepancy(spacecraft, wheel) or b"null"
         return _json(b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}")
 
     def windows(

@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.dashboard.feed import array_json
-from rwa_monitor.dashboard.fleet import Fleet, Received, thinned_json
+from rwa_monitor.dashboard.fleet import KINDS, Fleet, Received, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, split_key
+from rwa_monitor.messages import Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, split_key
 from rwa_monitor.monitor.recording.reader import (
     RECORDING_SUFFIX,
     Recording,
@@ -26,8 +26,7 @@ from rwa_monitor.monitor.setup import COMMON, WheelSet
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
-SHOWN: Final[dict[str, type[Message]]] = {report.schema_name(): report for report in REPORTS}
-SHOWN[SamplesMessage.schema_name()] = SamplesMessage
+SHOWN: Final = {kind.schema_name(): kind for kind in KINDS.values()}
 
 
 class RecordingFile(Message):
