@@ -21,7 +21,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.untested import Detectable, as_a_part, detectable_strengths, not_testable
-from rwa_monitor.reporting import number_formats
+from rwa_monitor.reporting.number_formats import in_words, measure, probability
 from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.catalogue import effect_class
@@ -81,16 +81,16 @@ def _name_in_words(effect: FoundEffect) -> str:
 def p_in_words(search: Search, effect: FoundEffect) -> str:
     """Return a p-value, with "≤" where the table of nulls goes no further."""
     floor = built_in_null_distribution().floor(effect.family, derived=search.problem.friction_is_derived)
-    return f"{'≤ ' if effect.p_value <= floor else ''}{number_formats.probability(effect.p_value)}"
+    return f"{'≤ ' if effect.p_value <= floor else ''}{probability(effect.p_value)}"
 
 
 def steps_in_words(problem: Problem) -> str:
     """Return in what steps the torque was read, and how coarse they are beside the noise; "" where they are fine."""
-    in_words = []
+    found = []
     for steps in {record.steps: None for record in problem.records if record.steps is not None}:
-        size, share = number_formats.measure(steps.size, None, steps.unit), steps.torque_Nm / problem.noise.std
-        in_words.append(f"{steps.channel} is quantised in steps of {size}, {share:.2g} σ of the noise")
-    return "; ".join(in_words)
+        size, share = measure(steps.size, None, steps.unit), steps.torque_Nm / problem.noise.std
+        found.append(f"{steps.channel} is quantised in steps of {size}, {share:.2g} σ of the noise")
+    return "; ".join(found)
 
 
 def noise_gains(search: Search) -> list[tuple[str, float]]:
@@ -189,49 +189,23 @@ def plan_lines(planned: Plan) -> Iterator[str]:
 
 def html(search: Search, sources: list[str], build: str = "") -> str:
     """Return the report as an HTML page; `sources` names the recordings, `build` the source of the program."""
-    views = all_views(search.problem, search.base, search.extended)
-    extended = bool(search.extended.terms)
-    extension = extend(search)
     folder = jinja2.FileSystemLoader(TEMPLATE.parent)
     environment = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["torque"] = lambda value: number_formats.measure(value, None, "N m")
-    environment.filters["probability"] = number_formats.probability
-    environment.globals["measure"] = number_formats.measure
-    environment.globals["in_words"] = number_formats.in_words
-    nested = nested_models(search)
-    facts: dict[str, Any] = {
-        "result": search.result,
-        "sentence": sentence(search.result),
-        "sources": sources,
-        "wheel": search.wheel,
-        "samples": search.problem.size,
-        "left_out": left_out_in_words(search.problem.records),
-        "steps": steps_in_words(search.problem),
-        "clipped": round(search.problem.clipped_share * search.problem.size),
-        "noise_std_Nm": search.problem.noise.std,
-        "software": f"{SOFTWARE}, build {build}" if build else SOFTWARE,
-        "effect_class": effect_class,
-        "kinds": KINDS,
-        "nested": nested,
-        "plan": plan(search),
-        "detectable": absent_effects(search),
-        "not_testable": not_testable(search.problem, CANDIDATES, search.result.untested),
-        "p_values": {effect.name: p_in_words(search, effect) for effect in search.result.effects},
-        "noise_gains": noise_gains(search),
-        "sure_p": SURE_P,
-        "accept_gain": f"{ACCEPT_GAIN:.0f}",
-        "overlay": _picture("overlay", search),
-        "friction_over_speed": _picture("friction_over_speed", search),
-        "formulas": {
-            effect.name: _picture("formula", effect_class(effect.name).formula, tight=True)
-            for effect in search.result.effects
-        },
-        "gains_picture": _picture("gains_picture", search) if extended else "",
-        "views": [(view, _picture("view_picture", view, both=extended)) for view in views],
-        "extended_toml": extension.to_toml() if extended else "",
-        "laws": laws_in_words(extension) if extended else [],
+    environment.filters |= {"torque": lambda value: measure(value, None, "N m"), "probability": probability}
+    environment.globals |= {
+        used.__name__: used
+        for used in (absent_effects, effect_class, in_words, laws_in_words, left_out_in_words, measure, nested_models)
     }
-    return environment.get_template(TEMPLATE.name).render(facts)
+    environment.globals |= {used.__name__: used for used in (noise_gains, p_in_words, plan, sentence, steps_in_words)}
+    environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "ACCEPT_GAIN": ACCEPT_GAIN}
+    return environment.get_template(TEMPLATE.name).render(
+        search=search,
+        sources=sources,
+        software=f"{SOFTWARE}, build {build}" if build else SOFTWARE,
+        extension=extend(search),
+        views=all_views(search.problem, search.base, search.extended),
+        beyond=not_testable(search.problem, CANDIDATES, search.result.untested),
+    )
 
 
 def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:
