@@ -412,35 +412,28 @@ class Api:
         await socket.accept()
         client = Client()
         self.notifier.hub.clients.add(client)
+        sending: asyncio.Task[None] | None = None
         try:
             await socket.send_text(await run_in_threadpool(self._first_frame))
-            await _until_first(_send(socket, client), _listen(socket, client))
+            sending = asyncio.create_task(_send(socket, client))
+            # The page asks for what it shows: {"watch": "spacecraft/wheel"}, of which it gets the samples.
+            async for asked in socket.iter_json():
+                if isinstance(asked, dict):
+                    client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
+        except ValueError:
+            await socket.close(1003, "no JSON")
         finally:
             self.notifier.hub.clients.discard(client)
+            if sending is not None:
+                sending.cancel()
 
 
 async def _send(socket: WebSocket, client: Client) -> None:
-    while (text := await client.frames.get()) is not None:
-        await socket.send_text(text)
-    await socket.close(1013, "too slow")
-
-
-async def _listen(socket: WebSocket, client: Client) -> None:
-    """Receive what the page asks for: {"watch": "spacecraft/wheel"}, of which it gets the samples."""
-    while True:
-        asked = await socket.receive_json()
-        if isinstance(asked, dict):
-            client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
-
-
-async def _until_first(*works: Any) -> None:
-    """Run works until one of them ends; a page that has left is no error."""
-    tasks = [asyncio.ensure_future(work) for work in works]
-    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    for task in tasks:
-        task.cancel()
-        with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError, ValueError):
-            await task
+    """Send what waits for a page until it has left, or is too slow."""
+    with suppress(WebSocketDisconnect, RuntimeError):
+        while (text := await client.frames.get()) is not None:
+            await socket.send_text(text)
+        await socket.close(1013, "too slow")
 
 
 def _json(content: bytes) -> Response:
