@@ -19,12 +19,10 @@ from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities, strays
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES, Hashed, Rounded, Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 MODEL_VERSION: Final = 1
-MAX_MODEL_BYTES: Final = 1_000_000  # the built-in model is some 20 kB
 BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
 
 # Where a system's healthy friction is stated in the wheel file and no anomaly was learned: softness of the stated
@@ -202,7 +200,7 @@ class Provenance(Strict):
     command: str
 
 
-class Model(Strict):
+class Model(Hashed):
     """All classifiers of a wheel.
 
     Attributes
@@ -262,24 +260,12 @@ class Model(Strict):
         InputError
             If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
         """
-        if len(text) > MAX_MODEL_BYTES:
-            raise InputError(source, f"is larger than {MAX_MODEL_BYTES} bytes; this is not a model file")
+        if len(text) > MAX_CONTENT_BYTES:
+            raise InputError(source, f"is larger than {MAX_CONTENT_BYTES} bytes; this is not a model file")
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:
             raise InputError.of_validation(source, error, what="is no model: ") from error
-
-    def canonical(self) -> str:
-        """Return the canonical JSON: the model's meaning, independent of the file's layout."""
-        return canonical_json(self.model_dump(mode="json"))
-
-    def sha256(self) -> str:
-        """Return the hash of the canonical JSON."""
-        return self._content_sha256
-
-    @cached_property
-    def _content_sha256(self) -> str:
-        return content_sha256(self.model_dump(mode="json"))
 
 
 def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:

@@ -17,7 +17,7 @@ from pydantic import Field
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Strict
 from rwa_monitor.wheel.wheel import Wheel
 
 ProfileKind = Literal["orbit", "one_direction", "crossings", "rich", "constant", "from_rest"]

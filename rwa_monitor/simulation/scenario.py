@@ -26,20 +26,18 @@ duration_s = 12.0
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, ClassVar, Final
 
-import tomli_w
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, field_validator
 
-from rwa_monitor.errors import InputError, did_you_mean
+from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
-from rwa_monitor.wheel.toml import Strict, parse_toml
+from rwa_monitor.wheel.file_content import Strict, TomlFile
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel
 
-MAX_SCENARIO_BYTES: Final = 1_000_000  # a scenario is a page of text
 MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and truth; more is a wrong unit
 
 NoNegative = Annotated[float, Field(ge=0)]
@@ -80,7 +78,7 @@ class Base(Strict):
     viscous: NoNegative = 1.0
 
 
-class Scenario(Strict):
+class Scenario(TomlFile):
     """What happens to a simulated wheel; see the module's example.
 
     Attributes
@@ -98,6 +96,10 @@ class Scenario(Strict):
     speed, base, anomalies, noise, sensors, effect, fault
         See their classes. `effect` comes on top of the wheel's own effects.
     """
+
+    head: ClassVar[str] = "scenario"
+    tables: ClassVar[tuple[str, ...]] = ("speed", "base", "anomalies", "noise", "sensors", "effect", "fault")
+    what: ClassVar[str] = "a scenario"
 
     duration_s: Annotated[float, Field(gt=0)] = 10_000.0
     start_ns: Annotated[int, Field(ge=0, lt=2**62)] = 0
@@ -148,43 +150,3 @@ class Scenario(Strict):
         for fault in self.fault:
             if fault.kind != "gap" and fault.channel not in CHANNELS:
                 raise InputError("scenario", f"{fault.channel!r} is none of {', '.join(CHANNELS)}", "fault.channel")
-
-    @classmethod
-    def from_toml(cls, text: str, source: str) -> Scenario:
-        """Read a scenario from TOML.
-
-        Parameters
-        ----------
-        text, source
-            The file's content, and its name for messages.
-
-        Raises
-        ------
-        InputError
-            If the text is no TOML, or a key is unknown or out of range; names the key.
-        """
-        tables = parse_toml(text, source, MAX_SCENARIO_BYTES, "a scenario")
-        head = tables.pop("scenario", {})
-        if not isinstance(head, dict):
-            raise InputError(source, "is a table", "scenario")
-        for key in [*(head.keys() & _TABLES), *(tables.keys() - _TABLES)]:
-            hint = "" if key in _TABLES else did_you_mean(key, _TABLES)
-            tables_are = f"the tables are scenario, {', '.join(sorted(_TABLES))}"
-            raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", key)
-        try:
-            return cls.model_validate({**head, **tables})
-        except ValidationError as error:
-            raise InputError.of_validation(source, error, model=cls) from error
-
-    def to_tables(self) -> dict[str, Any]:
-        """Return the scenario as the tables of its file, without what is unset."""
-        flat = self.model_dump(mode="json", exclude_none=True)
-        head = {key: value for key, value in flat.items() if key not in _TABLES}
-        return {"scenario": head, **{key: value for key, value in flat.items() if key in _TABLES and value}}
-
-    def to_toml(self) -> str:
-        """Write the scenario as TOML; `from_toml` gives the same scenario back."""
-        return tomli_w.dumps(self.to_tables())
-
-
-_TABLES: Final = frozenset({"speed", "base", "anomalies", "noise", "sensors", "effect", "fault"})

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Strict
 from rwa_monitor.wheel.wheel import Wheel
 
 # Sensors of a small wheel, relative to what they measure; a scenario may give its own.

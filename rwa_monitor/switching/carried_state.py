@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, Final, Self
 
 import numpy as np
 from pydantic import Field, ValidationError
@@ -22,8 +21,7 @@ from pydantic import Field, ValidationError
 from rwa_monitor.changepoints.stage_results import Assignment, Components
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Hashed, Rounded, Strict, canonical_json
 from rwa_monitor.wheel.wheel import Wheel
 
 STATE_VERSION: Final = 1
@@ -128,7 +126,7 @@ class SystemState(Strict):
     friction: tuple[FrictionMemory | None, ...] = ()
 
 
-class CarriedState(Strict):
+class CarriedState(Hashed):
     """What earlier windows of a wheel pass on to the next one; all values normalised.
 
     Attributes
@@ -186,20 +184,6 @@ class CarriedState(Strict):
             return cls.model_validate_json(text)
         except ValidationError as error:
             raise InputError.of_validation(source, error) from error
-
-    def sha256(self) -> str:
-        """Return the hash of the canonical JSON."""
-        return self._content_sha256
-
-    @cached_property
-    def _content_sha256(self) -> str:
-        return content_sha256(self.model_dump(mode="json"))
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
-        copied = super().model_copy(update=update, deep=deep)
-        copied.__dict__.pop("_content_sha256", None)
-        return copied
 
 
 _EMPTY: Final = CarriedState()

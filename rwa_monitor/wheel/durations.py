@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field, model_validator
 from scipy import special
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Strict
 
 LONGEST: Final = 10**12  # slots; four thousand years at 8 Hz: longer is a wrong unit, and would leave exact integers
 EXACT_TERMS: Final = 200_000  # terms of a sum over durations that are added one by one
