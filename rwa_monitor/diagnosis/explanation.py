@@ -25,12 +25,6 @@ _ACTION_MODEL_TOO = (
     " wheel file by it before that is ruled out."
 )
 CHECK_TELEMETRY: Final = "Check the telemetry link and the sensors before the wheel."
-ANOTHER_WHEEL: Final = "it is so from the first window on, so is this wheel file of this wheel?"
-_ANOTHER_WHEEL_ACTION = (
-    "Before acting, see that the wheel file is this wheel's own, learned from it by rwa-monitor identify (run"
-    " --wheel-folder takes one for each wheel): a file of another wheel looks like this, and so does a wheel that ailed"
-    " before it was monitored."
-)
 WORTH_NAMING = 0.1  # probability from which another anomaly is named beside the one diagnosed
 _NEVER_RESTED = (  # the words are those of the reference recordings
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
@@ -82,7 +76,6 @@ def explain(
     *,
     windows_before: int,
     remedy: str = "",
-    another_wheel: bool = False,
 ) -> str:
     """Return two or three plain sentences an operator can act on.
 
@@ -94,8 +87,6 @@ def explain(
         Earlier windows that were used.
     remedy
         What helps an inconclusive verdict where waiting does not; "" where it does.
-    another_wheel
-        Whether the wheel file may be another wheel's.
     """
     worst = max((one for one in findings.anomalies if one.active), key=lambda one: one.severity or 0.0, default=None)
     qualification = ""
@@ -115,8 +106,6 @@ def explain(
         suspect = f", {fits.suspected_effect} is suspected" if fits.suspected_effect else ""
         qualification = f"The friction model lacks something this wheel has: {fits.finding}{suspect}."
         action = f"{action} {_ACTION_MODEL_TOO}" if verdict == "anomalous" else _ACTION_MODEL
-    if another_wheel:
-        action = f"{_ANOTHER_WHEEL_ACTION} {action}" if verdict == "anomalous" else _ANOTHER_WHEEL_ACTION
     return " ".join(sentence for sentence in (reason, qualification, action) if sentence)
 
 

@@ -11,12 +11,6 @@ from rwa_monitor.diagnosis.explanation import CHECK_TELEMETRY, listed, percent, 
 from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, DiagnosisInput, Findings, Verdict
 
 MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window shows little of what it missed
-FIRST_WINDOWS: Final = 2  # an alarm begins in the second one at the earliest
-# Learned anomalies have 1.2 to 2.2 times the nominal bound. What lies beyond from the first window on, or in so many
-# parts at once, is more often a wheel file of another wheel.
-FAR: Final = 3.0  # times the upper nominal bound, or a third of the lower one
-MANY_PARTS: Final = 3
-CLEAR_STDS: Final = 5.0  # beyond the nominal range, of the estimate itself
 MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is called nominal by no rule
 BELOW_NOMINAL: Final = ": below nominal, so check units, sign or the wheel file"
 
@@ -97,25 +91,6 @@ def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
     return "nominal", _sentence(
         f"{what}; the most suspect, {title(worst.name)}, is {_assessed(worst)}{_leaning(anomalies)}"
     )
-
-
-def from_another_wheel(findings: Findings, verdict: Verdict) -> bool:
-    """Return whether friction is so far from the wheel file, from the first window on, that the file may be another's.
-
-    It changes no judgement: a wheel that was monitored too late looks like this, too.
-    """
-    anomalies, inputs = findings.anomalies, findings.inputs
-    if verdict == "nominal" or inputs.carried.windows >= FIRST_WINDOWS or nothing_to_judge(inputs):
-        return False
-    if _exchanged(findings) or any(map(_was_within, anomalies[:2])):
-        return False  # what was nominal in the window before has come since then: the file fitted once
-    clear = [
-        one.name
-        for one in anomalies
-        if (one.active or _below(one)) and not _rested(one) and _outside(one, CLEAR_STDS * one.std, adequate=True)
-    ]
-    coefficients = [one for one in anomalies[:2] if one.name in clear]
-    return len(coefficients) == 2 or len(clear) >= MANY_PARTS or any(map(_far, coefficients))
 
 
 def covered(inputs: DiagnosisInput) -> bool:
@@ -218,19 +193,6 @@ def _exchanged(findings: Findings) -> AnomalyDiagnosis | None:
 
 def _below(one: AnomalyDiagnosis) -> bool:
     return one.estimate is not None and one.nominal_low is not None and one.estimate < one.nominal_low
-
-
-def _was_within(one: AnomalyDiagnosis) -> bool:
-    """Return whether an estimate lies outside its nominal range, and in earlier windows lay within."""
-    if one.nominal_low is None or one.nominal_high is None:
-        return False
-    inside = one.before is not None and one.nominal_low <= one.before <= one.nominal_high
-    return inside and _outside(one, 0.0, adequate=True)
-
-
-def _far(one: AnomalyDiagnosis) -> bool:
-    estimate, low, high = one.estimate or 0.0, one.nominal_low or 0.0, one.nominal_high or 0.0
-    return estimate > FAR * high or estimate < low / FAR
 
 
 def _outside(one: AnomalyDiagnosis, std: float, *, adequate: bool) -> bool:

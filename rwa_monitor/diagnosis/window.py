@@ -28,7 +28,7 @@ from rwa_monitor.diagnosis.features import (
 )
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.model_error_uncertainty import uncertainty_of
-from rwa_monitor.diagnosis.verdict import covered, from_another_wheel, remedy_of, verdict_of
+from rwa_monitor.diagnosis.verdict import covered, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
@@ -102,7 +102,7 @@ def diagnose_window(
         relabelled = replace(stages.assignment, configurations=judgement.configurations)
         stages = _run_stages(inputs, (relabelled, stages.estimate))
         judgement = _judge(inputs, stages)
-    diagnosis = concluded(inputs, stages, judgement, verdict_of, another_wheel=from_another_wheel)
+    diagnosis = concluded(inputs, stages, judgement, verdict_of)
     state = next_state(
         carried,
         wheel,
@@ -178,7 +178,6 @@ def concluded(
     stages: Stages,
     judgement: Judgement,
     rule: Callable[[Findings], tuple[Verdict, str]],
-    another_wheel: Callable[[Findings, Verdict], bool] | None = None,
 ) -> WindowDiagnosis:
     """Return the diagnosis of a window.
 
@@ -188,8 +187,6 @@ def concluded(
         What it is a function of, the results of its stages, and the judgement on its features.
     rule
         Gives the verdict and its reason.
-    another_wheel
-        Whether the wheel file may be another wheel's; None where earlier windows count for nothing.
     """
     wheel, fits, features = inputs.wheel, stages.fits, judgement.features
     torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
@@ -201,9 +198,6 @@ def concluded(
         unnamed_jumps=not wheel.fss and bool((stages.assignment.system != REJECTED).any()),
     )
     verdict, reason = rule(findings)
-    another = another_wheel is not None and another_wheel(findings, verdict)
-    if another:
-        reason = f"{reason.removesuffix('.')}; {explanation.ANOTHER_WHEEL}"
     return WindowDiagnosis(
         verdict=verdict,
         reason=reason,
@@ -231,9 +225,8 @@ def concluded(
             findings,
             verdict,
             reason,
-            windows_before=inputs.carried.windows if another_wheel else 0,
+            windows_before=inputs.carried.windows if inputs.method == "joint" else 0,
             remedy=remedy_of(findings) if verdict == "inconclusive" else "",
-            another_wheel=another,
         ),
         features=stages.features,
         **inputs.provenance(),
