@@ -8,8 +8,9 @@ third, and `catalogue.py` collects the classes.
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, Self
 
@@ -396,6 +397,31 @@ def curvature_std(log_likelihood: Callable[[float], float], at: float, step: flo
     return float(1.0 / np.sqrt(-second)) if second < 0 else float("nan")
 
 
+def most_likely(
+    gain: Callable[[FloatArray], float], starts: Sequence[FloatArray], bounds: Sequence[tuple[float, float]]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the parameters near the best start at which a gain is largest, with deviations by its curvature.
+
+    Returns
+    -------
+    best, std
+        float64 (parameters,).
+    gain
+        At the maximum, not negative.
+    """
+    from scipy import optimize
+
+    start = max(starts, key=gain)
+    found = optimize.minimize(lambda x: -gain(x), start, bounds=bounds, method="L-BFGS-B")
+    best: FloatArray = found.x if -found.fun > gain(start) else start
+
+    def along(i: int, value: float) -> float:
+        return gain(np.array([*best[:i], value, *best[i + 1 :]]))
+
+    std = [curvature_std(functools.partial(along, i), float(best[i]), 0.01) for i in range(best.size)]
+    return best, np.array(std), max(gain(best), 0.0)
+
+
 # ---- noise effects: how they change simulated noise, and how they are recognised in a residual -----------------------
 # Noise effects add no regression column. Each has a likelihood of its own for the residual that is left after the base
 # law, its jumps and the mean effects are removed; it is compared with white Gaussian noise of the same residual.
@@ -405,6 +431,7 @@ class NoiseEffect(Effect, ABC):
     """An effect that changes the noise of the friction torque, or of the speed that it is derived from."""
 
     family: ClassVar[Family] = "noise"
+    fewest: ClassVar[int] = 10  # usable slots that a fit needs
 
     @abstractmethod
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
@@ -429,8 +456,9 @@ class NoiseEffect(Effect, ABC):
         return speed_rad_s
 
     @classmethod
-    @abstractmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fit(
+        cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray, variance_inflation: float = 1.0
+    ) -> LikelihoodFit:
         """Fit the effect to a residual.
 
         Parameters
@@ -441,12 +469,26 @@ class NoiseEffect(Effect, ABC):
             The measured motion.
         good
             bool (n,), slots whose residual counts.
+        variance_inflation
+            How many squares of the residual inform as much as one that is independent, 1 for white noise.
 
         Returns
         -------
         LikelihoodFit
             At the maximum of the likelihood; a gain of zero where the record cannot show the effect.
         """
+        usable = usable_residuals(residual_Nm, channels, good)
+        count = int(usable.sum())
+        if count < cls.fewest or not residual_Nm[usable].any():
+            return cls.nothing_found(count)
+        return cls.fitted(residual_Nm, channels, usable, variance_inflation)
+
+    @classmethod
+    @abstractmethod
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
+    ) -> LikelihoodFit:
+        """Return the fit to `fewest` usable slots or more; parameters as for `fit`."""
 
 
 def usable_residuals(residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> BoolArray:

@@ -109,15 +109,17 @@ class CageInstability(NoiseEffect):
         return LikelihoodFit(values, std_of, found.log_likelihood_gain, PARAMETERS, count), found.on
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
+    ) -> LikelihoodFit:
         """Scan bands of |ω| for another mean (along the motion) and another variance inside than outside.
 
         What is fitted is the average over bursts and pauses in the band, so drag and noise are those of the average.
         """
-        usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
+        usable = usable & (channels.direction != 0)
         count = int(usable.sum())
         speed = np.abs(channels.speed_rad_s[usable])
-        if count < 4 * FEWEST_IN_BAND or speed.max() == speed.min() or not residual_Nm[usable].any():
+        if count < 4 * FEWEST_IN_BAND or speed.max() == speed.min():
             return cls.nothing_found(count)
         order = np.argsort(speed, kind="stable")
         drag = (residual_Nm * channels.direction)[usable][order]
