@@ -16,8 +16,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.changepoints.stage_results import REJECTED, Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis import adequacy, explanation
-from rwa_monitor.diagnosis.adequacy import Adequacy
+from rwa_monitor.diagnosis.adequacy import Adequacy, check, uncertainty_of
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
 from rwa_monitor.diagnosis.features import (
     Features,
@@ -27,8 +26,7 @@ from rwa_monitor.diagnosis.features import (
     without_prior,
 )
 from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.diagnosis.model_error_uncertainty import uncertainty_of
-from rwa_monitor.diagnosis.verdict import covered, remedy_of, verdict_of
+from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
@@ -126,7 +124,7 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
     measured = features
     if inputs.carried.viscous is not None:
         measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0), normalised_nominal_viscous(wheel))
-    fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
+    fits = check(evidence, estimate, assignment, wheel.fss)
     if not fits.adequate:
         uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
         unit = normalised_nominal_viscous(wheel)
@@ -221,7 +219,7 @@ def concluded(
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
-        explanation=explanation.explain(
+        explanation=explain(
             findings,
             verdict,
             reason,
@@ -239,7 +237,7 @@ def too_few(inputs: DiagnosisInput) -> WindowDiagnosis:
     no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
     reason = f"Only {evidence.used} of the window's {evidence.slots} slots hold a usable sample."
-    advice = explanation.CHECK_TELEMETRY
+    advice = CHECK_TELEMETRY
     if evidence.used == evidence.slots:
         whole = inputs.wheel.window.samples
         reason = f"The window holds {evidence.used} samples: too few to measure friction, a whole one has {whole}."

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from rwa_monitor.changepoints.estimation import SlopePrior
-from rwa_monitor.diagnosis.coefficient import Coefficient, coefficient
+from rwa_monitor.diagnosis.classification import Coefficient, coefficient
 from rwa_monitor.diagnosis.features import Features, without_prior
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, Tracked

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.adequacy.trials import hide_and_diagnose
+from rwa_monitor.diagnosis.adequacy import ModelErrorUncertainty
 from rwa_monitor.diagnosis.features import Features, SystemFeatures
-from rwa_monitor.diagnosis.model_error_uncertainty import ModelErrorUncertainty
 from rwa_monitor.simulation.motion import ProfileKind
 from rwa_monitor.simulation.scenario import Anomaly
 from tests.diagnosis.test_window import named

@@ -411,9 +411,12 @@ def most_likely(
     """
     from scipy import optimize
 
-    start = max(starts, key=gain)
-    found = optimize.minimize(lambda x: -gain(x), start, bounds=bounds, method="L-BFGS-B")
-    best: FloatArray = found.x if -found.fun > gain(start) else start
+    def loss(x: FloatArray) -> float:
+        return -gain(x)
+
+    start = min(starts, key=loss)
+    found = optimize.minimize(loss, start, bounds=bounds, method="L-BFGS-B")
+    best: FloatArray = found.x if found.fun < loss(start) else start
 
     def along(i: int, value: float) -> float:
         return gain(np.array([*best[:i], value, *best[i + 1 :]]))
