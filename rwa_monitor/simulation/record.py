@@ -234,8 +234,8 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
     samples = _measure(scenario, wheel, motion, parts, torque, motor, streams)
     samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
     used = _used(scenario, wheel, samples, faulty)
-    end_s = slots * wheel.sample_period_s
-    factors = {name: scenario.anomalies.get(name, _NO_ANOMALY).factor_at(end_s) for name in wheel.anomalies}
+    end_s = np.array(slots * wheel.sample_period_s)
+    factors = {name: float(scenario.anomalies.get(name, _NO_ANOMALY).factor_at(end_s)) for name in wheel.anomalies}
     truth = Truth(
         speed_rad_s=motion.speed_rad_s,
         acceleration_rad_s2=motion.acceleration_rad_s2,
@@ -297,15 +297,6 @@ class _Noise:
 _NO_ANOMALY: Final = Anomaly(factor=1.0)
 
 
-def _factor(anomaly: Anomaly, time_s: FloatArray) -> FloatArray:
-    """Return an anomaly's factor over time, float64 (n,)."""
-    if anomaly.factor == 1.0 or (anomaly.onset_s == 0.0 and anomaly.growth_s == 0.0):
-        return np.full(time_s.size, anomaly.factor)
-    if anomaly.growth_s == 0.0:
-        return np.where(time_s >= anomaly.onset_s, anomaly.factor, 1.0)
-    return 1.0 + (anomaly.factor - 1.0) * np.clip((time_s - anomaly.onset_s) / anomaly.growth_s, 0.0, 1.0)
-
-
 def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
     """Put the friction together: base dry and viscous friction, switching systems, effects."""
     assert wheel.nominal is not None
@@ -314,7 +305,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     speed = motion.speed_rad_s
     direction = np.sign(speed)
     dry_factor, viscous_factor = (
-        _factor(scenario.anomalies.get(name, _NO_ANOMALY), time) for name in ("dry", "viscous")
+        scenario.anomalies.get(name, _NO_ANOMALY).factor_at(time) for name in ("dry", "viscous")
     )
     dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * dry_factor
     viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * viscous_factor
@@ -376,7 +367,7 @@ def _systems(
 
         def factor(slot: int, anomaly: Anomaly = anomaly) -> float:
             slot_in_record = slot if clock is None else clock.slot_in_record(slot)
-            return anomaly.factor_at(slot_in_record * wheel.sample_period_s)
+            return float(anomaly.factor_at(np.array(slot_in_record * wheel.sample_period_s)))
 
         realisation = simulate_system(system, slots, stream, factor)
         systems[system.name] = realisation if clock is None else clock.read(realisation)
@@ -466,7 +457,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     for tachometer in _tachometers(parts.effects):
         speed = np.std(tachometer.read_speed(parts.channels.speed_rad_s) - parts.channels.speed_rad_s)
     current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) * QUANTUM_STD)
-    derived = float(torque_balance.derived_noise_autocovariance(wheel, float(speed), float(current))[0])
+    derived = torque_balance.derived_noise_variance(wheel, float(speed), float(current))
     return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
 
 

@@ -28,10 +28,11 @@ from __future__ import annotations
 
 from typing import Annotated, ClassVar, Final
 
+import numpy as np
 from pydantic import Field, field_validator
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import CHANNELS
+from rwa_monitor.samples import CHANNELS, FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
 from rwa_monitor.wheel.file_content import Strict, TomlFile
@@ -60,15 +61,15 @@ class Anomaly(Strict):
     onset_s: NoNegative = 0.0
     growth_s: NoNegative = 0.0
 
-    def factor_at(self, time_s: float) -> float:
-        """Return the factor at a time from the beginning of the record [s]."""
+    def factor_at(self, time_s: FloatArray) -> FloatArray:
+        """Return the factor at times from the beginning of the record [s], float64 (n,)."""
         return 1.0 + (self.factor - 1.0) * self.share_at(time_s)
 
-    def share_at(self, time_s: float) -> float:
-        """Return how far the anomaly has grown, 0 … 1."""
-        if time_s < self.onset_s:
-            return 0.0
-        return 1.0 if self.growth_s == 0.0 else min(1.0, (time_s - self.onset_s) / self.growth_s)
+    def share_at(self, time_s: FloatArray) -> FloatArray:
+        """Return how far the anomaly has grown at those times, 0 … 1, float64 (n,)."""
+        if self.growth_s == 0.0:
+            return np.where(time_s >= self.onset_s, 1.0, 0.0)
+        return np.clip((time_s - self.onset_s) / self.growth_s, 0.0, 1.0)
 
 
 class Base(Strict):

@@ -42,16 +42,6 @@ class _Law(Strict):
         at = np.asarray(slots, dtype=np.float64)
         return np.where(at >= 1, self.survival(at) - self.survival(at + 1), 0.0)
 
-    def log_pmf(self, slots: ArrayLike) -> FloatArray:
-        """Return log P(τ = slots); -inf where impossible."""
-        with np.errstate(divide="ignore"):
-            return np.log(self.pmf(slots))
-
-    def log_survival(self, slots: ArrayLike) -> FloatArray:
-        """Return log P(τ ≥ slots); -inf where impossible."""
-        with np.errstate(divide="ignore"):
-            return np.log(self.survival(slots))
-
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean duration for start = 1."""
         end = int(np.ceil(self.longest())) + 1

@@ -352,18 +352,16 @@ FORMULAS: Final = {
 }
 Formula.choice_deviance = 2.0 * float(np.log(len(FORMULAS)))
 
-_BY_TEXT: Final = {"".join(key.split()): one for one in FORMULAS.values() for key in (one.law, one.text)}
-
 
 def parse(law: str) -> type[Formula]:
-    """Return the structure with an id or a text; spaces do not count.
+    """Return the structure with an id; spaces do not count.
 
     Raises
     ------
     InputError
         If the grammar has no such structure.
     """
-    structure = _BY_TEXT.get("".join(law.split()))
+    structure = FORMULAS.get("".join(law.split()))
     if structure is None:
         hint = did_you_mean(law, FORMULAS) or f"; one is {next(iter(FORMULAS))!r}"
         raise InputError(f"effect {BLOCK}", f"{law!r} is no law of the grammar{hint}", "law")
