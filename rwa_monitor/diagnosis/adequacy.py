@@ -444,16 +444,8 @@ class ModelErrorUncertainty:
     viscous: float
     systems: float
 
-    def widen(self, features: Features, nominal_viscous: float) -> Features:
-        """Return the features with standard deviations that hold this uncertainty.
-
-        Parameters
-        ----------
-        features
-            Of the window, without it.
-        nominal_viscous
-            The unit of their viscous friction, see `features.normalised_nominal_viscous`.
-        """
+    def widen(self, features: Features) -> Features:
+        """Return the features of the window with standard deviations that hold this uncertainty."""
         systems = []
         for system in features.systems:
             wide = np.where(system.configuration > 0, np.hypot(system.friction_std, self.systems), system.friction_std)
@@ -461,7 +453,7 @@ class ModelErrorUncertainty:
         return replace(
             features,
             base_dry_std=float(np.hypot(features.base_dry_std, self.base_dry)),
-            viscous_std=float(np.hypot(features.viscous_std, self.viscous / nominal_viscous)),
+            viscous_std=float(np.hypot(features.viscous_std, self.viscous / features.viscous_unit)),
             systems=tuple(systems),
             by_path=(),  # what a missing effect did to the samples must not decide between paths
         )

@@ -40,7 +40,8 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
-from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, stray_probabilities, system_evidence
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, system_evidence
+from rwa_monitor.kernels.laws import strays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before, rate_after_change
 
@@ -259,7 +260,6 @@ def classify(
     model: Model,
     carried: CarriedState,
     new_share: float = 1.0,
-    viscous_unit: float = 1.0,
 ) -> Judgement:
     """Judge all anomalies together.
 
@@ -278,10 +278,8 @@ def classify(
     new_share
         Share of the window's slots that no earlier window had; what is carried on counts the evidence by it, so that
         overlapping windows do not count it twice.
-    viscous_unit
-        See `features.normalised_nominal_viscous`.
     """
-    history = (coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, viscous_unit))
+    history = (coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, features.viscous_unit))
     dry, viscous = history
     combinations = _all_combinations(len(names))
     conditional = features.by_path or (FeaturesOfPath(0.0, features, same_jumps=True),)
@@ -363,8 +361,8 @@ def _repeats(features: Features, a: int) -> bool:
     and neither is distinguished from the other however long that lasts.
     """
     if a == 0:
-        return any(not system.rests and system.configuration.size < 2 for system in features.systems)
-    return a > 1 and features.systems[a - 2].configuration.size < 2
+        return any(not system.rests and system.unmoved for system in features.systems)
+    return a > 1 and features.systems[a - 2].unmoved
 
 
 def _widened(features: Features, conditional: Sequence[FeaturesOfPath], weights: FloatArray) -> Features:
@@ -485,11 +483,11 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
     if not _is_known(model):
         return False, False
     if a < 2:
-        value, std = ((features.base_dry, features.base_dry_std), (features.viscous, features.viscous_std))[a]
-        found = np.zeros(1, dtype=np.int64), np.array([value]), np.array([std])
+        q, value, std = features.measured(a)
+        found = np.array([q]), np.array([value]), np.array([std])
     else:
         found = features.systems[a - 2].active()
-    stray, relative_std = stray_probabilities(model, *found)
+    stray, relative_std = strays(*found, model.numbers)
     if stray.size == 0:
         return False, False
     return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > UNLIKE_SHARE

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import pkgutil
 from functools import cached_property, lru_cache
-from typing import Annotated, Final, Self
+from typing import Annotated, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities, strays
-from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES, Hashed, Rounded, Strict
+from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Rounded, Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 MODEL_VERSION: Final = 1
@@ -31,10 +31,6 @@ STATED_SOFT: Final = 0.03
 STATED_REACH: Final = 0.4
 STATED_STRAY: Final = 0.02
 STATED_RATE: Final = 0.1
-
-Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
-Positive = Annotated[Rounded, Field(gt=0, allow_inf_nan=False)]
-Fraction = Annotated[Rounded, Field(ge=0, le=1)]
 
 
 class Band(Strict):
@@ -217,11 +213,13 @@ class Model(Hashed):
         (low, high): a probability between them is inconclusive.
     """
 
+    what: ClassVar[str] = "model file"
+
     version: Annotated[int, Field(ge=MODEL_VERSION, le=MODEL_VERSION)] = MODEL_VERSION
     trained: Provenance
     anomalies: Annotated[tuple[AnomalyModel, ...], Field(min_length=1, max_length=10)]
     simultaneous: Annotated[tuple[Annotated[Rounded, Field(gt=0, le=1)], ...], Field(min_length=2, max_length=11)]
-    undecided: tuple[Fraction, Fraction]
+    undecided: tuple[Probability, Probability]
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -243,29 +241,6 @@ class Model(Hashed):
     def to_json(self) -> str:
         """Write the model as readable JSON, keys sorted, numbers with 12 significant digits."""
         return self.model_dump_json(indent=1) + "\n"
-
-    @classmethod
-    def from_json(cls, text: str | bytes, source: str) -> Self:
-        """Read a model.
-
-        Parameters
-        ----------
-        text
-            The file's content.
-        source
-            Its name, for messages.
-
-        Raises
-        ------
-        InputError
-            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
-        """
-        if len(text) > MAX_CONTENT_BYTES:
-            raise InputError(source, f"is larger than {MAX_CONTENT_BYTES} bytes; this is not a model file")
-        try:
-            return cls.model_validate_json(text)
-        except ValidationError as error:
-            raise InputError.of_validation(source, error, what="is no model: ") from error
 
 
 def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
@@ -322,16 +297,12 @@ def built_in_model() -> Model:
 
 
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the log density of measured values under nominal (row 0) and anomalous (row 1), float64 (2, …).
-
-    `value` and `std` broadcast against each other to the shape behind the rows.
+    """Return the log density of measured values (n,) under nominal (row 0) and anomalous (row 1), float64 (2, n).
 
     Both classes share the stray values of earlier stages' errors: heavy tails (Lomax, shape 1) around the nominal
     band. The anomalous class also has values beyond the nominal bound that are no learned anomaly's.
     """
-    if value.shape != std.shape:
-        value, std = np.broadcast_arrays(value, std)
-    return np.log(level_densities(value.ravel(), std.ravel(), levels.numbers)[:2]).reshape(2, *value.shape)
+    return np.log(level_densities(value, std, levels.numbers)[:2])
 
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: FloatArray) -> FloatArray:
@@ -342,19 +313,3 @@ def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: 
     log_density = np.log(sojourn_densities(configuration, friction, std, offset, model.numbers))
     # One after the other: the sum's last bit must not depend on how many there are.
     return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
-
-
-def stray_probabilities(
-    model: AnomalyModel, configuration: IntArray, value: FloatArray, std: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the probability that each value lies in none of the learned bands, and its standard deviation over reach.
-
-    Parameters
-    ----------
-    model
-        What was learned.
-    configuration, value, std
-        (n,); values of configurations that were not learned, and those that are not finite, are left out.
-    """
-    stray, relative = strays(configuration, value, std, model.numbers)
-    return stray, relative

@@ -22,7 +22,6 @@ from rwa_monitor.diagnosis.features import (
     Features,
     SystemFeatures,
     features_of,
-    normalised_nominal_viscous,
     without_prior,
 )
 from rwa_monitor.diagnosis.model import Model
@@ -123,12 +122,11 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
     features = features_of(components, assignment, wheel)
     measured = features
     if inputs.carried.viscous is not None:
-        measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0), normalised_nominal_viscous(wheel))
+        measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0))
     fits = check(evidence, estimate, assignment, wheel.fss)
     if not fits.adequate:
         uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
-        unit = normalised_nominal_viscous(wheel)
-        features, measured = uncertainty.widen(features, unit), uncertainty.widen(measured, unit)
+        features, measured = uncertainty.widen(features), uncertainty.widen(measured)
         wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
         components = replace(components, viscous_std=wide)
     return Stages(assignment, estimate, components, features, measured, fits)
@@ -145,8 +143,7 @@ def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
     new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:
         new_share = 0.0  # what is missing shows alike in every window: it must not add up to certainty
-    unit = normalised_nominal_viscous(inputs.wheel)
-    judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share, unit)
+    judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share)
     seen = replace(judgement.features, viscous=features.viscous, viscous_std=features.viscous_std)
     return replace(judgement, features=seen)
 
@@ -160,7 +157,7 @@ def _tracked(inputs: DiagnosisInput, stages: Stages, judgement: Judgement) -> tu
     base, viscous = inputs.carried.base_dry, inputs.carried.viscous
     if not (stages.fits.adequate and covered(inputs)):
         return base and base.drifted(), viscous and viscous.drifted()
-    unit = normalised_nominal_viscous(inputs.wheel)
+    unit = stages.measured.viscous_unit
     if inputs.model is not None:
         base, viscous = judgement.tracked
         return base, None if viscous is None else viscous.scaled(unit)

@@ -132,10 +132,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             raise InputError(error.source, "; ".join((*drift, error.reason)), error.place) from error
     if base <= 0:
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
-    nominal_speed = _round_to_two_digits(float(np.quantile(problem.speed, 0.95)))
-    motion = motion_in_friction(problem, fitted, bare)
-    law = None if problem.at_one_speed else missing_law(problem, fitted)
-    cause = at_one_speed(problem, fitted) if problem.at_one_speed else law or motion
+    nominal_speed = _rounded(float(np.quantile(problem.speed, 0.95)), 2)
+    cause = cause_of(problem, fitted, bare)
     check_enough(problem, base, viscous, names, cause)
     blocks, notes = [], []
     for number, (of_one, system) in enumerate(zip(laws, found, strict=True), start=1):
@@ -161,7 +159,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    warnings = [*drift, *(why for why in (unnamed_jumps(problem, fitted.jumps, blocks), law, motion) if why)]
+    warnings = [*drift, *(why for why in (unnamed_jumps(problem, fitted.jumps, blocks), cause) if why)]
     if start.nominal is not None:
         asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
         warnings += [asked] if asked else []
@@ -329,12 +327,12 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
         # A sample of n misses about 1/(n+1) of a range at each end.
         margin = 0.0 if q == 0 else float(np.ptp(relative)) / (relative.size + 1)
         low, high = (0.0, 0.0) if q == 0 else (float(relative.min()) - margin, float(relative.max()) + margin)
-        ranges.append(FrictionRange(low=_four_digits(low), high=_four_digits(high)))
+        ranges.append(FrictionRange(low=_rounded(low, 4), high=_rounded(high, 4)))
     count = len(laws)
     up = None
     if count > 2 and all(system.ups[1:-1]):
         # Laplace's rule of succession: no transition is ruled out because it was not seen.
-        middle = [_four_digits((sum(ways) + 1) / (len(ways) + 2)) for ways in system.ups[1:-1]]
+        middle = [_rounded((sum(ways) + 1) / (len(ways) + 2), 4) for ways in system.ups[1:-1]]
         up = (1.0, *middle, 0.0)
     return SwitchingSystem(
         name=name,
@@ -355,12 +353,8 @@ def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
     return f"{name}: {'; '.join(parts)}"
 
 
-def _four_digits(value: float) -> float:
-    return float(f"{value:.4g}")
-
-
-def _round_to_two_digits(value: float) -> float:
-    return float(f"{value:.2g}") if value > 0 else 1.0
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits}g}")
 
 
 # ---- what the recordings may not show, and warnings ------------------------------------------------------------------
@@ -533,19 +527,14 @@ def _in_words(counts: tuple[int, ...]) -> str:
 # ---- friction that comes out negative --------------------------------------------------------------------------------
 
 
-MOTION_VISIBLE_AT: Final = 10.0  # standard deviations of an inertia left in friction, its noise taken to be white
-BENT_VISIBLE_AT: Final = 10.0  # standard deviations of drag with the square of the speed, its noise taken to be white
-BENT_SHARE: Final = 0.02  # of all friction (rms): less does no harm to what is learned
-MOTION_SHARE: Final = 0.02  # of all friction (rms): less does no harm to what is learned
+VISIBLE_AT: Final = 10.0  # standard deviations of a torque left in friction, its noise taken to be white
+SHARE_OF_FRICTION: Final = 0.02  # of all friction (rms): less does no harm to what is learned
 
 
 def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> str:
     """Report why friction comes out negative, or ask.
 
-    In this order: at one speed dry and viscous friction are one number, of which each may be anything; torque that
-    drives the rotation has the wrong sign; drag that grows faster than the speed leaves less than nothing for the dry
-    friction, and while a wheel runs down it would pass for an inertia; friction that follows the acceleration holds a
-    part of the inertia's torque.
+    Torque that drives the rotation has the wrong sign; else see `cause_of`.
 
     Parameters
     ----------
@@ -556,35 +545,50 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
     finding
         What came out negative, in words.
     """
-    if problem.at_one_speed:
-        return at_one_speed(problem, fitted)
-    if float(np.mean(problem.z)) < 0:
+    if not problem.at_one_speed and float(np.mean(problem.z)) < 0:
         return f"{finding}, and torque drives the rotation on the average: is the sign of speed or torque right?"
-    law = missing_law(problem, fitted)
-    if law is not None:
-        return f"{finding}, and {law}"
-    motion = motion_in_friction(problem, fitted, wheel)
-    if motion is not None:
-        return f"{finding}, and {motion}"
-    return (
-        f"{finding}: drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is"
-        " fast?"
-    )
+    cause = cause_of(problem, fitted, wheel)
+    if cause is None:
+        cause = (
+            "drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is fast?"
+        )
+    return cause if problem.at_one_speed else f"{finding}, and {cause}"
 
 
-def missing_law(problem: Problem, fitted: Fit) -> str | None:
-    """Report that friction is no straight line over the speed; None where it is, within its noise or nearly.
+def cause_of(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:
+    """Report what keeps dry and viscous friction from being learned; None where nothing does.
+
+    In this order: at one speed they are one number, of which each may be anything; drag that grows faster than the
+    speed leaves less than nothing for the dry friction, and while a wheel runs down it would pass for an inertia;
+    friction that follows the acceleration holds a part of the inertia's torque.
 
     Parameters
     ----------
-    problem, fitted
+    problem, fitted, wheel
         As for `why_negative`.
     """
+    if problem.at_one_speed:
+        return at_one_speed(problem, fitted)
+    return missing_law(problem, fitted) or motion_in_friction(problem, fitted, wheel)
+
+
+def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) -> tuple[float, float, bool]:
+    """Return how friction follows a column beside levels and slope, its deviation, and whether that does harm.
+
+    `size` is that of the column, so that its torque compares with all friction.
+    """
     first = segment_starts(problem, fitted.jumps)
-    design = remove_levels(np.column_stack([problem.speed**2, problem.speed]), first)
+    design = remove_levels(np.column_stack([column, problem.speed]), first)
     value, std = first_slope(design, remove_levels(problem.z, first))
-    off_a_line = abs(value) * float(np.ptp(problem.speed)) ** 2 / 8.0  # of the parabola from its chord, in the middle
-    if abs(value) < BENT_VISIBLE_AT * std or off_a_line < BENT_SHARE * float(np.sqrt(np.mean(problem.z**2))):
+    large = abs(value) * size >= SHARE_OF_FRICTION * float(np.sqrt(np.mean(problem.z**2)))
+    return value, std, large and abs(value) >= VISIBLE_AT * std
+
+
+def missing_law(problem: Problem, fitted: Fit) -> str | None:
+    """Report that friction is no straight line over the speed; None where it is, within its noise or nearly."""
+    # A parabola lies off its chord in the middle by an eighth.
+    value, _, bent = _share_of(problem, fitted, problem.speed**2, float(np.ptp(problem.speed)) ** 2 / 8.0)
+    if not bent:
         return None
     how = "upwards over the speed, as windage or a rise towards rest does" if value > 0 else "downwards over the speed"
     return (
@@ -604,21 +608,12 @@ def at_one_speed(problem: Problem, fitted: Fit) -> str:
 
 
 def motion_in_friction(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:
-    """Ask where friction follows the acceleration more than an acceptable part of it; None where it does not.
-
-    Parameters
-    ----------
-    problem, fitted, wheel
-        As for `why_negative`.
-    """
+    """Ask where friction follows the acceleration more than an acceptable part of it; None where it does not."""
     if wheel.friction.motor_off:  # friction is the inertia's torque
         return None
     along = problem.sign * problem.gather([record.channels.acceleration_rad_s2 for record in problem.records])
-    first = segment_starts(problem, fitted.jumps)
-    design = remove_levels(np.column_stack([along, problem.speed]), first)
-    value, std = first_slope(design, remove_levels(problem.z, first))
-    share = abs(value) * float(np.std(along)) / float(np.sqrt(np.mean(problem.z**2)))
-    if abs(value) < MOTION_VISIBLE_AT * std or share < MOTION_SHARE:
+    value, std, follows = _share_of(problem, fitted, along, float(np.std(along)))
+    if not follows:
         return None
     inertia = wheel.inertia_kg_m2 if problem.friction_is_derived else None
     asked = (

@@ -100,7 +100,7 @@ class Scenario(TomlFile):
 
     head: ClassVar[str] = "scenario"
     tables: ClassVar[tuple[str, ...]] = ("speed", "base", "anomalies", "noise", "sensors", "effect", "fault")
-    what: ClassVar[str] = "a scenario"
+    what: ClassVar[str] = "scenario"
 
     duration_s: Annotated[float, Field(gt=0)] = 10_000.0
     start_ns: Annotated[int, Field(ge=0, lt=2**62)] = 0

@@ -13,15 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Final, Self
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from rwa_monitor.changepoints.stage_results import Assignment, Components
-from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.file_content import Hashed, Rounded, Strict, canonical_json
+from rwa_monitor.wheel.file_content import Finite, Hashed, NotNegative, Probability, Strict, canonical_json
 from rwa_monitor.wheel.wheel import Wheel
 
 STATE_VERSION: Final = 1
@@ -37,10 +36,6 @@ CHANGE_PER_WINDOW: Final = 0.02
 STILL_ANOMALOUS: Final = 0.98
 # What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
 REMEMBERED: Final = 0.95
-
-Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
-NotNegative = Annotated[Rounded, Field(ge=0, allow_inf_nan=False)]
-Probability = Annotated[Rounded, Field(ge=0, le=1)]
 
 
 class Tracked(Strict):
@@ -147,6 +142,9 @@ class CarriedState(Hashed):
         One entry per switching system.
     """
 
+    what: ClassVar[str] = "carried state"
+    limit: ClassVar[int] = MAX_STATE_BYTES
+
     version: Annotated[int, Field(ge=STATE_VERSION, le=STATE_VERSION)] = STATE_VERSION
     windows: Annotated[int, Field(ge=0)] = 0
     base_dry: Tracked | None = None
@@ -168,22 +166,6 @@ class CarriedState(Hashed):
     def to_json(self) -> str:
         """Write the state as canonical JSON."""
         return canonical_json(self.model_dump(mode="json"))
-
-    @classmethod
-    def from_json(cls, text: str, source: str) -> Self:
-        """Read a state.
-
-        Raises
-        ------
-        InputError
-            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
-        """
-        if len(text) > MAX_STATE_BYTES:
-            raise InputError(source, f"is larger than {MAX_STATE_BYTES} bytes; this is not a carried state")
-        try:
-            return cls.model_validate_json(text)
-        except ValidationError as error:
-            raise InputError.of_validation(source, error) from error
 
 
 _EMPTY: Final = CarriedState()

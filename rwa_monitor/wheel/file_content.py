@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Final, Self
 
 import tomli_w
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from rwa_monitor.errors import InputError, did_you_mean
 
@@ -31,8 +31,12 @@ def rounded(value: float) -> float:
     return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
 
 
-# The type of a float that is kept in a file.
+# Types of a float that is kept in a file.
 Rounded = Annotated[float, AfterValidator(rounded)]
+Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
+NotNegative = Annotated[Rounded, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[Rounded, Field(gt=0, allow_inf_nan=False)]
+Probability = Annotated[Rounded, Field(ge=0, le=1)]
 
 
 def canonical_json(content: Any) -> str:
@@ -84,6 +88,30 @@ class Strict(BaseModel):
 class Hashed(Strict):
     """The content of a whole file, with the hash of its meaning, which does not depend on the file's layout."""
 
+    what: ClassVar[str]  # what the file should be, for messages
+    limit: ClassVar[int] = MAX_CONTENT_BYTES
+
+    @classmethod
+    def from_json(cls, text: str | bytes, source: str) -> Self:
+        """Read the content as JSON.
+
+        Parameters
+        ----------
+        text, source
+            The file's content, and its name for messages.
+
+        Raises
+        ------
+        InputError
+            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
+        """
+        if len(text) > cls.limit:
+            raise InputError(source, f"is larger than {cls.limit} bytes; this is not a {cls.what}")
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            raise InputError.of_validation(source, error, what=f"is no {cls.what}: ") from error
+
     def plain(self) -> dict[str, Any]:
         """Return the content as dicts, lists, numbers and text."""
         return self.model_dump(mode="json")
@@ -108,7 +136,6 @@ class TomlFile(Hashed):
 
     head: ClassVar[str]  # the name of the first table
     tables: ClassVar[tuple[str, ...]]  # fields that are tables
-    what: ClassVar[str]  # what the file should be, for messages
 
     @classmethod
     def from_toml(cls, text: str, source: str) -> Self:
@@ -124,7 +151,7 @@ class TomlFile(Hashed):
         InputError
             If the text is no TOML, or a key is missing, unknown or out of range; names the key.
         """
-        return cls.from_tables(parse_toml(text, source, MAX_CONTENT_BYTES, cls.what), source)
+        return cls.from_tables(parse_toml(text, source, cls.limit, f"a {cls.what}"), source)
 
     @classmethod
     def from_tables(cls, tables: Mapping[str, Any], source: str) -> Self:

@@ -136,7 +136,7 @@ class Wheel(TomlFile):
 
     head: ClassVar[str] = "wheel"
     tables: ClassVar[tuple[str, ...]] = ("nominal", "noise", "friction", "limits", "window", "fss", "effect")
-    what: ClassVar[str] = "a wheel file"
+    what: ClassVar[str] = "wheel file"
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
     sample_period_s: Annotated[float, Field(gt=0, le=MAX_PERIOD_S)]

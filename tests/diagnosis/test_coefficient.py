@@ -88,7 +88,7 @@ def test_what_a_window_alone_measures_is_what_the_prior_was_multiplied_by() -> N
     weights = np.array([prior.std**-2, std**-2])
     mean, spread = float(weights @ [prior.mean, value] / weights.sum()), float(weights.sum() ** -0.5)
     seen = Features(1.0, 0.01, mean, spread, ())
-    alone = without_prior(seen, prior, 1.0)
+    alone = without_prior(seen, prior)
     assert alone.viscous == pytest.approx(value)
     assert alone.viscous_std == pytest.approx(std)
-    assert without_prior(replace(seen, viscous=1.04, viscous_std=0.05), prior, 1.0).viscous_std == np.inf
+    assert without_prior(replace(seen, viscous=1.04, viscous_std=0.05), prior).viscous_std == np.inf

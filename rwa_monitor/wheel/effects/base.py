@@ -70,6 +70,11 @@ class Channels:
         """Count the slots."""
         return int(self.speed_rad_s.size)
 
+    @property
+    def moving(self) -> BoolArray:
+        """Slots that hold a good sample with a speed, bool (n,)."""
+        return self.good & np.isfinite(self.speed_rad_s)
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
@@ -305,6 +310,11 @@ def stack(*columns: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
+def begun(memory: Memory, *start: float) -> FloatArray:
+    """Return the memory of an effect to be brought up to date: a copy, or what it is at the start of a record."""
+    return np.array(start) if memory is None else memory.copy()
+
+
 def since_last(usable: BoolArray, state: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the usable slots, int64 (m,), and the slots from each back to the usable one before, float64 (m,).
 
@@ -326,7 +336,7 @@ NEAR_ZERO: Final = 0.05  # share of the largest speed that counts as near zero, 
 
 def used_speed(channels: Channels) -> FloatArray:
     """Return |ω| of the good slots [rad/s]; one zero where there are none."""
-    speed = np.abs(channels.speed_rad_s[channels.good & np.isfinite(channels.speed_rad_s)])
+    speed = np.abs(channels.speed_rad_s[channels.moving])
     return speed if speed.size else np.zeros(1)
 
 
@@ -496,4 +506,4 @@ class NoiseEffect(Effect, ABC):
 
 def usable_residuals(residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> BoolArray:
     """Return the slots whose residual and speed count, bool (n,)."""
-    return good & channels.good & np.isfinite(residual_Nm) & np.isfinite(channels.speed_rad_s)
+    return good & channels.moving & np.isfinite(residual_Nm)
