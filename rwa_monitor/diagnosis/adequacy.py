@@ -504,8 +504,7 @@ def _hidden_friction(system: SwitchingSystem, configurations: IntArray, friction
     small = friction[active] < CREDIBLE_SIZE * low
     if small.mean() < SMALL_SHARE:
         return 0.0
-    first = system.friction[1]
-    return 0.5 * (first.low + first.high)
+    return system.friction[1].middle
 
 
 def _shapes(blocks: Blocks, evidence: Evidence, estimate: Estimate, wheel: Wheel) -> FloatArray:

@@ -19,7 +19,7 @@ from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Rounded, Strict
+from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Range, Rounded, Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 MODEL_VERSION: Final = 1
@@ -33,7 +33,7 @@ STATED_STRAY: Final = 0.02
 STATED_RATE: Final = 0.1
 
 
-class Band(Strict):
+class Band(Range):
     """Where values of one class lie: uniform on [low, high], the edges softened by a Gaussian of std `soft`.
 
     It holds both laws that friction follows here: a range (soft small) and a value with scatter (low = high).
@@ -42,17 +42,6 @@ class Band(Strict):
     low: Finite
     high: Finite
     soft: Positive
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) is below low ({self.low})")
-        return self
-
-    @property
-    def middle(self) -> float:
-        """The middle of the band."""
-        return 0.5 * (self.low + self.high)
 
     def density(self, value: ArrayLike, std: ArrayLike) -> FloatArray:
         """Return the density of measuring `value` with standard deviation `std`; arrays of one shape."""
@@ -181,7 +170,7 @@ class AnomalyModel(Strict):
         if system.friction is None:
             return True
         return all(
-            levels is None or levels.nominal_low <= 0.5 * (stated.low + stated.high) <= levels.nominal_high
+            levels is None or levels.nominal_low <= stated.middle <= levels.nominal_high
             for levels, stated in zip(self.levels, system.friction, strict=True)
         )
 
@@ -252,14 +241,12 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
         return None
     levels: list[Levels | None] = [None]
     for stated in system.friction[1:]:
-        middle = 0.5 * (stated.low + stated.high)
-        if middle <= 0:
+        if stated.middle <= 0:
             levels.append(None)
             continue
-        band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * middle)
-        levels.append(
-            Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=STATED_REACH * middle, median=None)
-        )
+        band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * stated.middle)
+        reach = STATED_REACH * stated.middle
+        levels.append(Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=reach, median=None))
     return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=STATED_RATE)
 
 

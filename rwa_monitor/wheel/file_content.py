@@ -15,7 +15,7 @@ from functools import cached_property
 from typing import Annotated, Any, ClassVar, Final, Self
 
 import tomli_w
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from rwa_monitor.errors import InputError, did_you_mean
 
@@ -83,6 +83,24 @@ class Strict(BaseModel):
     """Base of the content of a file: frozen, no key that is not known, no number that is not finite."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Range(Strict):
+    """From `low` to `high`."""
+
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.high < self.low:
+            raise ValueError(f"high ({self.high}) is below low ({self.low})")
+        return self
+
+    @property
+    def middle(self) -> float:
+        """The middle of the range."""
+        return 0.5 * (self.low + self.high)
 
 
 class Hashed(Strict):

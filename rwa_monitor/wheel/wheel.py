@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
-from rwa_monitor.wheel.file_content import Strict, TomlFile
+from rwa_monitor.wheel.file_content import Range, Strict, TomlFile
 
 MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
 
@@ -68,17 +68,8 @@ class Window(Strict):
         return self.samples if self.hop is None else self.hop
 
 
-class FrictionRange(Strict):
+class FrictionRange(Range):
     """Range of a configuration's friction, in units of the nominal dry torque."""
-
-    low: float
-    high: float
-
-    @model_validator(mode="after")
-    def _ordered(self) -> FrictionRange:
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) is below low ({self.low})")
-        return self
 
 
 class SwitchingSystem(Strict):
