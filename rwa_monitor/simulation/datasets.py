@@ -16,8 +16,7 @@ import numpy as np
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, cut, simulate
-from rwa_monitor.simulation.scenario import Anomaly, Base, Scenario
-from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
+from rwa_monitor.simulation.scenario import Anomaly, Base, Fault, FrictionNoise, Scenario, Sensors
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Histogram, Lognormal, Uniform, Weibull
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, built_in_wheel
 

@@ -16,7 +16,6 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.simulation.motion import ORBIT_S, Motion, simulate_motion, wheel_angle
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
-from rwa_monitor.simulation.sensors import bearing_temperature, measure
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
@@ -191,6 +190,9 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
 
 __all__ = ["VISIBLE_INFORMATION", "Changepoints", "Telemetry", "Truth", "cut", "simulate"]
 
+ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
+DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
+ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
 FALLBACK_DEAD_BAND: Final = 5.0  # speed noises: below, the measured sign of the speed is not the true one
 COUPLING_TOLERANCE: Final = 1.0e-12  # of the largest motor torque: where the loop friction ↔ motor torque has settled
 COUPLING_ROUNDS: Final = 100
@@ -520,6 +522,47 @@ def _measure(
         channels = {name: channels[name] for name in ("speed_rad_s", *scenario.channels)}
     time_ns = scenario.start_ns + np.arange(slots, dtype=np.int64) * wheel.period_ns
     return Samples(time_ns=time_ns, **channels)
+
+
+def measure(true: FloatArray, noise_std: float, quantum: float, rng: np.random.Generator) -> FloatArray:
+    """Return a sensor's reading, float64 (n,): the truth plus white noise, rounded to the quantum."""
+    reading = true + noise_std * rng.standard_normal(true.size)
+    if quantum > 0.0:
+        reading = quantum * np.rint(reading / quantum)
+    return reading
+
+
+def bearing_temperature(
+    time_s: FloatArray, friction_power_W: FloatArray, orbit_s: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return the bearing's temperature [°C], float64 (n,): orbital swing of the housing, with lag, plus dissipation.
+
+    Parameters
+    ----------
+    time_s
+        Time of each slot [s].
+    friction_power_W
+        Friction torque times speed [W], float64 (n,).
+    orbit_s
+        Period of the orbit [s].
+    rng
+        Source of all randomness: base temperature, size and phase of the swing.
+    """
+    base = rng.uniform(15.0, 25.0)  # °C, usual for a wheel inside the spacecraft
+    swing = 0.5 * rng.uniform(*ORBITAL_SWING_K)
+    rate = 2.0 * np.pi / orbit_s
+    lag = np.arctan(rate * ROTOR_TIME_CONSTANT_S)  # of a first-order body behind its housing
+    housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)
+    if time_s.size < 2:
+        return np.asarray(housing + DISSIPATION_K_W * friction_power_W)
+    from scipy import signal
+
+    # Exact step of the first-order lag for a power constant over a slot; the record begins in thermal balance.
+    stay = float(np.exp(-(time_s[1] - time_s[0]) / ROTOR_TIME_CONSTANT_S))
+    target = DISSIPATION_K_W * friction_power_W
+    warm, _ = signal.lfilter([1.0 - stay], [1.0, -stay], target, zi=[stay * float(np.mean(target))])
+    temperature: FloatArray = housing + warm
+    return temperature
 
 
 def _apply_faults(
