@@ -7,6 +7,7 @@ the same friction, so that K_T·I − J·dω/dt gives it back.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
@@ -19,7 +20,6 @@ from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
-from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
@@ -342,14 +342,8 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
             effect_torque[effect.name] = torque
             friction = friction + torque
     channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
-    # A dead zone of the tachometer changes only what is worked out with its speed: a friction that is given, not the
-    # current from which friction is still to be derived.
-    adding = [
-        effect
-        for effect in effects
-        if isinstance(effect, MeanEffect) and (scenario.friction_given or not isinstance(effect, SpeedDeadZone))
-    ]
-    coupled = _couple(adding, channels)
+    acting = _acting(scenario, effects)
+    coupled = _couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels)
     for torque in coupled.values():
         friction = friction + torque
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
@@ -438,11 +432,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     Where friction is given, the wheel's noise stands for all that its estimate suffers from. Where it is not, speed and
     current bring their own noise, and the friction itself has some only if the scenario, or a noise effect, states it.
     """
-    shaping = [
-        effect
-        for effect in parts.effects
-        if isinstance(effect, NoiseEffect) and (scenario.friction_given or effect not in _tachometers(parts.effects))
-    ]
+    shaping = [effect for effect in _acting(scenario, parts.effects) if isinstance(effect, NoiseEffect)]
     std = scenario.noise.std_Nm
     if std is None:
         std = (wheel.noise.friction_std_Nm or 0.0) if scenario.friction_given or shaping else 0.0
@@ -455,18 +445,31 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     if scenario.friction_given:
         return _Noise(values, std, long_run)
     sensors = scenario.sensors.for_wheel(wheel)
-    speed = np.hypot(sensors.speed_noise_rad_s or 0.0, (sensors.speed_quantum_rad_s or 0.0) * QUANTUM_STD)
-    for tachometer in _tachometers(parts.effects):
-        speed = np.std(tachometer.read_speed(parts.channels.speed_rad_s) - parts.channels.speed_rad_s)
-    current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) * QUANTUM_STD)
+    speed = np.hypot(sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"] * QUANTUM_STD)
+    true = parts.channels.speed_rad_s
+    for tachometer in parts.effects:
+        if isinstance(tachometer, NoiseEffect) and tachometer.is_of_tachometer:
+            speed = np.std(tachometer.read_speed(true) - true)
+    current = np.hypot(sensors["current_noise_A"], sensors["current_quantum_A"] * QUANTUM_STD)
     derived = torque_balance.derived_noise_variance(wheel, float(speed), float(current))
     return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
 
 
-def _tachometers(effects: tuple[Effect, ...]) -> list[NoiseEffect]:
-    """Return the noise effects that are a tachometer's: they change the speed that is read."""
-    noises = [effect for effect in effects if isinstance(effect, NoiseEffect)]
-    return [effect for effect in noises if type(effect).read_speed is not NoiseEffect.read_speed]
+def _acting(scenario: Scenario, effects: Sequence[Effect]) -> list[Effect]:
+    """Return the effects that change friction or its noise.
+
+    A tachometer's change only what is worked out with its speed: a friction that is given, not the current from which
+    friction is still to be derived.
+    """
+    return [effect for effect in effects if scenario.friction_given or not effect.is_of_tachometer]
+
+
+def _read_speed(effects: Sequence[Effect], true: FloatArray, measured: FloatArray) -> FloatArray:
+    """Return the speed that is read [rad/s], float64 (n,); the steps of a tachometer replace its usual noise."""
+    of_tachometer = [effect for effect in effects if effect.is_of_tachometer]
+    for effect in sorted(of_tachometer, key=lambda effect: not isinstance(effect, NoiseEffect)):
+        measured = effect.read_speed(true if isinstance(effect, NoiseEffect) else measured)
+    return measured
 
 
 def _long_run_std(noise: FloatArray) -> float:
@@ -491,28 +494,23 @@ def _measure(
     # A stream for each channel: leaving one out changes none of the others.
     speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
     slots = motion.speed_rad_s.size
-    speed = measure(motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng)
-    for tachometer in _tachometers(parts.effects):
-        speed = tachometer.read_speed(motion.speed_rad_s)  # its steps replace the usual noise
-    for effect in parts.effects:
-        if isinstance(effect, SpeedDeadZone):
-            speed = effect.read_speed(speed)
+    speed = measure(motion.speed_rad_s, sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"], speed_rng)
     channels: dict[str, Any] = {
-        "speed_rad_s": speed,
-        "bearing_temperature_degC": measure(parts.temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
+        "speed_rad_s": _read_speed(parts.effects, motion.speed_rad_s, speed),
+        "bearing_temperature_degC": measure(parts.temperature, sensors["temperature_noise_K"], 0.0, temperature_rng),
     }
     if scenario.friction_given:
         channels["friction_torque_Nm"] = torque
     if motor is not None and wheel.torque_constant_Nm_A is not None:
         per_ampere = torque_balance.torque_per_ampere(motor, motion.speed_rad_s, wheel)
         current = motor / per_ampere
-        measured = measure(current, sensors.current_noise_A or 0.0, sensors.current_quantum_A or 0.0, current_rng)
+        measured = measure(current, sensors["current_noise_A"], sensors["current_quantum_A"], current_rng)
         channels["motor_current_A"] = measured
         channels["motor_torque_Nm"] = per_ampere * measured
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
             per_speed = wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
             voltage = wheel.winding_resistance_ohm * current + per_speed * motion.speed_rad_s
-            channels["motor_voltage_V"] = measure(voltage, sensors.voltage_noise_V, 0.0, voltage_rng)
+            channels["motor_voltage_V"] = measure(voltage, sensors["voltage_noise_V"], 0.0, voltage_rng)
     if scenario.channels is None:
         channels.pop("motor_torque_Nm", None)
     else:
@@ -589,7 +587,7 @@ def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray)
     """Return bool (n,), the slots from which a diagnosis can learn."""
     dead_band = wheel.window.dead_band_rad_s
     if dead_band is None:
-        dead_band = FALLBACK_DEAD_BAND * (scenario.sensors.for_wheel(wheel).speed_noise_rad_s or 0.0)
+        dead_band = FALLBACK_DEAD_BAND * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
     speed = np.where(faulty, np.nan, samples.speed_rad_s)
     used = ~faulty & (np.abs(speed) > dead_band)
     if not scenario.friction_given:

@@ -63,8 +63,8 @@ class Sensors(Strict):
     voltage_noise_V: NoNegative = VOLTAGE_NOISE_V
     temperature_noise_K: NoNegative = TEMPERATURE_NOISE_K
 
-    def for_wheel(self, wheel: Wheel) -> Sensors:
-        """Return the sensors with every None replaced by what is usual for this wheel."""
+    def for_wheel(self, wheel: Wheel) -> dict[str, float]:
+        """Return all values by name, where one is None what is usual for this wheel."""
         speed = wheel.speed_unit_rad_s
         current = wheel.limits.max_current_A or FALLBACK_MAX_CURRENT_A
         usual = {
@@ -73,7 +73,7 @@ class Sensors(Strict):
             "current_noise_A": CURRENT_NOISE * current,
             "current_quantum_A": CURRENT_QUANTUM * current,
         }
-        return self.model_copy(update={name: value for name, value in usual.items() if getattr(self, name) is None})
+        return {**usual, **self.model_dump(exclude_none=True)}
 
 
 class FrictionNoise(Strict):

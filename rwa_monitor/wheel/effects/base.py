@@ -195,6 +195,19 @@ class Effect:
             samples=samples,
         )
 
+    def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
+        """Return what the tachometer reads of a speed [rad/s]; unchanged by most effects.
+
+        A simulator that derives friction from the measured speed uses this *instead of* the torque or the noise of an
+        effect that changes it.
+        """
+        return speed_rad_s
+
+    @property
+    def is_of_tachometer(self) -> bool:
+        """Whether the effect changes the speed that is read."""
+        return type(self).read_speed is not Effect.read_speed
+
     def __repr__(self) -> str:
         """Show name and values."""
         return f"{type(self).__name__}({', '.join(f'{k}={v:g}' for k, v in self.values.items())})"
@@ -459,14 +472,6 @@ class NoiseEffect(Effect, ABC):
         rng
             Source of all randomness.
         """
-
-    def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
-        """Return what the tachometer reads of a true speed [rad/s]; unchanged by most effects.
-
-        A simulator that derives friction from the measured speed uses this *instead of* `apply` for an effect that
-        changes it.
-        """
-        return speed_rad_s
 
     @classmethod
     def fit(

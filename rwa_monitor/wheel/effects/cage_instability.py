@@ -200,7 +200,7 @@ def _fit_of_band(
 
 
 # ---- bursts of noise in a band of speeds: a hidden Markov chain of two states, quiet and shaking ---------------------
-# Seen in the differences of neighbouring residuals, pair by pair: they know nothing of levels, jumps or slow effects.
+# Seen in the differences of neighbouring residuals, pair by pair: levels, jumps and slow effects are not in them.
 # Each difference is Student-t with a scale that is a free function of |ω|; inside the band the scale also depends on
 # the state. The gain is over the same law without states: what no law of speed and no heavy tail explains, since the
 # one has no memory of time and the other no memory at all. The likelihood is the forward recursion of L. R. Rabiner, A
