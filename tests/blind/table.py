@@ -10,7 +10,7 @@ import numpy as np
 from scipy import stats
 
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from tests.blind.trial import FORMULA, Outcome
+from tests.blind.trial import FORMULA, GRAMMAR, Outcome
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
@@ -98,6 +98,11 @@ def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
         ("two effects, both found", "≥ 88 %", rate(two, lambda o: o.inside)),
         ("outside the catalogue: verdict inadequate", "≥ 90 %", rate(outside, lambda o: o.verdict == "inadequate")),
         ("outside the catalogue: unexplained, or a formula", "≥ 95 %", rate(outside, lambda o: o.without_name)),
+        (
+            "— of those that the grammar can express: a formula of the right carrier and variable",
+            "≥ 60 %",
+            rate([o for o in outside if o.case.effects[0] in GRAMMAR], lambda o: o.law_is_right),
+        ),
         ("outside the catalogue: a wrong name", "≤ 10 %", rate(outside, lambda o: bool(real_names(o)))),
         (
             "parameters whose stated 95 % interval holds the truth",

@@ -34,6 +34,9 @@ TWICE_ACCEPTANCE = 2 * ACCEPTANCE
 FORMULA = "formula"
 SEARCHED = {**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}
 
+# Carrier and variable, in the grammar's words, of the hidden laws that it can express.
+GRAMMAR = {"bump": ("dry", "speed"), "even_bump": ("even", "speed"), "step_in_speed": ("dry", "speed")}
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -57,6 +60,7 @@ class Outcome:
     estimates: dict[
         str, tuple[float, float]
     ]  # parameters of the hidden effects that were named: value and stated error
+    law: str | None = None  # of the grammar, such as "formula dry*bump(speed)", where a formula was found
 
     def to_json(self) -> dict[str, Any]:
         return {**asdict(self), "kind": self.case.kind}
@@ -113,6 +117,13 @@ class Outcome:
         return self.unexplained is not None or any(effect["name"] == FORMULA for effect in self.effects)
 
     @property
+    def law_is_right(self) -> bool:
+        """Whether the formula has the carrier and the variable of the hidden law."""
+        true = GRAMMAR[self.case.effects[0]]
+        carrier, _, rest = (self.law or "").removeprefix("formula ").partition("*")
+        return (carrier, rest.partition("(")[2].rstrip(")")) == true
+
+    @property
     def false_names(self) -> list[str]:
         """Mean and switching effects that were named and are not there; noise effects that are not there, too."""
         right = set().union(*(accepted(name, self.case) for name in self.case.effects)) if self.case.effects else set()
@@ -161,6 +172,7 @@ def run_trial(case: Case, folder: Path) -> Outcome:
             for name, p in e["parameters"].items()
             if p["std"]
         },
+        law=next((one.name for one in search.result.effects if one.formula), None),
     )
 
 
