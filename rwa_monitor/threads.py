@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from threadpoolctl import ThreadpoolController
 
 if TYPE_CHECKING:
-    from rwa_monitor.discrepancy.mapper import Mapper
+    from rwa_monitor.discrepancy.problem import Mapper
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwa_monitor.discrepancy.finished_search import Search
-    from rwa_monitor.discrepancy.mapper import Mapper
     from rwa_monitor.discrepancy.plan import Plan, PlannedManoeuvre
+    from rwa_monitor.discrepancy.problem import Mapper
     from rwa_monitor.samples import Samples
     from rwa_monitor.wheel.wheel import Wheel
 

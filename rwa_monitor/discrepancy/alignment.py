@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d
 
-from rwa_monitor.discrepancy.steps import RMS_OF_ROUNDING, Steps
+from rwa_monitor.discrepancy.derived_friction import RMS_OF_ROUNDING, Steps
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.wheel import Wheel

@@ -19,9 +19,8 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
-from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise, long_run_variance
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.segmentation import decafs, fpop, segment_sums
@@ -85,7 +84,7 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     starts = np.concatenate([[0], np.cumsum([np.count_nonzero(r.used) for r in records])]).astype(np.int64)
     slot = np.concatenate([np.flatnonzero(r.used) for r in records]).astype(np.int64)
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else None
-    noise = estimate_noise([z], each)
+    noise = estimate_noise([z])
     problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, noise, nominal, each=each)
     if any(record.friction_is_derived for record in records):
         problem = replace(problem, derivative_taps=speed_noise_taps(wheel))
@@ -119,7 +118,7 @@ def _with_noise_of_rest(problem: Problem) -> Problem:
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     """Return the problem with the noise estimated from a model's residual, float64 (n,) [N m]."""
     pieces = [residual[a:b] for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True) if b > a]
-    noise, smallest = estimate_noise(pieces, problem.each), problem.smallest_noise_Nm
+    noise, smallest = estimate_noise(pieces), problem.smallest_noise_Nm
     if noise.std < smallest:
         noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
     return replace(problem, noise=noise)

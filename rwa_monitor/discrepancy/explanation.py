@@ -17,10 +17,9 @@ from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.hypotheses import formulas, speed_curve
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, fit_noise
-from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.noise_effects import CageBursts, cage_bursts
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import drawn_again
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Unexplained

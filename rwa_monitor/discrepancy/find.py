@@ -21,10 +21,9 @@ from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_rec
 from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
-from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import noise_effects
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding
 from rwa_monitor.discrepancy.record import delay_of
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain, SearchedAgain, Unexplained, Verdict

@@ -9,7 +9,6 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import median_filter
 
-from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 ENOUGH: Final = 20_000  # differences at a lag: their median is then known to a per cent
@@ -38,7 +37,7 @@ class Noise:
     long_run_variance: float
 
 
-def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Noise:
+def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     """Estimate the noise from the robust variogram γ(h) = ½ var(z_{k+h} - z_k) of contiguous pieces.
 
     Medians of absolute differences: a jump touches h of n differences, a slow effect changes little over a few slots.
@@ -49,8 +48,6 @@ def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Nois
     ----------
     pieces
         float64 (n,) each.
-    each
-        Applies a function to each lag.
     """
     longest = max(piece.size for piece in pieces)
     lags = np.arange(1, min(MAX_LAG, max(longest // 4, 2)) + 1)
@@ -62,7 +59,7 @@ def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Nois
         differences = np.concatenate([after - before for after, before in pairs])
         return float(0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2)
 
-    gamma = np.array(each(half_variance, lags.tolist()))
+    gamma = np.array([half_variance(lag) for lag in lags.tolist()])
     size = sum(piece.size for piece in pieces)
     # Medians do not see tails; differences of neighbours, of which a jump touches one, show how much they add.
     gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))

@@ -5,19 +5,38 @@ The sign is folded in: z = s·friction torque is a level and a slope in both dir
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, TypeVar
+from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 
-from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise import Noise
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.samples import FloatArray, IntArray
 
 DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
 NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
+
+
+# ---- how a function is applied to many candidates: in turn here; rooms that may start threads pass in others ---------
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class Mapper(Protocol):
+    """Applies a function to each item and returns the values in the order of the items, in whatever order it works."""
+
+    def __call__(self, function: Callable[[Item], Result], items: Iterable[Item], /) -> list[Result]:
+        """Return the function's value for each item."""
+        ...
+
+
+def in_turn(function: Callable[[Item], Result], items: Iterable[Item], /) -> list[Result]:
+    """Apply a function to one item after the other."""
+    return [function(item) for item in items]
 
 
 # ---- what a search has worked out before and meets again, as far as there is room: columns, levels -------------------
