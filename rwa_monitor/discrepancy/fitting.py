@@ -261,9 +261,11 @@ class Fitting:
         return model
 
     def _following(self, model: Model) -> tuple[Term, ...]:
-        """Return the terms of a model, those that follow a level with columns made anew from its level."""
+        """Return the terms of a model, those that follow a level with columns made anew from its level and its drag."""
+        problem, fit = self.problem, model.fit
+        beside = problem.z - fit.level - fit.residual - fit.coefficients[0] * problem.speed
         return tuple(
-            make_term(self.problem, term.effect, term.shape, model.fit.level) if depends_on_level(term.effect) else term
+            make_term(problem, term.effect, term.shape, fit.level, beside) if depends_on_level(term.effect) else term
             for term in model.terms
         )
 

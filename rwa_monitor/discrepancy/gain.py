@@ -82,8 +82,8 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model) -> HeldO
     viscous, terms, jumps = float(model.fit.coefficients[0]), model.terms, model.fit.jumps[:0]
     drag = viscous * other.speed
     for _ in range(LEVEL_ROUNDS):
-        level = levels(other, other.z - drag)
-        terms = tuple(make_term(other, term.effect, term.shape, level) for term in model.terms)
+        level, beside = levels(other, other.z - drag), drag - viscous * other.speed
+        terms = tuple(make_term(other, term.effect, term.shape, level, beside) for term in model.terms)
         drag = design_of(other, terms) @ model.fit.coefficients
         if not any(depends_on_level(term.effect) for term in terms):
             break

@@ -67,15 +67,24 @@ class Term:
         return len(self.effect.parameters) if self.price is None else self.price
 
 
-def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], level: FloatArray | None) -> Term:
+def make_term(
+    problem: Problem,
+    effect: type[MeanEffect],
+    shape: Mapping[str, float],
+    level: FloatArray | None,
+    beside: FloatArray | None = None,
+) -> Term:
     """Evaluate an effect's columns on all records.
 
     Parameters
     ----------
     level
         Current estimate of the dry level at the joined samples [N m], for effects that scale with it.
+    beside
+        What effects add to the friction along the rotation, float64 (n,) [N m], for those that scale with the motor's
+        torque: it overcomes that, too. None: nothing.
     """
-    return make_term_with(problem, effect, shape, followed_level(problem, effect, level))
+    return make_term_with(problem, effect, shape, followed_level(problem, effect, level, beside))
 
 
 class FollowedLevel:
@@ -87,19 +96,20 @@ class FollowedLevel:
     ----------
     problem
         The data.
-    level
-        float64 (n,), the level at the joined samples [N m].
+    level, beside
+        float64 (n,), the level at the joined samples, and what effects add to it [N m].
     """
 
-    def __init__(self, problem: Problem, level: FloatArray) -> None:
+    def __init__(self, problem: Problem, level: FloatArray, beside: FloatArray) -> None:
         self.problem = problem
         self.level = level
+        self.beside = beside
         self._cleaned: dict[float, FollowedLevel] = {}
 
     def without_pulses(self, lead: float) -> FollowedLevel:
         """Return the level with its pulses taken out, see `jump_terms`."""
         if lead not in self._cleaned:
-            self._cleaned[lead] = FollowedLevel(self.problem, without_pulses(self.level, lead))
+            self._cleaned[lead] = FollowedLevel(self.problem, without_pulses(self.level, lead), self.beside)
         return self._cleaned[lead]
 
     @cached_property
@@ -110,18 +120,19 @@ class FollowedLevel:
     @cached_property
     def stepped(self) -> FollowedLevel:
         """The level a small step up."""
-        return FollowedLevel(self.problem, self.level + self.step)
+        return FollowedLevel(self.problem, self.level + self.step, self.beside)
 
     @cached_property
     def channels(self) -> list[Channels]:
         """The channels of each record with this level, and with the motor torque that would overcome it."""
-        problem, level = self.problem, self.level
-        slope = float((problem.z - level) @ problem.speed / max(float(problem.speed @ problem.speed), 1e-300))
+        problem, added = self.problem, self.level + self.beside
+        slope = float((problem.z - added) @ problem.speed / max(float(problem.speed @ problem.speed), 1e-300))
         per_record = []
-        for record, dry in zip(problem.records, problem.spread(level), strict=True):
+        levels, drags = problem.spread(self.level), problem.spread(added)
+        for record, dry, drag in zip(problem.records, levels, drags, strict=True):
             channels = replace(record.channels, dry_level_Nm=dry)
             if record.accelerating_torque_Nm is not None:
-                motor = record.accelerating_torque_Nm + channels.direction * dry + slope * _steady_speed(record)
+                motor = record.accelerating_torque_Nm + channels.direction * drag + slope * _steady_speed(record)
                 rate = np.gradient(motor, channels.sample_period_s)
                 channels = replace(channels, motor_torque_Nm=motor, motor_torque_rate_Nm_s=rate)
             per_record.append(channels)
@@ -147,17 +158,20 @@ def _steady_speed(record: Record) -> FloatArray:
     return np.where(known, sums / np.where(known, share, 1.0), np.nan)
 
 
-def followed_level(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> FollowedLevel | None:
+def followed_level(
+    problem: Problem, effect: type[MeanEffect], level: FloatArray | None, beside: FloatArray | None = None
+) -> FollowedLevel | None:
     """Return what of a level an effect's columns follow; None where they follow none.
 
     Only strong jumps count: many weak ones may follow another effect, and the column would then follow it as well.
     """
     if level is None or not depends_on_level(effect):
         return None
-    decides = level, problem.z, problem.records
+    decides = level, beside, problem.z, problem.records
     price = problem.noise.long_run_variance
+    added = np.zeros(problem.size) if beside is None else beside
     return problem.recent.get(
-        decides, price, lambda: FollowedLevel(problem.with_empty_caches(), strong_level(problem, level))
+        decides, price, lambda: FollowedLevel(problem.with_empty_caches(), strong_level(problem, level), added)
     )
 
 

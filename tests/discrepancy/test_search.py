@@ -14,7 +14,20 @@ from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.samples import Samples
 from rwa_monitor.threads import on_threads
 from rwa_monitor.wheel.effects.presliding import Presliding
-from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, current_of, names, record, search, swing
+from rwa_monitor.wheel.wheel import Wheel
+from tests.discrepancy.simple import (
+    DRY_NM,
+    NOISE_NM,
+    PERIOD_S,
+    VISCOUS,
+    WHEEL,
+    current_of,
+    names,
+    record,
+    sampled,
+    search,
+    swing,
+)
 
 
 def one_way(count: int = 8000) -> np.ndarray:
@@ -103,3 +116,17 @@ def test_a_step_at_half_the_speed_is_no_dead_zone() -> None:
     found = search(record(swing(), effect=step)[0])
     assert found.result.unexplained is not None or any(effect.formula for effect in found.result.effects)
     assert "speed_dead_zone" not in names(found)
+
+
+def test_a_torque_constant_that_is_far_off_is_named_with_its_size_on_a_loaded_bench() -> None:
+    # The motor drives a load and its torque is measured beyond the friction: what is read is too much by 1/(1 - δ).
+    error, rng = 0.35, np.random.default_rng(8)
+    time = np.arange(4000) * PERIOD_S
+    speed = 40.0 * np.sin(2 * np.pi * time / 90.0) + 5.0
+    load = 0.1 * np.sin(2 * np.pi * time / 131.0)
+    true_friction = np.sign(speed) * DRY_NM + VISCOUS * speed + NOISE_NM * rng.normal(size=time.size)
+    motor = (load + true_friction) / (1.0 - error)
+    samples = sampled(speed + rng.normal(0.0, 0.01, time.size), motor - load, motor_torque_Nm=motor)
+    (found,) = search(samples, Wheel(name="bench", sample_period_s=PERIOD_S)).result.effects
+    assert found.name == "torque_constant_error"
+    assert found.parameters["strength"].value == pytest.approx(error, rel=0.01)
