@@ -314,7 +314,6 @@ def diagnose_samples(
 
 
 MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
-_THERE: Final = np.ones(4096, dtype=np.bool_)  # slots of a message, all there
 
 
 @dataclass(slots=True)
@@ -461,8 +460,7 @@ class Windows:
         start, self._done = self._done, stop
         speed, torque = self.ring.read_required(start, stop)
         friction, masked, faults = self.friction.friction(self.ring, start, stop, torque)
-        count = stop - start
-        there = _THERE[:count] if count <= _THERE.size else np.ones(count, dtype=np.bool_)  # missing values are NaN
+        there = np.ones(stop - start, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
         events = self._mask(masked, faults) if masked or faults else []
         if not confirmed or not confirmed[0]:
