@@ -256,15 +256,15 @@ class WheelCore:
         )
 
     @classmethod
-    def resume(cls, checkpoint: Checkpoint, wheel: Wheel, model: Model | None, *, method: Method) -> Self:
-        """Return a core that goes on from a checkpoint of a core with the same wheel, model and method.
+    def resume(cls, checkpoint: Checkpoint, wheel: Wheel, model: Model | None) -> Self:
+        """Return a core that goes on from a checkpoint of a core with the same wheel and model.
 
         Raises
         ------
         InputError
             As the constructor, or if the checkpoint does not fit the wheel.
         """
-        core = cls(wheel, model, method=method, carried=checkpoint.carried, sequencer=checkpoint.sequencer)
+        core = cls(wheel, model, carried=checkpoint.carried, sequencer=checkpoint.sequencer)
         if checkpoint.source:
             core._source = checkpoint.source
             core._windows.begin_source(checkpoint.source)
