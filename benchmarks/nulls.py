@@ -28,8 +28,7 @@ from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.switching_effects import largest_switching_gain
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import simulate
-from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.simulation.sensors import FrictionNoise
+from rwa_monitor.simulation.scenario import FrictionNoise, Scenario
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 

@@ -74,7 +74,7 @@ the samples and sees more: it names effects in measured records of 1,760 samples
 ([measured.md](measured.md))."""
 MISSING = """\
 One window, one effect on one motion, all 17 × 4 that can be shown. The standard deviations hold what the missing effect
-can have moved (`diagnosis/model_error_uncertainty.py`). The anomalies are those of recipe `mild`; *near-certain* is a
+can have moved (`diagnosis/adequacy.py`). The anomalies are those of recipe `mild`; *near-certain* is a
 probability above 0.9; *so called*: of the windows near-certain of what is not there, those whose verdict is
 `anomalous`, too; *open*: the verdict is `inconclusive`. A failing wheel that is not detected is mostly inconclusive,
 with a reason that names what the model lacks; its search is started, and once the wheel file is extended nothing is

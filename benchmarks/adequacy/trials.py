@@ -23,9 +23,8 @@ from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import BoolArray
 from rwa_monitor.simulation.datasets import MILD_SEVERITIES, RECIPES
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
-from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.record import Truth, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
-from rwa_monitor.simulation.truth import Truth
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block

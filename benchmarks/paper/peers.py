@@ -20,7 +20,7 @@ from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
 from rwa_monitor.paper.detection import Signal, detect
 from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import LabelledWindow
-from rwa_monitor.simulation.truth import Changepoints
+from rwa_monitor.simulation.record import Changepoints
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState
 

@@ -144,8 +144,7 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
 
 
 def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
-    from rwa_monitor.reporting.discrepancy_report import sentence
-    from rwa_monitor.reporting.discrepancy_text import details, plan_lines
+    from rwa_monitor.reporting.discrepancy_report import details, plan_lines, sentence
 
     if as_json:
         report = found.result.to_json()

@@ -3,8 +3,8 @@
 In: the `Evidence` of a closed window, the wheel, a `Model` and the carried state. Out: a `WindowDiagnosis`.
 
 Read `window.py` first: it runs all stages in order; then `features.py`, `classification.py`, `verdict.py`,
-`explanation.py`; `adequacy.py` and `model_error_uncertainty.py` ask whether the model fits; `model.py` is what
-was learned from labelled windows, `training.py` how; `trend.py` follows a coefficient over windows.
+the words of an operator with it; `adequacy.py` asks whether the friction model fits; `model.py` is what was learned
+from labelled windows, `training.py` how; `trend.py` follows a coefficient over windows.
 
 "Errata 9" and the like are rows of the table in docs/theory.md: what the paper leaves open, and what is done here.
 """

@@ -44,6 +44,11 @@ class SystemFeatures:
     friction_std: FloatArray
     rests: bool
 
+    @property
+    def unmoved(self) -> bool:
+        """Whether the system made no jump in the window."""
+        return self.configuration.size < 2
+
     def active(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Return configuration, friction and std of the sojourns above q = 0."""
         above = self.configuration > 0
@@ -74,6 +79,8 @@ class Features:
         One entry per switching system, in the wheel's order.
     by_path
         The same by all paths that the samples do not rule out, where there is more than one.
+    viscous_unit
+        The nominal viscous friction in the stages' units, dry torque over nominal speed; 1 where the wheel has none.
     """
 
     base_dry: float
@@ -82,11 +89,21 @@ class Features:
     viscous_std: float
     systems: tuple[SystemFeatures, ...]
     by_path: tuple[FeaturesOfPath, ...] = ()
+    viscous_unit: float = 1.0
 
     @property
     def base_known(self) -> bool:
         """Whether all systems rest at some time, so that the window itself shows the base dry friction."""
         return all(system.rests for system in self.systems)
+
+    def measured(self, anomaly: int) -> tuple[int, float, float]:
+        """Return by what an anomaly is measured, by its number in the wheel's order: configuration, value and std.
+
+        That of a system is the mean friction of its highest configuration.
+        """
+        if anomaly == 0:
+            return 0, self.base_dry, self.base_dry_std
+        return (0, self.viscous, self.viscous_std) if anomaly == 1 else self.systems[anomaly - 2].highest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +127,14 @@ class FeaturesOfPath:
 
 def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
     """Return the features of a window from the results of stage 3."""
-    unit = normalised_nominal_viscous(wheel)
+    unit = nominal_viscous(wheel) or 1.0
     features = Features(
         base_dry=components.base_dry,
         base_dry_std=components.base_dry_std,
         viscous=components.viscous / unit,
         viscous_std=components.viscous_std / unit,
         systems=_systems(components, assignment.configurations, assignment, wheel),
+        viscous_unit=unit,
     )
     if not components.by_path:
         return features
@@ -136,12 +154,7 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
     return replace(features, by_path=by_path)
 
 
-def normalised_nominal_viscous(wheel: Wheel) -> float:
-    """Return the nominal viscous friction in the stages' units, dry torque over nominal speed; 1 without one."""
-    return nominal_viscous(wheel) or 1.0
-
-
-def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) -> Features:
+def without_prior(features: Features, prior: SlopePrior) -> Features:
     """Return the features with viscous friction as this window alone measures it.
 
     Stage 3 starts from what earlier windows showed of the slope. Handed on as a measurement, that would count again in
@@ -153,10 +166,8 @@ def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) ->
         Of the window.
     prior
         Of the slope, as stage 3 used it.
-    viscous_unit
-        See `normalised_nominal_viscous`.
     """
-    mean, std = prior.mean / viscous_unit, prior.std / viscous_unit
+    mean, std = prior.mean / features.viscous_unit, prior.std / features.viscous_unit
     left = (features.viscous_std / std) ** 2
     own = 1.0 - left
     if not own > LEAST_INFORMATION:

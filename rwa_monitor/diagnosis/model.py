@@ -9,22 +9,20 @@ from __future__ import annotations
 
 import pkgutil
 from functools import cached_property, lru_cache
-from typing import Annotated, Final, Self
+from typing import Annotated, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities, strays
+from rwa_monitor.kernels.laws import LEVEL_NUMBERS, densities
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Range, Rounded, Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 MODEL_VERSION: Final = 1
-MAX_MODEL_BYTES: Final = 1_000_000  # the built-in model is some 20 kB
 BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
 
 # Where a system's healthy friction is stated in the wheel file and no anomaly was learned: softness of the stated
@@ -34,12 +32,8 @@ STATED_REACH: Final = 0.4
 STATED_STRAY: Final = 0.02
 STATED_RATE: Final = 0.1
 
-Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
-Positive = Annotated[Rounded, Field(gt=0, allow_inf_nan=False)]
-Fraction = Annotated[Rounded, Field(ge=0, le=1)]
 
-
-class Band(Strict):
+class Band(Range):
     """Where values of one class lie: uniform on [low, high], the edges softened by a Gaussian of std `soft`.
 
     It holds both laws that friction follows here: a range (soft small) and a value with scatter (low = high).
@@ -49,21 +43,11 @@ class Band(Strict):
     high: Finite
     soft: Positive
 
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) is below low ({self.low})")
-        return self
-
-    @property
-    def middle(self) -> float:
-        """The middle of the band."""
-        return 0.5 * (self.low + self.high)
-
     def density(self, value: ArrayLike, std: ArrayLike) -> FloatArray:
         """Return the density of measuring `value` with standard deviation `std`; arrays of one shape."""
-        at, sigma = np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64)
-        return np.asarray(band_densities(at.ravel(), sigma.ravel(), self.low, self.high, self.soft)).reshape(at.shape)
+        alone = np.array([self.low, self.high, self.soft, np.nan, np.nan, np.nan, 0.0, 1.0])  # without strays
+        nominal, _ = _densities(np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64), alone)
+        return np.asarray(nominal)
 
 
 class Levels(Strict):
@@ -187,7 +171,7 @@ class AnomalyModel(Strict):
         if system.friction is None:
             return True
         return all(
-            levels is None or levels.nominal_low <= 0.5 * (stated.low + stated.high) <= levels.nominal_high
+            levels is None or levels.nominal_low <= stated.middle <= levels.nominal_high
             for levels, stated in zip(self.levels, system.friction, strict=True)
         )
 
@@ -202,7 +186,7 @@ class Provenance(Strict):
     command: str
 
 
-class Model(Strict):
+class Model(Hashed):
     """All classifiers of a wheel.
 
     Attributes
@@ -219,11 +203,13 @@ class Model(Strict):
         (low, high): a probability between them is inconclusive.
     """
 
+    what: ClassVar[str] = "model file"
+
     version: Annotated[int, Field(ge=MODEL_VERSION, le=MODEL_VERSION)] = MODEL_VERSION
     trained: Provenance
     anomalies: Annotated[tuple[AnomalyModel, ...], Field(min_length=1, max_length=10)]
     simultaneous: Annotated[tuple[Annotated[Rounded, Field(gt=0, le=1)], ...], Field(min_length=2, max_length=11)]
-    undecided: tuple[Fraction, Fraction]
+    undecided: tuple[Probability, Probability]
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -246,41 +232,6 @@ class Model(Strict):
         """Write the model as readable JSON, keys sorted, numbers with 12 significant digits."""
         return self.model_dump_json(indent=1) + "\n"
 
-    @classmethod
-    def from_json(cls, text: str | bytes, source: str) -> Self:
-        """Read a model.
-
-        Parameters
-        ----------
-        text
-            The file's content.
-        source
-            Its name, for messages.
-
-        Raises
-        ------
-        InputError
-            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
-        """
-        if len(text) > MAX_MODEL_BYTES:
-            raise InputError(source, f"is larger than {MAX_MODEL_BYTES} bytes; this is not a model file")
-        try:
-            return cls.model_validate_json(text)
-        except ValidationError as error:
-            raise InputError.of_validation(source, error, what="is no model: ") from error
-
-    def canonical(self) -> str:
-        """Return the canonical JSON: the model's meaning, independent of the file's layout."""
-        return canonical_json(self.model_dump(mode="json"))
-
-    def sha256(self) -> str:
-        """Return the hash of the canonical JSON."""
-        return self._content_sha256
-
-    @cached_property
-    def _content_sha256(self) -> str:
-        return content_sha256(self.model_dump(mode="json"))
-
 
 def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
     """Return a system's healthy friction as the wheel file states it, as a model without a learned anomaly.
@@ -291,14 +242,12 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
         return None
     levels: list[Levels | None] = [None]
     for stated in system.friction[1:]:
-        middle = 0.5 * (stated.low + stated.high)
-        if middle <= 0:
+        if stated.middle <= 0:
             levels.append(None)
             continue
-        band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * middle)
-        levels.append(
-            Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=STATED_REACH * middle, median=None)
-        )
+        band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * stated.middle)
+        reach = STATED_REACH * stated.middle
+        levels.append(Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=reach, median=None))
     return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=STATED_RATE)
 
 
@@ -334,18 +283,23 @@ def built_in_model() -> Model:
 
 # ---- likelihoods of what a window shows, each value with its own standard deviation ----------------------------------
 
+_NO_OFFSET: Final[FloatArray] = np.zeros(1)
+
 
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the log density of measured values under nominal (row 0) and anomalous (row 1), float64 (2, …).
-
-    `value` and `std` broadcast against each other to the shape behind the rows.
+    """Return the log density of measured values (n,) under nominal (row 0) and anomalous (row 1), float64 (2, n).
 
     Both classes share the stray values of earlier stages' errors: heavy tails (Lomax, shape 1) around the nominal
     band. The anomalous class also has values beyond the nominal bound that are no learned anomaly's.
     """
-    if value.shape != std.shape:
-        value, std = np.broadcast_arrays(value, std)
-    return np.log(level_densities(value.ravel(), std.ravel(), levels.numbers)[:2]).reshape(2, *value.shape)
+    return np.log(_densities(value, std, levels.numbers))
+
+
+def _densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Return the densities of measured values of one level, float64 (2, …)."""
+    level = np.zeros(value.size, dtype=np.int64)
+    found = densities(level, value.ravel(), std.ravel(), _NO_OFFSET, numbers[np.newaxis])
+    return found[:2].reshape(2, *value.shape)
 
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: FloatArray) -> FloatArray:
@@ -353,7 +307,7 @@ def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: 
     configuration, friction, std = system.active()
     if model is None or friction.size == 0:
         return np.zeros((2, offset.size))
-    log_density = np.log(sojourn_densities(configuration, friction, std, offset, model.numbers))
+    log_density = np.log(densities(configuration, friction, std, offset, model.numbers)[:2])
     # One after the other: the sum's last bit must not depend on how many there are.
     return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
 
@@ -370,5 +324,6 @@ def stray_probabilities(
     configuration, value, std
         (n,); values of configurations that were not learned, and those that are not finite, are left out.
     """
-    stray, relative = strays(configuration, value, std, model.numbers)
-    return stray, relative
+    stray = densities(configuration, value, std, _NO_OFFSET, model.numbers)[2, :, 0]
+    known = np.isfinite(stray)
+    return stray[known], std[known] / model.numbers[configuration[known], LEVEL_NUMBERS - 1]

@@ -88,10 +88,7 @@ def _train_anomaly(
     rate = (label.sum() + PSEUDO_WINDOWS) / (label.size + 2.0 * PSEUDO_WINDOWS)
     if name in RESERVED_ANOMALIES:
         known = [window.features.base_known or a == 1 for window in windows]
-        value, std = (
-            np.array([getattr(window.features, field) for window in windows])
-            for field in (("base_dry", "base_dry_std"), ("viscous", "viscous_std"))[a]
-        )
+        _, value, std = np.array([window.features.measured(a) for window in windows]).T
         levels = fit_levels(value[known], std[known], label[known], MIN_SOFT)
         if levels is None:
             raise InputError("training windows", "show no nominal value", name)

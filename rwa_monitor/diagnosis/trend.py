@@ -34,7 +34,6 @@ LAST_ONSET: Final = 1  # windows at least after a beginning
 LAST_TESTED: Final = 5  # the same for a beginning that may announce a trend: fewer may be gross errors in a row
 DEGREES_OF_FREEDOM: Final = 2.0  # of Student's t: gross errors of dry friction, a whole jump, are 50 deviations
 ROUNDS: Final = 12  # of reweighting
-GROSS: Final = 1.0  # a variance that had to be doubled belongs to a gross error
 SCATTERS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # beside the median standard deviation of the estimates
 MEMORIES: Final = (0.0, 0.7, 0.9, 0.95, 0.98, 0.99)  # correlation of the scatter from one window to the next
 QUANTILES: Final = (0.025, 0.5, 0.975)  # of a 95 % interval
@@ -116,8 +115,8 @@ class Trend:
 
     Attributes
     ----------
-    windows, gross_errors
-        Windows used, and those of them whose error was taken for a gross one.
+    windows
+        Windows used.
     p_value
         Upper bound of the probability of such a slope where there is no trend.
     slope, slope_std
@@ -126,22 +125,17 @@ class Trend:
         Beginning [s]: 2.5 %, 50 % and 97.5 % quantile, resolved to windows.
     value, value_std
         Of the line at the last window.
-    scatter, memory
-        What the windows scatter beyond the errors they state, and its correlation from one window to the next.
     lines
         The distribution that all of this comes from; `lines.at(time_s)` is the line to draw.
     """
 
     windows: int
-    gross_errors: int
     p_value: float
     slope: float
     slope_std: float
     onset_s: tuple[float, float, float]
     value: float
     value_std: float
-    scatter: float
-    memory: float
     lines: Lines
 
     @property
@@ -198,7 +192,7 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     at, y = (time_s - time_s[0]) / span_s, (value - middle) / scale
     onsets = np.linspace(0.0, at[-1 - LAST_ONSET], ONSETS)
     hinges = np.maximum(at - onsets[:, None], 0.0)
-    variance, gross_errors = _tone_down(at, hinges, y, (std / scale) ** 2)
+    variance = _tone_down(at, hinges, y, (std / scale) ** 2)
     cells = [(0.0, 0.0), *((scatter, memory) for scatter in SCATTERS[1:] for memory in MEMORIES)]
     tested = int(np.count_nonzero(onsets <= at[-1 - LAST_TESTED]))
     fits = [_fit(at, hinges, tested, y, variance, scatter, memory) for scatter, memory in cells]
@@ -217,18 +211,14 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     now, now_std = lines.at(time_s[-1:])
     slope = float(lines.weight @ lines.mean[:, 1])
     of_cell = weight.sum(axis=1)
-    scatter, memory = of_cell @ np.array(cells)
     return Trend(
         windows=at.size,
-        gross_errors=gross_errors,
         p_value=float(min(of_cell @ np.array([fit.p_value for fit in fits]), 1.0)),
         slope=slope,
         slope_std=float(np.sqrt(lines.weight @ (lines.covariance[:, 1, 1] + (lines.mean[:, 1] - slope) ** 2))),
         onset_s=_quantiles(time_s[0] + span_s * onsets, weight.sum(axis=0)),
         value=float(now[0]),
         value_std=float(now_std[0]),
-        scatter=float(scatter) * scale,
-        memory=float(memory),
         lines=lines,
     )
 
@@ -242,8 +232,8 @@ def _quantiles(values: FloatArray, weight: FloatArray) -> tuple[float, float, fl
 # ---- gross errors ----------------------------------------------------------------------------------------------------
 
 
-def _tone_down(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: FloatArray) -> tuple[FloatArray, int]:
-    """Return the variances with those of gross errors raised, and how many these are.
+def _tone_down(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: FloatArray) -> FloatArray:
+    """Return the variances with those of gross errors raised.
 
     For each beginning and size of the scatter a line is fitted under Student's t by reweighting; the likeliest of them
     decides which residuals are gross.
@@ -263,7 +253,7 @@ def _tone_down(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: Floa
     best = np.unravel_index(int(np.argmax(log_density.sum(axis=-1))), square.shape[:2])
     excess = np.maximum((DEGREES_OF_FREEDOM + square[best]) / (DEGREES_OF_FREEDOM + 1.0) - 1.0, 0.0)
     growth = slope[best] * np.gradient(at) * (hinges[best[0]] > 0)
-    return variance + excess * total[0, best[1]] + growth**2 / 12.0, int(np.count_nonzero(excess > GROSS))
+    return np.asarray(variance + excess * total[0, best[1]] + growth**2 / 12.0)
 
 
 def _weighted_line(h: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -16,19 +16,16 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.changepoints.stage_results import REJECTED, Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis import adequacy, explanation
-from rwa_monitor.diagnosis.adequacy import Adequacy
+from rwa_monitor.diagnosis.adequacy import Adequacy, check, uncertainty_of
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
 from rwa_monitor.diagnosis.features import (
     Features,
     SystemFeatures,
     features_of,
-    normalised_nominal_viscous,
     without_prior,
 )
 from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.diagnosis.model_error_uncertainty import uncertainty_of
-from rwa_monitor.diagnosis.verdict import covered, from_another_wheel, remedy_of, verdict_of
+from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
@@ -102,7 +99,7 @@ def diagnose_window(
         relabelled = replace(stages.assignment, configurations=judgement.configurations)
         stages = _run_stages(inputs, (relabelled, stages.estimate))
         judgement = _judge(inputs, stages)
-    diagnosis = concluded(inputs, stages, judgement, verdict_of, another_wheel=from_another_wheel)
+    diagnosis = concluded(inputs, stages, judgement, verdict_of)
     state = next_state(
         carried,
         wheel,
@@ -125,12 +122,11 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
     features = features_of(components, assignment, wheel)
     measured = features
     if inputs.carried.viscous is not None:
-        measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0), normalised_nominal_viscous(wheel))
-    fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
+        measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0))
+    fits = check(evidence, estimate, assignment, wheel.fss)
     if not fits.adequate:
         uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
-        unit = normalised_nominal_viscous(wheel)
-        features, measured = uncertainty.widen(features, unit), uncertainty.widen(measured, unit)
+        features, measured = uncertainty.widen(features), uncertainty.widen(measured)
         wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
         components = replace(components, viscous_std=wide)
     return Stages(assignment, estimate, components, features, measured, fits)
@@ -147,8 +143,7 @@ def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
     new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:
         new_share = 0.0  # what is missing shows alike in every window: it must not add up to certainty
-    unit = normalised_nominal_viscous(inputs.wheel)
-    judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share, unit)
+    judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share)
     seen = replace(judgement.features, viscous=features.viscous, viscous_std=features.viscous_std)
     return replace(judgement, features=seen)
 
@@ -162,7 +157,7 @@ def _tracked(inputs: DiagnosisInput, stages: Stages, judgement: Judgement) -> tu
     base, viscous = inputs.carried.base_dry, inputs.carried.viscous
     if not (stages.fits.adequate and covered(inputs)):
         return base and base.drifted(), viscous and viscous.drifted()
-    unit = normalised_nominal_viscous(inputs.wheel)
+    unit = stages.measured.viscous_unit
     if inputs.model is not None:
         base, viscous = judgement.tracked
         return base, None if viscous is None else viscous.scaled(unit)
@@ -178,7 +173,6 @@ def concluded(
     stages: Stages,
     judgement: Judgement,
     rule: Callable[[Findings], tuple[Verdict, str]],
-    another_wheel: Callable[[Findings, Verdict], bool] | None = None,
 ) -> WindowDiagnosis:
     """Return the diagnosis of a window.
 
@@ -188,8 +182,6 @@ def concluded(
         What it is a function of, the results of its stages, and the judgement on its features.
     rule
         Gives the verdict and its reason.
-    another_wheel
-        Whether the wheel file may be another wheel's; None where earlier windows count for nothing.
     """
     wheel, fits, features = inputs.wheel, stages.fits, judgement.features
     torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
@@ -201,9 +193,6 @@ def concluded(
         unnamed_jumps=not wheel.fss and bool((stages.assignment.system != REJECTED).any()),
     )
     verdict, reason = rule(findings)
-    another = another_wheel is not None and another_wheel(findings, verdict)
-    if another:
-        reason = f"{reason.removesuffix('.')}; {explanation.ANOTHER_WHEEL}"
     return WindowDiagnosis(
         verdict=verdict,
         reason=reason,
@@ -227,13 +216,12 @@ def concluded(
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
-        explanation=explanation.explain(
+        explanation=explain(
             findings,
             verdict,
             reason,
-            windows_before=inputs.carried.windows if another_wheel else 0,
+            windows_before=inputs.carried.windows if inputs.method == "joint" else 0,
             remedy=remedy_of(findings) if verdict == "inconclusive" else "",
-            another_wheel=another,
         ),
         features=stages.features,
         **inputs.provenance(),
@@ -246,7 +234,7 @@ def too_few(inputs: DiagnosisInput) -> WindowDiagnosis:
     no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
     reason = f"Only {evidence.used} of the window's {evidence.slots} slots hold a usable sample."
-    advice = explanation.CHECK_TELEMETRY
+    advice = CHECK_TELEMETRY
     if evidence.used == evidence.slots:
         whole = inputs.wheel.window.samples
         reason = f"The window holds {evidence.used} samples: too few to measure friction, a whole one has {whole}."

@@ -52,8 +52,6 @@ class AnomalyDiagnosis(Judged):
         Standard deviation of the estimate, in its unit; 0 where it is not finite.
     unmoved
         Whether it is that of a system without a jump in the window.
-    before
-        The coefficient as earlier windows show it, in the estimate's unit; None where they do not.
     """
 
     severity: float | None
@@ -64,7 +62,6 @@ class AnomalyDiagnosis(Judged):
     unit: str
     std: float
     unmoved: bool
-    before: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,22 +261,11 @@ def anomalies_of(inputs: DiagnosisInput, judgement: Judgement) -> tuple[AnomalyD
 def _anomaly_of(
     inputs: DiagnosisInput, judged: Judged, model: AnomalyModel | None, features: Features, a: int
 ) -> AnomalyDiagnosis:
-    wheel = inputs.wheel
-    before: float | None = None
-    q, unit, name, unmoved = 0, wheel.torque_unit_Nm, DRY_UNIT, False
-    if a == 0:
-        value, std = features.base_dry, features.base_dry_std
-        if inputs.carried.base_dry:
-            before = inputs.carried.base_dry.mean * unit
-    elif a == 1:
+    wheel, unit, name = inputs.wheel, inputs.wheel.torque_unit_Nm, DRY_UNIT
+    q, value, std = features.measured(a)
+    if a == 1:
         nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
-        value, std, name = features.viscous, features.viscous_std, VISCOUS_UNIT
-        unit = nominal if nominal > 0 else viscous_unit(wheel)
-        if inputs.carried.viscous:
-            before = inputs.carried.viscous.mean * viscous_unit(wheel)
-    else:
-        q, value, std = features.systems[a - 2].highest()
-        unmoved = features.systems[a - 2].configuration.size < 2
+        unit, name = nominal if nominal > 0 else viscous_unit(wheel), VISCOUS_UNIT
     levels: Levels | None = model.levels[q] if model else None
     severity, severity_std, low, high = None, None, None, None
     if a > 1 and q == 0 and model is not None:
@@ -299,8 +285,7 @@ def _anomaly_of(
         nominal_high=high,
         unit=name,
         std=std * unit if math.isfinite(std * unit) else 0.0,
-        unmoved=unmoved,
-        before=before,
+        unmoved=a > 1 and features.systems[a - 2].unmoved,
     )
 
 

@@ -14,8 +14,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.explanation import quantity, title
 from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
+from rwa_monitor.diagnosis.verdict import quantity, title
 from rwa_monitor.messages import Diagnosis, Message, Number, Quantity
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 

@@ -188,8 +188,8 @@ def _tables(system: SwitchingSystem, index: IntArray) -> _Tables:
         for q, law in enumerate(system.durations):
             up = system.probability_up(q)
             turn[q] = np.log([1.0 - up, up])
-            ends[q, :count] = np.where(between > 0, law.log_pmf(between), -np.inf)
-            lasts[q, :count] = np.where(between > 0, law.log_survival(between), -np.inf)
+            ends[q, :count] = np.where(between > 0, np.log(law.pmf(between)), -np.inf)
+            lasts[q, :count] = np.where(between > 0, np.log(law.survival(between)), -np.inf)
             ends[q, NOT_YET], lasts[q, NOT_YET] = _optimistic(law, index)
     return _Tables(ends, lasts, turn)
 

@@ -7,7 +7,7 @@ explanations) is that of the default method. What earlier windows show is not us
 from __future__ import annotations
 
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis import adequacy
+from rwa_monitor.diagnosis.adequacy import check
 from rwa_monitor.diagnosis.classification import unjudged
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model
@@ -60,7 +60,7 @@ def diagnose_window(
         return too_few(inputs), carried
     assignment, levels, components = split_friction(evidence, wheel)
     features = features_of(components, assignment, wheel)
-    fits = adequacy.check(evidence, levels, assignment, wheel.fss)
+    fits = check(evidence, levels, assignment, wheel.fss)
     if model is not None and covered(inputs):
         judgement = classify(features, inputs.models, wheel.anomalies)
     else:

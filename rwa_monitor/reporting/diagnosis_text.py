@@ -9,8 +9,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from rwa_monitor.diagnosis.explanation import quantity, span
-from rwa_monitor.diagnosis.verdict import MIN_COVERAGE
+from rwa_monitor.diagnosis.verdict import MIN_COVERAGE, quantity, span
 from rwa_monitor.messages import Anomaly, Diagnosis, Quantity
 from rwa_monitor.words import time_text
 

@@ -16,8 +16,7 @@ import numpy as np
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, cut, simulate
-from rwa_monitor.simulation.scenario import Anomaly, Base, Scenario
-from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
+from rwa_monitor.simulation.scenario import Anomaly, Base, Fault, FrictionNoise, Scenario, Sensors
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Histogram, Lognormal, Uniform, Weibull
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, built_in_wheel
 
@@ -110,9 +109,7 @@ class Recipe:
     windows: int = 1
 
 
-def generate(
-    recipe: str | Recipe, count: int, seed: int, *, windows: int | None = None, friction_given: bool | None = None
-) -> Iterator[LabelledWindow]:
+def generate(recipe: str | Recipe, count: int, seed: int, *, windows: int | None = None) -> Iterator[LabelledWindow]:
     """Generate the windows of a dataset, one by one.
 
     Parameters
@@ -125,8 +122,6 @@ def generate(
         Of all randomness; not negative.
     windows
         Windows in the life of each wheel, which follow each other in time; None: the recipe's own number.
-    friction_given
-        Overrides what the recipe states of the friction channel; None leaves it.
 
     Yields
     ------
@@ -149,13 +144,11 @@ def generate(
             "recipe", f"count {count}, seed {seed}, windows {life}: none may be negative, windows not zero"
         )
     for number in range(-(-count // life)):
-        yield from islice(
-            wheel_windows(recipe, number, seed, windows=life, friction_given=friction_given), count - number * life
-        )
+        yield from islice(wheel_windows(recipe, number, seed, windows=life), count - number * life)
 
 
 def wheel_windows(
-    recipe: str | Recipe, number: int, seed: int, *, windows: int | None = None, friction_given: bool | None = None
+    recipe: str | Recipe, number: int, seed: int, *, windows: int | None = None
 ) -> Iterator[LabelledWindow]:
     """Generate the windows in the life of the `number`-th wheel of a dataset, cut from one record; see `generate`."""
     recipe = RECIPES[recipe] if isinstance(recipe, str) else recipe
@@ -163,8 +156,6 @@ def wheel_windows(
     rng = np.random.default_rng([seed, number])
     wheel = recipe.wheel(rng).model_copy(update={"name": f"{recipe.name}_{number:05d}"})
     scenario = recipe.scenario(wheel, number, life, rng)
-    if friction_given is not None:
-        scenario = scenario.model_copy(update={"friction_given": friction_given})
     record = simulate(scenario, wheel, rng)
     if life == 1:
         yield LabelledWindow(wheel.name, wheel, scenario, record, dict(record.truth.labels))
@@ -172,9 +163,11 @@ def wheel_windows(
     samples, anomalies = wheel.window.samples, scenario.anomalies
     for window in range(life):
         piece = cut(record, window * samples, (window + 1) * samples, wheel)
-        middle_s = (window + 0.5) * samples * wheel.sample_period_s
-        factors = {name: anomalies[name].factor_at(middle_s) if name in anomalies else 1.0 for name in wheel.anomalies}
-        labels = {name: name in anomalies and anomalies[name].share_at(middle_s) >= LABEL_SHARE for name in factors}
+        middle_s = np.array((window + 0.5) * samples * wheel.sample_period_s)
+        factors = dict.fromkeys(wheel.anomalies, 1.0)
+        factors |= {name: float(anomaly.factor_at(middle_s)) for name, anomaly in anomalies.items()}
+        labels = dict.fromkeys(wheel.anomalies, False)
+        labels |= {name: bool(anomaly.share_at(middle_s) >= LABEL_SHARE) for name, anomaly in anomalies.items()}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
         yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece, dict(labels))
 

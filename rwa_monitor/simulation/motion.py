@@ -17,7 +17,7 @@ from pydantic import Field
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Strict
 from rwa_monitor.wheel.wheel import Wheel
 
 ProfileKind = Literal["orbit", "one_direction", "crossings", "rich", "constant", "from_rest"]
@@ -216,22 +216,14 @@ def _orbit(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None
     """Momentum swings through zero every half orbit; harmonics from gravity gradient and drag; slews on top."""
     swing = profile.scale * rng.uniform(0.55, 0.85)
     plan.add_constant(swing * rng.uniform(-0.3, 0.3))
-    plan.add_tone(swing, ORBIT_S, rng.uniform(0, 2 * np.pi))
-    for harmonic in (2, 3):
-        plan.add_tone(swing * rng.uniform(0.03, 0.12), ORBIT_S / harmonic, rng.uniform(0, 2 * np.pi))
-    _add_slews(plan, profile, rng, 0.15 * profile.scale)
-    plan.add_activity(profile.activity, rng)
+    _add_orbits(plan, profile, rng, swing, (0.03, 0.12), 0.15)
 
 
 def _one_direction(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
     """As in orbit, but biased so far that the wheel never comes near zero: the usual way to run a wheel."""
     direction = _direction(profile, rng)
     swing = profile.scale * rng.uniform(0.15, 0.25)
-    plan.add_tone(swing, ORBIT_S, rng.uniform(0, 2 * np.pi))
-    for harmonic in (2, 3):
-        plan.add_tone(swing * rng.uniform(0.05, 0.15), ORBIT_S / harmonic, rng.uniform(0, 2 * np.pi))
-    _add_slews(plan, profile, rng, 0.1 * profile.scale)
-    plan.add_activity(profile.activity, rng)
+    _add_orbits(plan, profile, rng, swing, (0.05, 0.15), 0.1)
     # The bias puts the slowest moment of this record at a fifth to a third of the scale, whatever was drawn above.
     slowest = profile.scale * rng.uniform(0.2, 0.33)
     plan.add_constant(direction * slowest - direction * float(np.min(direction * plan.speed)))
@@ -279,14 +271,30 @@ def _from_rest(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> 
     plan.add_move(-speed, 0.6 * plan.duration, plan.duration * rng.uniform(0.25, 0.35))
 
 
-def _add_slews(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator, largest: float) -> None:
-    """Add accelerate–hold–brake moves at random times, in both directions."""
+def _add_orbits(
+    plan: _Plan,
+    profile: SpeedProfile,
+    rng: np.random.Generator,
+    swing: float,
+    share: tuple[float, float],
+    largest_slew: float,
+) -> None:
+    """Add what an orbit does to the speed, slews and the attitude loop's activity.
+
+    A tone of size `swing`, harmonics in the given range of shares of it, and accelerate–hold–brake moves at random
+    times in both directions, up to a share of the profile's scale.
+    """
+    plan.add_tone(swing, ORBIT_S, rng.uniform(0, 2 * np.pi))
+    for harmonic in (2, 3):
+        plan.add_tone(swing * rng.uniform(*share), ORBIT_S / harmonic, rng.uniform(0, 2 * np.pi))
+    largest = largest_slew * profile.scale
     for _ in range(rng.poisson(profile.slews_per_hour * plan.duration / SECONDS_PER_HOUR)):
         change = largest * rng.uniform(0.3, 1.0) * rng.choice([-1.0, 1.0])
         start = rng.uniform(0.0, plan.duration)
         move, hold = rng.uniform(*SLEW_S), rng.uniform(*SLEW_S)
         plan.add_move(change, start, move)
         plan.add_move(-change, start + move + hold, move)
+    plan.add_activity(profile.activity, rng)
 
 
 def _direction(profile: SpeedProfile, rng: np.random.Generator) -> float:

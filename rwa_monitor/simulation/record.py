@@ -7,27 +7,192 @@ the same friction, so that K_T·I − J·dω/dt gives it back.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.simulation.motion import ORBIT_S, Motion, simulate_motion, wheel_angle
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
-from rwa_monitor.simulation.sensors import bearing_temperature, measure
-from rwa_monitor.simulation.truth import VISIBLE_INFORMATION, Changepoints, Telemetry, Truth, cut, true_changepoints
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
-from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
+# A jump counts as visible when an oracle, given its place, its neighbours and the slope, sees it at six standard
+# deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises
+# at most 0.01 false ones a window needs a threshold of 5.6 σ; below six, no method that keeps the promise can be
+# expected to find the jump.
+VISIBLE_INFORMATION: Final = 36.0
+
+
+@dataclass(frozen=True, slots=True)
+class Changepoints:
+    """The true jumps of all switching systems, sorted by slot; arrays (m,).
+
+    Attributes
+    ----------
+    index
+        int64, first slot of the new level.
+    system
+        int64, number of the switching system in the wheel file.
+    jump_Nm
+        Change of dry friction [N m], positive upwards.
+    information
+        λ = (Δ/σ)²·n₁n₂/(n₁+n₂), n the used samples up to the neighbouring true jumps: the squared signal-to-noise
+        ratio of an oracle's contrast.
+    visible
+        bool, λ ≥ 36 and no other jump on the same slot.
+    """
+
+    index: IntArray
+    system: IntArray
+    jump_Nm: FloatArray
+    information: FloatArray
+    visible: BoolArray
+
+    def __len__(self) -> int:
+        """Count the jumps."""
+        return int(self.index.size)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """All that is true of a record of n slots. Slots, not rows: a gap removes rows of the table only.
+
+    Attributes
+    ----------
+    speed_rad_s, acceleration_rad_s2, bearing_temperature_degC
+        float64 (n,), true motion and temperature.
+    friction_torque_Nm
+        float64 (n,), true friction without noise, effects included.
+    noise_Nm
+        float64 (n,), noise of the friction torque.
+    motor_torque_Nm
+        float64 (n,) what the motor gives, noise included; None for a wheel without inertia.
+    base_dry_Nm, viscous_Nm_s_rad
+        float64 (n,), base dry friction (all systems at rest) and viscous coefficient, anomalies included.
+    configuration, fss_friction_Nm
+        By system name: int64 (n,) and float64 (n,) [N m].
+    effect_torque_Nm
+        By effect name, in the order of application: float64 (n,) [N m].
+    used
+        bool (n,), slots in the table, without fault, |ω| outside the dead band.
+    faulty
+        bool (n,), slots hit by a declared fault.
+    changepoints
+        See its class.
+    noise_std_Nm, long_run_std_Nm
+        Standard deviation of a single friction value, and of a long mean times the root of its length [N m].
+    labels
+        By anomaly name: whether it is active at the end of the record.
+    factors
+        By anomaly name: its factor at the end of the record.
+    """
+
+    speed_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+    bearing_temperature_degC: FloatArray
+    friction_torque_Nm: FloatArray
+    noise_Nm: FloatArray
+    motor_torque_Nm: FloatArray | None
+    base_dry_Nm: FloatArray
+    viscous_Nm_s_rad: FloatArray
+    configuration: dict[str, IntArray]
+    fss_friction_Nm: dict[str, FloatArray]
+    effect_torque_Nm: dict[str, FloatArray]
+    used: BoolArray
+    faulty: BoolArray
+    changepoints: Changepoints
+    noise_std_Nm: float
+    long_run_std_Nm: float
+    labels: dict[str, bool]
+    factors: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """A simulated record: what the monitor gets, and what is true."""
+
+    samples: Samples
+    truth: Truth
+
+
+def true_changepoints(
+    systems: list[Realisation], used: BoolArray, torque_unit_Nm: float, long_run_std_Nm: float
+) -> Changepoints:
+    """Collect the jumps of all systems and report which of them can be seen."""
+    index = np.concatenate([np.zeros(0, dtype=np.int64), *(system.jump_index for system in systems)])
+    number = np.concatenate(
+        [np.zeros(0, dtype=np.int64), *(np.full(s.jump_index.size, k, dtype=np.int64) for k, s in enumerate(systems))]
+    )
+    jump = np.concatenate([np.zeros(0), *(torque_unit_Nm * system.jump for system in systems)])
+    order = np.lexsort((number, index))
+    index, number, jump = index[order], number[order], jump[order]
+    return with_information(index, number, jump, used, long_run_std_Nm)
+
+
+def with_information(
+    index: IntArray, system: IntArray, jump_Nm: FloatArray, used: BoolArray, long_run_std_Nm: float
+) -> Changepoints:
+    """Return the jumps, sorted by slot, with what an oracle sees of each; `used` has the length of the record."""
+    real = jump_Nm != 0.0
+    places, times = np.unique(index[real], return_counts=True)
+    used_before = np.concatenate([[0], np.cumsum(used)])
+    between = np.diff(used_before[np.concatenate([[0], places, [used.size]])]).astype(np.float64)
+    left, right = between[:-1], between[1:]
+    samples = np.divide(left * right, left + right, out=np.zeros(places.size), where=left * right > 0.0)
+
+    at = np.searchsorted(places, index[real])
+    information = np.zeros(index.size)
+    with np.errstate(divide="ignore", invalid="ignore"):  # without noise, every jump with a sample on each side shows
+        ratio = np.square(jump_Nm[real] / long_run_std_Nm)
+        information[real] = np.where(samples[at] > 0.0, samples[at] * ratio, 0.0)
+    alone = np.zeros(index.size, dtype=np.bool_)
+    alone[real] = times[at] == 1
+    return Changepoints(index, system, jump_Nm, information, alone & (information >= VISIBLE_INFORMATION))
+
+
+def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
+    """Return the slots [start, stop) of a record as a record of its own, with what can be seen of its jumps there.
+
+    Labels and factors are kept as they are: the caller decides what the piece is meant to show.
+    """
+    truth = telemetry.truth
+    piece: dict[str, Any] = {}
+    for field in fields(Truth):
+        value = getattr(truth, field.name)
+        if isinstance(value, np.ndarray):
+            piece[field.name] = value[start:stop]
+        elif isinstance(value, dict) and field.name not in ("labels", "factors"):
+            piece[field.name] = {name: array[start:stop] for name, array in value.items()}
+        else:
+            piece[field.name] = value
+    jumps = truth.changepoints
+    inside = (jumps.index > start) & (jumps.index < stop)
+    piece["changepoints"] = with_information(
+        jumps.index[inside] - start,
+        jumps.system[inside],
+        jumps.jump_Nm[inside],
+        truth.used[start:stop],
+        truth.long_run_std_Nm,
+    )
+    origin = int(telemetry.samples.time_ns[0])
+    first, last = origin + start * wheel.period_ns, origin + stop * wheel.period_ns
+    rows = slice(*np.searchsorted(telemetry.samples.time_ns, [first, last]))
+    return Telemetry(telemetry.samples[rows], Truth(**piece))
+
+
 __all__ = ["VISIBLE_INFORMATION", "Changepoints", "Telemetry", "Truth", "cut", "simulate"]
 
+ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
+DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
+ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
 FALLBACK_DEAD_BAND: Final = 5.0  # speed noises: below, the measured sign of the speed is not the true one
 COUPLING_TOLERANCE: Final = 1.0e-12  # of the largest motor torque: where the loop friction ↔ motor torque has settled
 COUPLING_ROUNDS: Final = 100
@@ -71,8 +236,8 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
     samples = _measure(scenario, wheel, motion, parts, torque, motor, streams)
     samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
     used = _used(scenario, wheel, samples, faulty)
-    end_s = slots * wheel.sample_period_s
-    factors = {name: scenario.anomalies.get(name, _NO_ANOMALY).factor_at(end_s) for name in wheel.anomalies}
+    end_s = np.array(slots * wheel.sample_period_s)
+    factors = {name: float(scenario.anomalies.get(name, _NO_ANOMALY).factor_at(end_s)) for name in wheel.anomalies}
     truth = Truth(
         speed_rad_s=motion.speed_rad_s,
         acceleration_rad_s2=motion.acceleration_rad_s2,
@@ -134,15 +299,6 @@ class _Noise:
 _NO_ANOMALY: Final = Anomaly(factor=1.0)
 
 
-def _factor(anomaly: Anomaly, time_s: FloatArray) -> FloatArray:
-    """Return an anomaly's factor over time, float64 (n,)."""
-    if anomaly.factor == 1.0 or (anomaly.onset_s == 0.0 and anomaly.growth_s == 0.0):
-        return np.full(time_s.size, anomaly.factor)
-    if anomaly.growth_s == 0.0:
-        return np.where(time_s >= anomaly.onset_s, anomaly.factor, 1.0)
-    return 1.0 + (anomaly.factor - 1.0) * np.clip((time_s - anomaly.onset_s) / anomaly.growth_s, 0.0, 1.0)
-
-
 def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
     """Put the friction together: base dry and viscous friction, switching systems, effects."""
     assert wheel.nominal is not None
@@ -151,7 +307,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     speed = motion.speed_rad_s
     direction = np.sign(speed)
     dry_factor, viscous_factor = (
-        _factor(scenario.anomalies.get(name, _NO_ANOMALY), time) for name in ("dry", "viscous")
+        scenario.anomalies.get(name, _NO_ANOMALY).factor_at(time) for name in ("dry", "viscous")
     )
     dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * dry_factor
     viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * viscous_factor
@@ -186,14 +342,8 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
             effect_torque[effect.name] = torque
             friction = friction + torque
     channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
-    # A dead zone of the tachometer changes only what is worked out with its speed: a friction that is given, not the
-    # current from which friction is still to be derived.
-    adding = [
-        effect
-        for effect in effects
-        if isinstance(effect, MeanEffect) and (scenario.friction_given or not isinstance(effect, SpeedDeadZone))
-    ]
-    coupled = _couple(adding, channels)
+    acting = _acting(scenario, effects)
+    coupled = _couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels)
     for torque in coupled.values():
         friction = friction + torque
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
@@ -213,7 +363,7 @@ def _systems(
 
         def factor(slot: int, anomaly: Anomaly = anomaly) -> float:
             slot_in_record = slot if clock is None else clock.slot_in_record(slot)
-            return anomaly.factor_at(slot_in_record * wheel.sample_period_s)
+            return float(anomaly.factor_at(np.array(slot_in_record * wheel.sample_period_s)))
 
         realisation = simulate_system(system, slots, stream, factor)
         systems[system.name] = realisation if clock is None else clock.read(realisation)
@@ -282,11 +432,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     Where friction is given, the wheel's noise stands for all that its estimate suffers from. Where it is not, speed and
     current bring their own noise, and the friction itself has some only if the scenario, or a noise effect, states it.
     """
-    shaping = [
-        effect
-        for effect in parts.effects
-        if isinstance(effect, NoiseEffect) and (scenario.friction_given or effect not in _tachometers(parts.effects))
-    ]
+    shaping = [effect for effect in _acting(scenario, parts.effects) if isinstance(effect, NoiseEffect)]
     std = scenario.noise.std_Nm
     if std is None:
         std = (wheel.noise.friction_std_Nm or 0.0) if scenario.friction_given or shaping else 0.0
@@ -299,18 +445,31 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     if scenario.friction_given:
         return _Noise(values, std, long_run)
     sensors = scenario.sensors.for_wheel(wheel)
-    speed = np.hypot(sensors.speed_noise_rad_s or 0.0, (sensors.speed_quantum_rad_s or 0.0) * QUANTUM_STD)
-    for tachometer in _tachometers(parts.effects):
-        speed = np.std(tachometer.read_speed(parts.channels.speed_rad_s) - parts.channels.speed_rad_s)
-    current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) * QUANTUM_STD)
-    derived = float(torque_balance.derived_noise_autocovariance(wheel, float(speed), float(current))[0])
+    speed = np.hypot(sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"] * QUANTUM_STD)
+    true = parts.channels.speed_rad_s
+    for tachometer in parts.effects:
+        if isinstance(tachometer, NoiseEffect) and tachometer.is_of_tachometer:
+            speed = np.std(tachometer.read_speed(true) - true)
+    current = np.hypot(sensors["current_noise_A"], sensors["current_quantum_A"] * QUANTUM_STD)
+    derived = torque_balance.derived_noise_variance(wheel, float(speed), float(current))
     return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
 
 
-def _tachometers(effects: tuple[Effect, ...]) -> list[NoiseEffect]:
-    """Return the noise effects that are a tachometer's: they change the speed that is read."""
-    noises = [effect for effect in effects if isinstance(effect, NoiseEffect)]
-    return [effect for effect in noises if type(effect).read_speed is not NoiseEffect.read_speed]
+def _acting(scenario: Scenario, effects: Sequence[Effect]) -> list[Effect]:
+    """Return the effects that change friction or its noise.
+
+    A tachometer's change only what is worked out with its speed: a friction that is given, not the current from which
+    friction is still to be derived.
+    """
+    return [effect for effect in effects if scenario.friction_given or not effect.is_of_tachometer]
+
+
+def _read_speed(effects: Sequence[Effect], true: FloatArray, measured: FloatArray) -> FloatArray:
+    """Return the speed that is read [rad/s], float64 (n,); the steps of a tachometer replace its usual noise."""
+    of_tachometer = [effect for effect in effects if effect.is_of_tachometer]
+    for effect in sorted(of_tachometer, key=lambda effect: not isinstance(effect, NoiseEffect)):
+        measured = effect.read_speed(true if isinstance(effect, NoiseEffect) else measured)
+    return measured
 
 
 def _long_run_std(noise: FloatArray) -> float:
@@ -335,28 +494,23 @@ def _measure(
     # A stream for each channel: leaving one out changes none of the others.
     speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
     slots = motion.speed_rad_s.size
-    speed = measure(motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng)
-    for tachometer in _tachometers(parts.effects):
-        speed = tachometer.read_speed(motion.speed_rad_s)  # its steps replace the usual noise
-    for effect in parts.effects:
-        if isinstance(effect, SpeedDeadZone):
-            speed = effect.read_speed(speed)
+    speed = measure(motion.speed_rad_s, sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"], speed_rng)
     channels: dict[str, Any] = {
-        "speed_rad_s": speed,
-        "bearing_temperature_degC": measure(parts.temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
+        "speed_rad_s": _read_speed(parts.effects, motion.speed_rad_s, speed),
+        "bearing_temperature_degC": measure(parts.temperature, sensors["temperature_noise_K"], 0.0, temperature_rng),
     }
     if scenario.friction_given:
         channels["friction_torque_Nm"] = torque
     if motor is not None and wheel.torque_constant_Nm_A is not None:
         per_ampere = torque_balance.torque_per_ampere(motor, motion.speed_rad_s, wheel)
         current = motor / per_ampere
-        measured = measure(current, sensors.current_noise_A or 0.0, sensors.current_quantum_A or 0.0, current_rng)
+        measured = measure(current, sensors["current_noise_A"], sensors["current_quantum_A"], current_rng)
         channels["motor_current_A"] = measured
         channels["motor_torque_Nm"] = per_ampere * measured
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
             per_speed = wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
             voltage = wheel.winding_resistance_ohm * current + per_speed * motion.speed_rad_s
-            channels["motor_voltage_V"] = measure(voltage, sensors.voltage_noise_V, 0.0, voltage_rng)
+            channels["motor_voltage_V"] = measure(voltage, sensors["voltage_noise_V"], 0.0, voltage_rng)
     if scenario.channels is None:
         channels.pop("motor_torque_Nm", None)
     else:
@@ -366,6 +520,47 @@ def _measure(
         channels = {name: channels[name] for name in ("speed_rad_s", *scenario.channels)}
     time_ns = scenario.start_ns + np.arange(slots, dtype=np.int64) * wheel.period_ns
     return Samples(time_ns=time_ns, **channels)
+
+
+def measure(true: FloatArray, noise_std: float, quantum: float, rng: np.random.Generator) -> FloatArray:
+    """Return a sensor's reading, float64 (n,): the truth plus white noise, rounded to the quantum."""
+    reading = true + noise_std * rng.standard_normal(true.size)
+    if quantum > 0.0:
+        reading = quantum * np.rint(reading / quantum)
+    return reading
+
+
+def bearing_temperature(
+    time_s: FloatArray, friction_power_W: FloatArray, orbit_s: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return the bearing's temperature [°C], float64 (n,): orbital swing of the housing, with lag, plus dissipation.
+
+    Parameters
+    ----------
+    time_s
+        Time of each slot [s].
+    friction_power_W
+        Friction torque times speed [W], float64 (n,).
+    orbit_s
+        Period of the orbit [s].
+    rng
+        Source of all randomness: base temperature, size and phase of the swing.
+    """
+    base = rng.uniform(15.0, 25.0)  # °C, usual for a wheel inside the spacecraft
+    swing = 0.5 * rng.uniform(*ORBITAL_SWING_K)
+    rate = 2.0 * np.pi / orbit_s
+    lag = np.arctan(rate * ROTOR_TIME_CONSTANT_S)  # of a first-order body behind its housing
+    housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)
+    if time_s.size < 2:
+        return np.asarray(housing + DISSIPATION_K_W * friction_power_W)
+    from scipy import signal
+
+    # Exact step of the first-order lag for a power constant over a slot; the record begins in thermal balance.
+    stay = float(np.exp(-(time_s[1] - time_s[0]) / ROTOR_TIME_CONSTANT_S))
+    target = DISSIPATION_K_W * friction_power_W
+    warm, _ = signal.lfilter([1.0 - stay], [1.0, -stay], target, zi=[stay * float(np.mean(target))])
+    temperature: FloatArray = housing + warm
+    return temperature
 
 
 def _apply_faults(
@@ -392,7 +587,7 @@ def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray)
     """Return bool (n,), the slots from which a diagnosis can learn."""
     dead_band = wheel.window.dead_band_rad_s
     if dead_band is None:
-        dead_band = FALLBACK_DEAD_BAND * (scenario.sensors.for_wheel(wheel).speed_noise_rad_s or 0.0)
+        dead_band = FALLBACK_DEAD_BAND * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
     speed = np.where(faulty, np.nan, samples.speed_rad_s)
     used = ~faulty & (np.abs(speed) > dead_band)
     if not scenario.friction_given:

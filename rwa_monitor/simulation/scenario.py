@@ -26,23 +26,143 @@ duration_s = 12.0
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final
+from typing import Annotated, ClassVar, Final, Literal
 
-import tomli_w
-from pydantic import Field, ValidationError, field_validator
+import numpy as np
+from pydantic import Field, field_validator
 
-from rwa_monitor.errors import InputError, did_you_mean
-from rwa_monitor.samples import CHANNELS
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
-from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
-from rwa_monitor.wheel.toml import Strict, parse_toml
+from rwa_monitor.wheel.file_content import Strict, TomlFile
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel
 
-MAX_SCENARIO_BYTES: Final = 1_000_000  # a scenario is a page of text
 MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and truth; more is a wrong unit
 
 NoNegative = Annotated[float, Field(ge=0)]
+
+
+# Sensors of a small wheel, relative to what they measure; a scenario may give its own.
+SPEED_NOISE: Final = 0.01 / 300.0  # of the nominal speed: 0.01 rad/s at 300 rad/s (errata 17)
+SPEED_QUANTUM: Final = 0.005 / 300.0  # of the nominal speed: 24-bit period counter, well below its noise
+CURRENT_NOISE: Final = 2.0e-5  # of the maximum current: 0.1 mA at 5 A
+CURRENT_QUANTUM: Final = 2.0**-15  # of the maximum current: 16-bit converter over ± the maximum
+FALLBACK_MAX_CURRENT_A: Final = 5.0  # A, of the built-in wheel; for wheels without [limits]
+VOLTAGE_NOISE_V: Final = 1.0e-3  # V
+TEMPERATURE_NOISE_K: Final = 0.02  # K, thermistor with averaging
+
+
+class Sensors(Strict):
+    """Noise (standard deviations) and quantisation (steps) of the channels; None: usual for a wheel of this size."""
+
+    speed_noise_rad_s: NoNegative | None = None
+    speed_quantum_rad_s: NoNegative | None = None
+    current_noise_A: NoNegative | None = None
+    current_quantum_A: NoNegative | None = None
+    voltage_noise_V: NoNegative = VOLTAGE_NOISE_V
+    temperature_noise_K: NoNegative = TEMPERATURE_NOISE_K
+
+    def for_wheel(self, wheel: Wheel) -> dict[str, float]:
+        """Return all values by name, where one is None what is usual for this wheel."""
+        speed = wheel.speed_unit_rad_s
+        current = wheel.limits.max_current_A or FALLBACK_MAX_CURRENT_A
+        usual = {
+            "speed_noise_rad_s": SPEED_NOISE * speed,
+            "speed_quantum_rad_s": SPEED_QUANTUM * speed,
+            "current_noise_A": CURRENT_NOISE * current,
+            "current_quantum_A": CURRENT_QUANTUM * current,
+        }
+        return {**usual, **self.model_dump(exclude_none=True)}
+
+
+class FrictionNoise(Strict):
+    """Noise of the friction torque v_k (paper, section II).
+
+    Attributes
+    ----------
+    std_Nm
+        Standard deviation [N m]; None: the wheel's.
+    law
+        "white" (Gaussian), "ar1" (Gaussian, autocorrelation φ^lag) or "student_t" (white, heavy tails, same variance).
+    ar_coefficient
+        φ of "ar1".
+    degrees_of_freedom
+        ν of "student_t", above 2 so that it has a variance.
+    """
+
+    std_Nm: NoNegative | None = None
+    law: Literal["white", "ar1", "student_t"] = "white"
+    ar_coefficient: Annotated[float, Field(gt=-1, lt=1)] = 0.5
+    degrees_of_freedom: Annotated[float, Field(gt=2)] = 4.0
+
+    def draw(self, std_Nm: float, slots: int, rng: np.random.Generator) -> FloatArray:
+        """Return float64 (slots,), noise of standard deviation `std_Nm`, begun in its stationary law [N m]."""
+        if self.law == "student_t":
+            nu = self.degrees_of_freedom
+            heavy: FloatArray = std_Nm * np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, size=slots)
+            return heavy
+        white = std_Nm * rng.standard_normal(slots)
+        if self.law == "white":
+            return white
+        from scipy import signal
+
+        phi = self.ar_coefficient
+        white[1:] *= np.sqrt(1.0 - phi * phi)
+        coloured: FloatArray = signal.lfilter([1.0], [1.0, -phi], white)
+        return coloured
+
+    def long_run_std(self, std_Nm: float) -> float:
+        """Return the standard deviation of a long mean times the root of its length [N m]: jumps stand against it."""
+        if self.law == "ar1":
+            return float(std_Nm * np.sqrt((1.0 + self.ar_coefficient) / (1.0 - self.ar_coefficient)))
+        return std_Nm
+
+
+class Fault(Strict):
+    """A declared fault of the telemetry, applied after the sensors.
+
+    Attributes
+    ----------
+    kind
+        "gap": the samples are not there. "dropout": single values of the channel are not measured (NaN). "stuck": the
+        channel repeats its last value. "spikes": single values of the channel are off by `size`.
+    start_s, duration_s
+        When, from the beginning of the record [s].
+    channel
+        Which channel; not for a gap.
+    share
+        Share of the samples within the fault that "dropout" and "spikes" hit.
+    size
+        Of a spike, in the channel's unit; its sign is random.
+    """
+
+    kind: Literal["gap", "dropout", "stuck", "spikes"]
+    start_s: NoNegative
+    duration_s: Annotated[float, Field(gt=0)]
+    channel: str = "speed_rad_s"
+    share: Annotated[float, Field(gt=0, le=1)] = 0.01
+    size: float = 0.0
+
+    def slots_hit(self, slots: int, period_s: float, rng: np.random.Generator) -> BoolArray:
+        """Return bool (slots,), the slots that the fault hits. Slot 0 anchors the grid and is never hit."""
+        hit = np.zeros(slots, dtype=np.bool_)
+        first, last = (round(at / period_s) for at in (self.start_s, self.start_s + self.duration_s))
+        hit[max(first, 1) : max(last, 1)] = True
+        if self.kind in ("dropout", "spikes"):
+            hit &= rng.random(slots) < self.share
+        return hit
+
+    def apply(self, values: FloatArray, hit: BoolArray, rng: np.random.Generator) -> FloatArray:
+        """Return the channel with the fault in it, float64 (n,)."""
+        faulty = values.copy()
+        if self.kind in ("dropout", "gap"):
+            faulty[hit] = np.nan
+        elif self.kind == "stuck" and hit.any():
+            faulty[hit] = values[int(np.argmax(hit)) - 1]
+        elif self.kind == "spikes":
+            faulty[hit] += self.size * rng.choice([-1.0, 1.0], size=int(hit.sum()))
+        return faulty
 
 
 class Anomaly(Strict):
@@ -62,15 +182,15 @@ class Anomaly(Strict):
     onset_s: NoNegative = 0.0
     growth_s: NoNegative = 0.0
 
-    def factor_at(self, time_s: float) -> float:
-        """Return the factor at a time from the beginning of the record [s]."""
+    def factor_at(self, time_s: FloatArray) -> FloatArray:
+        """Return the factor at times from the beginning of the record [s], float64 (n,)."""
         return 1.0 + (self.factor - 1.0) * self.share_at(time_s)
 
-    def share_at(self, time_s: float) -> float:
-        """Return how far the anomaly has grown, 0 … 1."""
-        if time_s < self.onset_s:
-            return 0.0
-        return 1.0 if self.growth_s == 0.0 else min(1.0, (time_s - self.onset_s) / self.growth_s)
+    def share_at(self, time_s: FloatArray) -> FloatArray:
+        """Return how far the anomaly has grown at those times, 0 … 1, float64 (n,)."""
+        if self.growth_s == 0.0:
+            return np.where(time_s >= self.onset_s, 1.0, 0.0)
+        return np.clip((time_s - self.onset_s) / self.growth_s, 0.0, 1.0)
 
 
 class Base(Strict):
@@ -80,7 +200,7 @@ class Base(Strict):
     viscous: NoNegative = 1.0
 
 
-class Scenario(Strict):
+class Scenario(TomlFile):
     """What happens to a simulated wheel; see the module's example.
 
     Attributes
@@ -98,6 +218,10 @@ class Scenario(Strict):
     speed, base, anomalies, noise, sensors, effect, fault
         See their classes. `effect` comes on top of the wheel's own effects.
     """
+
+    head: ClassVar[str] = "scenario"
+    tables: ClassVar[tuple[str, ...]] = ("speed", "base", "anomalies", "noise", "sensors", "effect", "fault")
+    what: ClassVar[str] = "scenario"
 
     duration_s: Annotated[float, Field(gt=0)] = 10_000.0
     start_ns: Annotated[int, Field(ge=0, lt=2**62)] = 0
@@ -148,43 +272,3 @@ class Scenario(Strict):
         for fault in self.fault:
             if fault.kind != "gap" and fault.channel not in CHANNELS:
                 raise InputError("scenario", f"{fault.channel!r} is none of {', '.join(CHANNELS)}", "fault.channel")
-
-    @classmethod
-    def from_toml(cls, text: str, source: str) -> Scenario:
-        """Read a scenario from TOML.
-
-        Parameters
-        ----------
-        text, source
-            The file's content, and its name for messages.
-
-        Raises
-        ------
-        InputError
-            If the text is no TOML, or a key is unknown or out of range; names the key.
-        """
-        tables = parse_toml(text, source, MAX_SCENARIO_BYTES, "a scenario")
-        head = tables.pop("scenario", {})
-        if not isinstance(head, dict):
-            raise InputError(source, "is a table", "scenario")
-        for key in [*(head.keys() & _TABLES), *(tables.keys() - _TABLES)]:
-            hint = "" if key in _TABLES else did_you_mean(key, _TABLES)
-            tables_are = f"the tables are scenario, {', '.join(sorted(_TABLES))}"
-            raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", key)
-        try:
-            return cls.model_validate({**head, **tables})
-        except ValidationError as error:
-            raise InputError.of_validation(source, error, model=cls) from error
-
-    def to_tables(self) -> dict[str, Any]:
-        """Return the scenario as the tables of its file, without what is unset."""
-        flat = self.model_dump(mode="json", exclude_none=True)
-        head = {key: value for key, value in flat.items() if key not in _TABLES}
-        return {"scenario": head, **{key: value for key, value in flat.items() if key in _TABLES and value}}
-
-    def to_toml(self) -> str:
-        """Write the scenario as TOML; `from_toml` gives the same scenario back."""
-        return tomli_w.dumps(self.to_tables())
-
-
-_TABLES: Final = frozenset({"speed", "base", "anomalies", "noise", "sensors", "effect", "fault"})

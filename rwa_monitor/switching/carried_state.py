@@ -13,17 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
-from typing import Annotated, Any, Final, Self
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from rwa_monitor.changepoints.stage_results import Assignment, Components
-from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Finite, Hashed, NotNegative, Probability, Strict, canonical_json
 from rwa_monitor.wheel.wheel import Wheel
 
 STATE_VERSION: Final = 1
@@ -39,10 +36,6 @@ CHANGE_PER_WINDOW: Final = 0.02
 STILL_ANOMALOUS: Final = 0.98
 # What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
 REMEMBERED: Final = 0.95
-
-Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
-NotNegative = Annotated[Rounded, Field(ge=0, allow_inf_nan=False)]
-Probability = Annotated[Rounded, Field(ge=0, le=1)]
 
 
 class Tracked(Strict):
@@ -128,7 +121,7 @@ class SystemState(Strict):
     friction: tuple[FrictionMemory | None, ...] = ()
 
 
-class CarriedState(Strict):
+class CarriedState(Hashed):
     """What earlier windows of a wheel pass on to the next one; all values normalised.
 
     Attributes
@@ -148,6 +141,9 @@ class CarriedState(Strict):
     fss
         One entry per switching system.
     """
+
+    what: ClassVar[str] = "carried state"
+    limit: ClassVar[int] = MAX_STATE_BYTES
 
     version: Annotated[int, Field(ge=STATE_VERSION, le=STATE_VERSION)] = STATE_VERSION
     windows: Annotated[int, Field(ge=0)] = 0
@@ -170,36 +166,6 @@ class CarriedState(Strict):
     def to_json(self) -> str:
         """Write the state as canonical JSON."""
         return canonical_json(self.model_dump(mode="json"))
-
-    @classmethod
-    def from_json(cls, text: str, source: str) -> Self:
-        """Read a state.
-
-        Raises
-        ------
-        InputError
-            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
-        """
-        if len(text) > MAX_STATE_BYTES:
-            raise InputError(source, f"is larger than {MAX_STATE_BYTES} bytes; this is not a carried state")
-        try:
-            return cls.model_validate_json(text)
-        except ValidationError as error:
-            raise InputError.of_validation(source, error) from error
-
-    def sha256(self) -> str:
-        """Return the hash of the canonical JSON."""
-        return self._content_sha256
-
-    @cached_property
-    def _content_sha256(self) -> str:
-        return content_sha256(self.model_dump(mode="json"))
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
-        copied = super().model_copy(update=update, deep=deep)
-        copied.__dict__.pop("_content_sha256", None)
-        return copied
 
 
 _EMPTY: Final = CarriedState()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rwa_monitor.diagnosis.model import MAX_MODEL_BYTES, Model, built_in_model
+from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
-from rwa_monitor.simulation.scenario import MAX_SCENARIO_BYTES, Scenario
+from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.files import PathLike, display_name, read_checked_text, write_text
 from rwa_monitor.wheel.effects.catalogue import build
-from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES, Wheel, built_in_wheel
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 
 def read_wheel(path: PathLike | None = None) -> Wheel:
@@ -24,7 +25,7 @@ def read_wheel(path: PathLike | None = None) -> Wheel:
     if path is None:
         return built_in_wheel()
     source = display_name(path)
-    wheel = Wheel.from_toml(read_checked_text(path, MAX_WHEEL_FILE_BYTES), source)
+    wheel = Wheel.from_toml(read_checked_text(path, MAX_CONTENT_BYTES), source)
     for block in wheel.effect:
         try:
             build(block)
@@ -76,7 +77,7 @@ def read_scenario(path: PathLike | None = None) -> Scenario:
     """
     if path is None:
         return Scenario()
-    return Scenario.from_toml(read_checked_text(path, MAX_SCENARIO_BYTES), display_name(path))
+    return Scenario.from_toml(read_checked_text(path, MAX_CONTENT_BYTES), display_name(path))
 
 
 def read_model(path: PathLike | None = None) -> Model:
@@ -89,7 +90,7 @@ def read_model(path: PathLike | None = None) -> Model:
     """
     if path is None:
         return built_in_model()
-    return Model.from_json(read_checked_text(path, MAX_MODEL_BYTES), display_name(path))
+    return Model.from_json(read_checked_text(path, MAX_CONTENT_BYTES), display_name(path))
 
 
 def write_model(model: Model, path: Path) -> None:

@@ -39,7 +39,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, key_of, split_key
 from rwa_monitor.samples import MAX_TIME_NS, NANOSECONDS_PER_SECOND, ChannelName, Samples
 from rwa_monitor.telemetry.reader import MAX_MAP_BYTES, SampleBatch, TelemetryFile, TextFile, WheelTelemetry
-from rwa_monitor.wheel.toml import Strict, parse_toml
+from rwa_monitor.wheel.file_content import Strict, parse_toml
 
 MAX_WHEELS: Final = 4_096
 MAX_APID: Final = 2_046  # 11 bits; 2,047 are idle packets (CCSDS 133.0-B-2, 4.1.3.3.4.4)

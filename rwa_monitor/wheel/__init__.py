@@ -5,6 +5,5 @@ here.
 
 Read `wheel.py` first: all constants with their units; then `durations.py` (how long a configuration lasts),
 `switching_systems.py` (semi-Markov processes), `torque_balance.py` (the one place with the sign of friction), and
-`effects/` with one class for each effect. `strict.py`, `toml.py` and `canonical_json.py` are how values are read and
-hashed.
+`effects/` with one class for each effect. `file_content.py` is how values are read and hashed.
 """

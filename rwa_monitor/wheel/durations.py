@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field, model_validator
 from scipy import special
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.toml import Strict
+from rwa_monitor.wheel.file_content import Strict
 
 LONGEST: Final = 10**12  # slots; four thousand years at 8 Hz: longer is a wrong unit, and would leave exact integers
 EXACT_TERMS: Final = 200_000  # terms of a sum over durations that are added one by one
@@ -41,16 +41,6 @@ class _Law(Strict):
         """Return P(τ = slots), float64, the shape of `slots`."""
         at = np.asarray(slots, dtype=np.float64)
         return np.where(at >= 1, self.survival(at) - self.survival(at + 1), 0.0)
-
-    def log_pmf(self, slots: ArrayLike) -> FloatArray:
-        """Return log P(τ = slots); -inf where impossible."""
-        with np.errstate(divide="ignore"):
-            return np.log(self.pmf(slots))
-
-    def log_survival(self, slots: ArrayLike) -> FloatArray:
-        """Return log P(τ ≥ slots); -inf where impossible."""
-        with np.errstate(divide="ignore"):
-            return np.log(self.survival(slots))
 
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean duration for start = 1."""

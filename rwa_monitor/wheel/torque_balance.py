@@ -2,8 +2,7 @@
 
 J·dω/dt = K_T·I − friction, all at the wheel's axis: behind a gear K_T is the motor's times the ratio. Friction is the
 *resisting* torque: positive when it opposes positive rotation (errata 1).
-A plain difference of a real tachometer is useless (errata 17), so dω/dt comes from a Savitzky-Golay filter; the noise
-that it leaves is coloured, and the later stages get its autocovariance from here.
+A plain difference of a real tachometer is useless (errata 17), so dω/dt comes from a Savitzky-Golay filter.
 """
 
 from __future__ import annotations
@@ -245,12 +244,21 @@ def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel:
     return friction_torque(motor_torque_Nm, acceleration, inertia_of(wheel))
 
 
-def mended_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:
+def mended_friction(
+    speed_rad_s: FloatArray,
+    motor_torque_Nm: FloatArray,
+    wheel: Wheel,
+    acceleration_rad_s2: FloatArray | None = None,
+) -> FloatArray:
     """Return what `derive_friction` does, less its error where the speed bends: as the monitor sees it.
 
-    Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known.
+    Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known. dω/dt may be
+    given, float64 (n,) [rad/s²], where it is known over gaps.
     """
-    friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
+    if acceleration_rad_s2 is None:
+        friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
+    else:
+        friction = friction_torque(motor_torque_Nm, acceleration_rad_s2, inertia_of(wheel))
     return friction - rounding_error(speed_rad_s, motor_torque_Nm, wheel)
 
 
@@ -271,8 +279,8 @@ def friction_of(samples: Samples, wheel: Wheel) -> FloatArray:
     return mended_friction(samples.speed_rad_s, torque, wheel)
 
 
-def derived_noise_autocovariance(wheel: Wheel, speed_std_rad_s: float, current_std_A: float = 0.0) -> FloatArray:
-    """Return the autocovariance of the derived friction's noise when speed and current carry white noise.
+def derived_noise_variance(wheel: Wheel, speed_std_rad_s: float, current_std_A: float = 0.0) -> float:
+    """Return the variance [N² m²] of the derived friction's noise when speed and current carry white noise.
 
     Parameters
     ----------
@@ -281,23 +289,16 @@ def derived_noise_autocovariance(wheel: Wheel, speed_std_rad_s: float, current_s
     speed_std_rad_s, current_std_A
         Standard deviations of the white noise of a single speed [rad/s] and current [A] sample.
 
-    Returns
-    -------
-    FloatArray
-        float64 (2·(2h + 1),), entries at lags 0 … 4h + 1 [N² m²]; zero beyond lag 2h.
-
     Raises
     ------
     InputError
         If the wheel has no inertia, or has current noise but no torque constant.
     """
     taps = inertia_of(wheel) * derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
-    lags = np.zeros(2 * taps.size)
-    for lag in range(taps.size):
-        lags[lag] = speed_std_rad_s**2 * float(np.sum(taps[lag:] * taps[: taps.size - lag]))
+    variance = speed_std_rad_s**2 * float(np.sum(taps * taps))
     if current_std_A:
-        lags[0] += (torque_constant_of(wheel) * current_std_A) ** 2
-    return lags
+        variance += (torque_constant_of(wheel) * current_std_A) ** 2
+    return variance
 
 
 def inertia_of(wheel: Wheel) -> float:

@@ -6,21 +6,13 @@ A wheel is immutable and loads the same everywhere: simulator, estimator, detect
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Mapping
-from functools import cached_property
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, ClassVar, Final, Literal
 
-import tomli_w
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
-from rwa_monitor.wheel.toml import Strict, parse_toml
-
-MAX_WHEEL_FILE_BYTES: Final = 1_000_000  # a wheel file is a page of text; more is not one
+from rwa_monitor.wheel.file_content import Range, Strict, TomlFile
 
 MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
 
@@ -76,17 +68,8 @@ class Window(Strict):
         return self.samples if self.hop is None else self.hop
 
 
-class FrictionRange(Strict):
+class FrictionRange(Range):
     """Range of a configuration's friction, in units of the nominal dry torque."""
-
-    low: float
-    high: float
-
-    @model_validator(mode="after")
-    def _ordered(self) -> FrictionRange:
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) is below low ({self.low})")
-        return self
 
 
 class SwitchingSystem(Strict):
@@ -139,8 +122,12 @@ class EffectBlock(Strict):
 RESERVED_ANOMALIES: Final = ("dry", "viscous")  # anomaly names beside those of the switching systems
 
 
-class Wheel(Strict):
+class Wheel(TomlFile):
     """One reaction wheel. Fields are those of wheel.toml; units stand in the names."""
+
+    head: ClassVar[str] = "wheel"
+    tables: ClassVar[tuple[str, ...]] = ("nominal", "noise", "friction", "limits", "window", "fss", "effect")
+    what: ClassVar[str] = "wheel file"
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
     sample_period_s: Annotated[float, Field(gt=0, le=MAX_PERIOD_S)]
@@ -218,72 +205,6 @@ class Wheel(Strict):
                 " window that holds any"
             )
         return notes
-
-    @classmethod
-    def from_toml(cls, text: str, source: str) -> Wheel:
-        """Read a wheel from the text of a wheel.toml.
-
-        Parameters
-        ----------
-        text
-            The file's content.
-        source
-            Its name, for messages.
-
-        Raises
-        ------
-        InputError
-            If the text is no TOML, or a key is missing, unknown or out of range; names the key.
-        """
-        return cls.from_tables(parse_toml(text, source, MAX_WHEEL_FILE_BYTES, "a wheel file"), source)
-
-    @classmethod
-    def from_tables(cls, tables: dict[str, Any], source: str) -> Wheel:
-        """Read a wheel from the tables of a parsed wheel.toml; raises InputError as `from_toml` does."""
-        head = tables.get("wheel")
-        if not isinstance(head, dict):
-            raise InputError(source, "the table [wheel] with name and sample_period_s is missing")
-        misplaced = (set(tables) - {"wheel"}) & set(head)
-        unknown = set(tables) - set(_TABLES) - {"wheel"}
-        if unknown or misplaced or set(head) & set(_TABLES):
-            wrong = sorted(unknown | misplaced | (set(head) & set(_TABLES)))
-            hint = did_you_mean(wrong[0], _TABLES) if wrong[0] in unknown else ""
-            tables_are = f"the tables are wheel, {', '.join(_TABLES)}"
-            raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", wrong[0])
-        rest = {key: value for key, value in tables.items() if key != "wheel"}
-        try:
-            return cls.model_validate({**head, **rest})
-        except ValidationError as error:
-            raise InputError.of_validation(source, error, place="wheel", model=cls) from error
-
-    def to_tables(self) -> dict[str, Any]:
-        """Return the wheel as the tables of a wheel.toml, without what is unset."""
-        flat = self.model_dump(mode="json", by_alias=True, exclude_none=True)
-        head = {key: value for key, value in flat.items() if key not in _TABLES}
-        rest = {key: flat[key] for key in _TABLES if flat.get(key)}
-        return {"wheel": head, **rest}
-
-    def to_toml(self) -> str:
-        """Write the wheel as the text of a wheel.toml; `from_toml` gives the same wheel back."""
-        return tomli_w.dumps(self.to_tables())
-
-    def sha256(self) -> str:
-        """Return the hash of the wheel's meaning (canonical JSON), independent of the file's layout."""
-        return self._content_sha256
-
-    @cached_property
-    def _content_sha256(self) -> str:
-        canonical = json.dumps(self.to_tables(), sort_keys=True, separators=(",", ":"), allow_nan=False)
-        return hashlib.sha256(canonical.encode()).hexdigest()
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
-        copied = super().model_copy(update=update, deep=deep)
-        copied.__dict__.pop("_content_sha256", None)
-        return copied
-
-
-_TABLES: Final = ("nominal", "noise", "friction", "limits", "window", "fss", "effect")
 
 
 # The wheel that is used where no file is given: the constants of a small reaction wheel and the switching systems of

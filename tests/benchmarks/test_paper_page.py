@@ -18,7 +18,7 @@ from benchmarks.paper.peers import accepted, add_second_source, candidates, dumm
 from benchmarks.speed.peers import Peer
 from benchmarks.window import window_of
 from rwa_monitor.simulation.datasets import LabelledWindow, generate
-from rwa_monitor.simulation.truth import Changepoints
+from rwa_monitor.simulation.record import Changepoints
 
 SEED = 51
 

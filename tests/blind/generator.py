@@ -16,7 +16,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile, simulate_motion
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.switching_systems import simulate_system
-from rwa_monitor.wheel.torque_balance import derived_noise_autocovariance
+from rwa_monitor.wheel.torque_balance import derived_noise_variance
 from rwa_monitor.wheel.wheel import Derivative, FrictionFilter, FrictionRange, Nominal, SwitchingSystem, Wheel
 from tests.blind import formulas
 from tests.blind.formulas import Array, Shape
@@ -241,7 +241,7 @@ def generate(case: Case) -> tuple[Samples, Wheel, Hidden]:
     speed, speed_std = _tachometer(case, truth, wheel, std, rng)
     total_std, long_run = std, _long_run(case, std)
     if not case.friction_given:
-        derived = float(derived_noise_autocovariance(wheel, speed_std)[0])
+        derived = derived_noise_variance(wheel, speed_std)
         total_std = float(np.hypot(std, np.sqrt(derived)))
     torque, shapes = _effects(case, truth, total_std, rng)
     friction = base + np.sum([*torque.values(), np.zeros(base.size)], axis=0)
@@ -370,7 +370,7 @@ def _tachometer(
     """Return the speed as it is read, and the standard deviation of its error."""
     if "tachometer_quantisation" in case.effects:
         # A step whose rounding, differentiated, is one to three times the noise.
-        unit = float(np.sqrt(derived_noise_autocovariance(wheel, 1.0)[0]))
+        unit = float(np.sqrt(derived_noise_variance(wheel, 1.0)))
         step = float(rng.uniform(1.0, 3.0)) * std / unit * np.sqrt(12.0)
         return step * np.rint(truth.speed / step), step / np.sqrt(12.0)
     error = wheel.nominal.nominal_speed_rad_s / 30_000.0

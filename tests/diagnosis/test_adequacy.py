@@ -13,8 +13,7 @@ from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
-from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.simulation.sensors import FrictionNoise, Sensors
+from rwa_monitor.simulation.scenario import FrictionNoise, Scenario, Sensors
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 # Each effect on one motion that shows it, in turn; benchmarks/adequacy runs all of them on many seeds.

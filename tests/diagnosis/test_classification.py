@@ -192,7 +192,7 @@ def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
 
 
 @pytest.mark.parametrize("against", [0.0, -2.0, 2.0])
-def test_stories_count_by_what_was_learned_of_friction(against: float) -> None:
+def test_paths_count_by_what_was_learned_of_friction(against: float) -> None:
     """One path has healthy friction throughout, the other a base that no anomaly has: the samples cannot decide."""
     healthy = features()
     shifted = features(dry=1.48, factor_2=0.8)
@@ -210,7 +210,7 @@ def test_stories_count_by_what_was_learned_of_friction(against: float) -> None:
 
 
 @pytest.mark.parametrize("weight", [-3.0, 0.0, 3.0])
-def test_stories_that_say_the_same_change_nothing(weight: float) -> None:
+def test_paths_that_agree_change_nothing(weight: float) -> None:
     for seen in (features(), features(rests=False), features(factor_2=1.4)):
         one = FeaturesOfPath(weight, seen, same_jumps=True)
         assert judged(replace(seen, by_path=(one, one))) == pytest.approx(judged(seen), abs=1e-9)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from rwa_monitor.changepoints.estimation import SlopePrior
-from rwa_monitor.diagnosis.coefficient import Coefficient, coefficient
+from rwa_monitor.diagnosis.classification import Coefficient, coefficient
 from rwa_monitor.diagnosis.features import Features, without_prior
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, Tracked
@@ -88,7 +88,7 @@ def test_what_a_window_alone_measures_is_what_the_prior_was_multiplied_by() -> N
     weights = np.array([prior.std**-2, std**-2])
     mean, spread = float(weights @ [prior.mean, value] / weights.sum()), float(weights.sum() ** -0.5)
     seen = Features(1.0, 0.01, mean, spread, ())
-    alone = without_prior(seen, prior, 1.0)
+    alone = without_prior(seen, prior)
     assert alone.viscous == pytest.approx(value)
     assert alone.viscous_std == pytest.approx(std)
-    assert without_prior(replace(seen, viscous=1.04, viscous_std=0.05), prior, 1.0).viscous_std == np.inf
+    assert without_prior(replace(seen, viscous=1.04, viscous_std=0.05), prior).viscous_std == np.inf

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from rwa_monitor.diagnosis.model import (
-    MAX_MODEL_BYTES,
     Band,
     Model,
     built_in_model,
@@ -18,6 +17,7 @@ from rwa_monitor.diagnosis.model import (
     models_for,
 )
 from rwa_monitor.errors import InputError
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from rwa_monitor.wheel.wheel import FrictionRange, built_in_wheel
 
 
@@ -76,7 +76,7 @@ def test_bad_model_is_refused_with_file_place_and_reason(text: str, place: str) 
 
 def test_model_that_is_too_large_is_refused_unread() -> None:
     with pytest.raises(InputError, match="larger"):
-        Model.from_json(" " * (MAX_MODEL_BYTES + 1), "model.json")
+        Model.from_json(" " * (MAX_CONTENT_BYTES + 1), "model.json")
 
 
 # ---- bands -----------------------------------------------------------------------------------------------------------

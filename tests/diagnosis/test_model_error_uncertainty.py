@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.adequacy.trials import hide_and_diagnose
+from rwa_monitor.diagnosis.adequacy import ModelErrorUncertainty
 from rwa_monitor.diagnosis.features import Features, SystemFeatures
-from rwa_monitor.diagnosis.model_error_uncertainty import ModelErrorUncertainty
 from rwa_monitor.simulation.motion import ProfileKind
 from rwa_monitor.simulation.scenario import Anomaly
 from tests.diagnosis.test_window import named
@@ -51,7 +51,7 @@ def test_model_error_uncertainty_only_adds(base: float, viscous: float, systems:
     stds = np.array([0.0, 0.02])
     system = SystemFeatures("fss_1", np.array([0, 1]), np.array([0.0, 0.5]), stds, rests=True)
     features = Features(1.0, 0.01, 1.0, 0.02, (system,))
-    wide = ModelErrorUncertainty(base, viscous, systems).widen(features, 1.0)
+    wide = ModelErrorUncertainty(base, viscous, systems).widen(features)
     assert (wide.base_dry, wide.viscous) == (1.0, 1.0)
     assert wide.base_dry_std >= max(0.01, base)
     assert wide.viscous_std >= max(0.02, viscous)

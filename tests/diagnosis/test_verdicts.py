@@ -100,37 +100,3 @@ def test_a_speed_that_is_held_calls_no_healthy_wheel_s_base_dry_friction_anomalo
         friction = samples.friction_torque_Nm + viscous * (held - samples.speed_rad_s)
         (window,) = windows_of(replace(samples, speed_rad_s=held + noise, friction_torque_Nm=friction))
         assert window.diagnosis.verdict == "inconclusive", window.diagnosis.reason
-
-
-def other_wheel(dry: float, viscous: float) -> Wheel:
-    """A healthy wheel of the same make, with other friction."""
-    wheel = built_in_wheel()
-    friction = {
-        "dry_torque_Nm": dry * wheel.nominal.dry_torque_Nm,
-        "viscous_Nm_s_rad": viscous * wheel.nominal.viscous_Nm_s_rad,
-    }
-    return wheel.model_copy(update={"nominal": wheel.nominal.model_copy(update=friction)})
-
-
-@pytest.mark.parametrize(("dry", "viscous"), [(1.5, 1.4), (2.6, 1.0), (0.6, 0.7)])
-def test_friction_far_from_the_wheel_file_from_the_first_window_on_asks_whether_it_is_this_wheel_s(
-    dry: float, viscous: float
-) -> None:
-    found = [window.diagnosis for window in windows_of(record(4, 3, other_wheel(dry, viscous)))]
-    assert ["is this wheel file of this wheel?" in one.reason for one in found] == [True, True, False]
-    assert all("own, learned from it by rwa-monitor identify" in one.explanation for one in found[:2])
-
-
-@pytest.mark.parametrize("part", ["dry", "viscous"])
-def test_an_anomaly_as_they_are_learned_asks_nothing_of_the_wheel_file(part: str) -> None:
-    for window in windows_of(record(5, 3, built_in_wheel(), **{part: Anomaly(factor=1.3)})):
-        assert window.diagnosis.verdict == "anomalous"
-        assert "wheel file" not in window.diagnosis.reason
-
-
-def test_a_wheel_that_fitted_its_file_once_has_the_right_one() -> None:
-    samples = record(6, 4, built_in_wheel(), dry=Anomaly(factor=2.8, onset_s=1.1 * WINDOW_S, growth_s=1.0))
-    first, *later = (window.diagnosis for window in windows_of(samples))
-    assert first.verdict == "nominal"
-    assert later[-1].verdict == "anomalous"
-    assert not any("wheel file" in one.reason for one in later)

@@ -308,7 +308,7 @@ def test_severity_is_that_of_the_true_coefficient_within_its_interval(name: str,
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_where_a_system_shows_two_of_three_configurations_the_stories_are_weighed(seed: int) -> None:
+def test_where_a_system_shows_two_of_three_configurations_the_paths_are_weighed(seed: int) -> None:
     """fss_2 goes to and fro between two of its three configurations; with ×1.4 only one pair fits what was learned."""
     rng = np.random.default_rng(seed)
     wheel = built_in_wheel()

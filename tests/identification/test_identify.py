@@ -287,7 +287,7 @@ def test_a_slope_in_another_unit_is_asked_about_where_a_nominal_one_is_known() -
 
 
 @pytest.mark.parametrize("seed", range(50021, 50025))  # the slope that noise makes has either sign
-def test_at_one_speed_only_the_sum_is_told(seed: int) -> None:
+def test_at_one_speed_only_the_sum_is_reported(seed: int) -> None:
     recordings, wheel = in_motion()
     rng = np.random.default_rng(seed)
     still = Samples(

@@ -17,7 +17,6 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
-from rwa_monitor.diagnosis.model import MAX_MODEL_BYTES
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_SAMPLES, MESSAGES, SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, session_config
@@ -33,14 +32,14 @@ from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_
 from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
 from rwa_monitor.telemetry.parquet_table import MAX_PARQUET_BYTES
 from rwa_monitor.telemetry.table import MAX_CSV_BYTES, MAX_HEADER_BYTES, read_table
-from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from tests.program import run
 
 DEEP = 100_000
 READERS: dict[str, tuple[Callable[[Path], object], int]] = {
-    "wheel.toml": (read_wheel, MAX_WHEEL_FILE_BYTES),
-    "scenario.toml": (read_scenario, MAX_WHEEL_FILE_BYTES),
-    "model.json": (read_model, MAX_MODEL_BYTES),
+    "wheel.toml": (read_wheel, MAX_CONTENT_BYTES),
+    "scenario.toml": (read_scenario, MAX_CONTENT_BYTES),
+    "model.json": (read_model, MAX_CONTENT_BYTES),
     "labels.csv": (read_labels, MAX_LABELS_BYTES),
     "table.csv": (read_table, MAX_CSV_BYTES),
     "table.parquet": (read_table, MAX_PARQUET_BYTES),

@@ -10,8 +10,7 @@ import pytest
 from rwa_monitor.errors import InputError
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import VISIBLE_INFORMATION, cut, simulate
-from rwa_monitor.simulation.scenario import Anomaly, Base, Scenario
-from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
+from rwa_monitor.simulation.scenario import Anomaly, Base, Fault, FrictionNoise, Scenario, Sensors
 from rwa_monitor.wheel import torque_balance as tb
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.effects.base import NoiseEffect

@@ -7,8 +7,7 @@ import re
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.simulation.scenario import Anomaly, Scenario
-from rwa_monitor.simulation.sensors import Fault
+from rwa_monitor.simulation.scenario import Anomaly, Fault, Scenario
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 FULL = """

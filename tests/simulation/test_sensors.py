@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from rwa_monitor.simulation.sensors import Fault, FrictionNoise, bearing_temperature, measure
+from rwa_monitor.simulation.record import bearing_temperature, measure
+from rwa_monitor.simulation.scenario import Fault, FrictionNoise
 
 N = 100_000
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.identification.data_quality import check_distinguished
+from rwa_monitor.identification.identify import check_distinguished
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.jump_attribution import (
     Chains,

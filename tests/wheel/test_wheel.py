@@ -56,7 +56,7 @@ def test_hash_is_that_of_the_meaning():
     ("text", "message"),
     [
         ("[wheel", "w.toml: is no valid TOML"),
-        ("", "w.toml: the table [wheel]"),
+        ("", "w.toml: name: "),
         ("[wheel]\nsample_period_s = 0.1", "w.toml: name: "),
         ('[wheel]\nname = "w"', "w.toml: sample_period_s: "),
         ('[wheel]\nname = "w"\nsample_period_s = 0', "w.toml: sample_period_s: "),

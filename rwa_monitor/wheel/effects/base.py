@@ -8,8 +8,9 @@ third, and `catalogue.py` collects the classes.
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Final, Literal, Self
 
@@ -68,6 +69,11 @@ class Channels:
     def __len__(self) -> int:
         """Count the slots."""
         return int(self.speed_rad_s.size)
+
+    @property
+    def moving(self) -> BoolArray:
+        """Slots that hold a good sample with a speed, bool (n,)."""
+        return self.good & np.isfinite(self.speed_rad_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +195,19 @@ class Effect:
             samples=samples,
         )
 
+    def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
+        """Return what the tachometer reads of a speed [rad/s]; unchanged by most effects.
+
+        A simulator that derives friction from the measured speed uses this *instead of* the torque or the noise of an
+        effect that changes it.
+        """
+        return speed_rad_s
+
+    @property
+    def is_of_tachometer(self) -> bool:
+        """Whether the effect changes the speed that is read."""
+        return type(self).read_speed is not Effect.read_speed
+
     def __repr__(self) -> str:
         """Show name and values."""
         return f"{type(self).__name__}({', '.join(f'{k}={v:g}' for k, v in self.values.items())})"
@@ -304,6 +323,11 @@ def stack(*columns: FloatArray) -> FloatArray:
     return np.stack(columns, axis=1)
 
 
+def begun(memory: Memory, *start: float) -> FloatArray:
+    """Return the memory of an effect to be brought up to date: a copy, or what it is at the start of a record."""
+    return np.array(start) if memory is None else memory.copy()
+
+
 def since_last(usable: BoolArray, state: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return the usable slots, int64 (m,), and the slots from each back to the usable one before, float64 (m,).
 
@@ -325,7 +349,7 @@ NEAR_ZERO: Final = 0.05  # share of the largest speed that counts as near zero, 
 
 def used_speed(channels: Channels) -> FloatArray:
     """Return |ω| of the good slots [rad/s]; one zero where there are none."""
-    speed = np.abs(channels.speed_rad_s[channels.good & np.isfinite(channels.speed_rad_s)])
+    speed = np.abs(channels.speed_rad_s[channels.moving])
     return speed if speed.size else np.zeros(1)
 
 
@@ -396,6 +420,34 @@ def curvature_std(log_likelihood: Callable[[float], float], at: float, step: flo
     return float(1.0 / np.sqrt(-second)) if second < 0 else float("nan")
 
 
+def most_likely(
+    gain: Callable[[FloatArray], float], starts: Sequence[FloatArray], bounds: Sequence[tuple[float, float]]
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return the parameters near the best start at which a gain is largest, with deviations by its curvature.
+
+    Returns
+    -------
+    best, std
+        float64 (parameters,).
+    gain
+        At the maximum, not negative.
+    """
+    from scipy import optimize
+
+    def loss(x: FloatArray) -> float:
+        return -gain(x)
+
+    start = min(starts, key=loss)
+    found = optimize.minimize(loss, start, bounds=bounds, method="L-BFGS-B")
+    best: FloatArray = found.x if found.fun < loss(start) else start
+
+    def along(i: int, value: float) -> float:
+        return gain(np.array([*best[:i], value, *best[i + 1 :]]))
+
+    std = [curvature_std(functools.partial(along, i), float(best[i]), 0.01) for i in range(best.size)]
+    return best, np.array(std), max(gain(best), 0.0)
+
+
 # ---- noise effects: how they change simulated noise, and how they are recognised in a residual -----------------------
 # Noise effects add no regression column. Each has a likelihood of its own for the residual that is left after the base
 # law, its jumps and the mean effects are removed; it is compared with white Gaussian noise of the same residual.
@@ -405,6 +457,7 @@ class NoiseEffect(Effect, ABC):
     """An effect that changes the noise of the friction torque, or of the speed that it is derived from."""
 
     family: ClassVar[Family] = "noise"
+    fewest: ClassVar[int] = 10  # usable slots that a fit needs
 
     @abstractmethod
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
@@ -420,17 +473,10 @@ class NoiseEffect(Effect, ABC):
             Source of all randomness.
         """
 
-    def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
-        """Return what the tachometer reads of a true speed [rad/s]; unchanged by most effects.
-
-        A simulator that derives friction from the measured speed uses this *instead of* `apply` for an effect that
-        changes it.
-        """
-        return speed_rad_s
-
     @classmethod
-    @abstractmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fit(
+        cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray, variance_inflation: float = 1.0
+    ) -> LikelihoodFit:
         """Fit the effect to a residual.
 
         Parameters
@@ -441,14 +487,28 @@ class NoiseEffect(Effect, ABC):
             The measured motion.
         good
             bool (n,), slots whose residual counts.
+        variance_inflation
+            How many squares of the residual inform as much as one that is independent, 1 for white noise.
 
         Returns
         -------
         LikelihoodFit
             At the maximum of the likelihood; a gain of zero where the record cannot show the effect.
         """
+        usable = usable_residuals(residual_Nm, channels, good)
+        count = int(usable.sum())
+        if count < cls.fewest or not residual_Nm[usable].any():
+            return cls.nothing_found(count)
+        return cls.fitted(residual_Nm, channels, usable, variance_inflation)
+
+    @classmethod
+    @abstractmethod
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
+    ) -> LikelihoodFit:
+        """Return the fit to `fewest` usable slots or more; parameters as for `fit`."""
 
 
 def usable_residuals(residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> BoolArray:
     """Return the slots whose residual and speed count, bool (n,)."""
-    return good & channels.good & np.isfinite(residual_Nm) & np.isfinite(channels.speed_rad_s)
+    return good & channels.moving & np.isfinite(residual_Nm)

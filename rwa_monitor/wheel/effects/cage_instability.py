@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -74,50 +73,44 @@ class CageInstability(NoiseEffect):
         """
         usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
         count = int(usable.sum())
+        nothing = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
         found = find_bursts(residual_Nm, np.abs(channels.speed_rad_s), usable)
-        none = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
         if found is None:
-            return none
-        drag = _drag_of_bursts(residual_Nm * channels.direction, usable, found.on)
+            return nothing
+        gain, noise, on = found
+        drag = _drag_of_bursts(residual_Nm * channels.direction, usable, on)
         if drag.size < FEWEST_BURSTS:
-            return none
+            return nothing
         from scipy import stats
 
         if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
-            return none  # noise alone is no cage
+            return nothing  # noise alone is no cage
         middle = max(float(np.median(drag)), 0.0)
         spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
-        std = EFFICIENCY_OF_MEDIAN * spread / float(np.sqrt(drag.size))
-        period, bursts = channels.sample_period_s, drag.size
-        shaking = max(int(np.count_nonzero(found.on)), 1)
-        values = {
-            "strength_Nm": middle,
-            "noise_strength": found.ratio - 1.0,
-            "band_speed_rad_s": found.centre,
-            "band_half_width_rad_s": found.half_width,
-            "burst_s": found.burst_slots * period,
-            "quiet_s": found.quiet_slots * period,
+        bursts, shaking = float(np.sqrt(drag.size)), max(int(np.count_nonzero(on)), 1)
+        values = {"strength_Nm": middle, **noise}
+        for name in ("burst_s", "quiet_s"):
+            values[name] *= channels.sample_period_s
+        std = dict.fromkeys(values, float("nan")) | {
+            "strength_Nm": EFFICIENCY_OF_MEDIAN * spread / bursts,
+            "noise_strength": (1.0 + values["noise_strength"]) / float(np.sqrt(2.0 * shaking)),
+            "burst_s": values["burst_s"] / bursts,
+            "quiet_s": values["quiet_s"] / bursts,
         }
-        std_of = {
-            "strength_Nm": std,
-            "noise_strength": found.ratio / float(np.sqrt(2.0 * shaking)),
-            "band_speed_rad_s": float("nan"),
-            "band_half_width_rad_s": float("nan"),
-            "burst_s": values["burst_s"] / float(np.sqrt(bursts)),
-            "quiet_s": values["quiet_s"] / float(np.sqrt(bursts)),
-        }
-        return LikelihoodFit(values, std_of, found.log_likelihood_gain, PARAMETERS, count), found.on
+        return LikelihoodFit(values, std, gain, PARAMETERS, count), on
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
+    ) -> LikelihoodFit:
         """Scan bands of |ω| for another mean (along the motion) and another variance inside than outside.
 
         What is fitted is the average over bursts and pauses in the band, so drag and noise are those of the average.
         """
-        usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
+        usable = usable & (channels.direction != 0)
         count = int(usable.sum())
         speed = np.abs(channels.speed_rad_s[usable])
-        if count < 4 * FEWEST_IN_BAND or speed.max() == speed.min() or not residual_Nm[usable].any():
+        if count < 4 * FEWEST_IN_BAND or speed.max() == speed.min():
             return cls.nothing_found(count)
         order = np.argsort(speed, kind="stable")
         drag = (residual_Nm * channels.direction)[usable][order]
@@ -132,9 +125,9 @@ class CageInstability(NoiseEffect):
         for _ in range(REFINEMENTS + 1):
             for centre, half_width in bands:
                 edges = np.searchsorted(speed, [centre - half_width, centre + half_width])
-                found = _compare(sums, int(edges[0]), int(edges[1]), count)
-                if found is not None and found[0] > best.log_likelihood_gain:
-                    best = _band_fit(found, centre, half_width, int(edges[1] - edges[0]), count)
+                found = _fit_of_band(sums, int(edges[0]), int(edges[1]), centre, half_width)
+                if found is not None and found.log_likelihood_gain > best.log_likelihood_gain:
+                    best = found
             at, width = best.values["band_speed_rad_s"], best.values["band_half_width_rad_s"]
             step *= 0.5
             bands = [(at + i * step, max(width + j * step, step)) for i in (-1, 0, 1) for j in (-1, 0, 1)]
@@ -168,15 +161,15 @@ def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np
     return on
 
 
-def _compare(
-    sums: tuple[FloatArray, FloatArray], start: int, stop: int, count: int
-) -> tuple[float, float, float, float] | None:
-    """Return gain, mean drag inside, and standard deviations inside and outside of a band; None where it is no burst.
+def _fit_of_band(
+    sums: tuple[FloatArray, FloatArray], start: int, stop: int, centre: float, half_width: float
+) -> LikelihoodFit | None:
+    """Return the fit of another mean and variance inside of a band than outside; None where it is no burst.
 
     No burst: too few samples, or mean or variance not clearly raised. What raises one of the two alone is another
     effect.
     """
-    inside = stop - start
+    count, inside = sums[0].size - 1, stop - start
     outside = count - inside
     if inside < FEWEST_IN_BAND or outside < FEWEST_IN_BAND:
         return None
@@ -191,38 +184,23 @@ def _compare(
     by_mean = 0.5 * inside * np.log(square_in / variance_in)
     if min(by_variance, by_mean) < EACH_RAISED_BY:
         return None
-    return float(by_variance + by_mean), mean, float(np.sqrt(variance_in)), float(np.sqrt(square_out))
-
-
-def _band_fit(
-    found: tuple[float, float, float, float], centre: float, half_width: float, inside: int, count: int
-) -> LikelihoodFit:
-    gain, mean, std_in, std_out = found
-    ratio = std_in / std_out
-    values = CageInstability.typical(burst_s=30.0, quiet_s=0.0).values
-    unknown = float("nan")
+    std_in = float(np.sqrt(variance_in))
+    ratio = std_in / float(np.sqrt(square_out))
+    band = {"band_speed_rad_s": centre, "band_half_width_rad_s": half_width}
+    values = CageInstability.typical(
+        strength_Nm=mean, noise_strength=ratio - 1.0, burst_s=30.0, quiet_s=0.0, **band
+    ).values
+    std = dict.fromkeys(values, float("nan")) | {
+        "strength_Nm": std_in / float(np.sqrt(inside)),
+        "noise_strength": ratio / float(np.sqrt(2.0 * inside)),
+    }
     return LikelihoodFit(
-        values={
-            **values,
-            "strength_Nm": mean,
-            "noise_strength": ratio - 1.0,
-            "band_speed_rad_s": centre,
-            "band_half_width_rad_s": half_width,
-        },
-        std={
-            **dict.fromkeys(values, unknown),
-            "strength_Nm": std_in / float(np.sqrt(inside)),
-            "noise_strength": ratio / float(np.sqrt(2.0 * inside)),
-        },
-        log_likelihood_gain=gain,
-        parameters=4,
-        samples=count,
-        undetermined=frozenset({"burst_s", "quiet_s"}),
+        dict(values), std, float(by_variance + by_mean), 4, count, undetermined=frozenset({"burst_s", "quiet_s"})
     )
 
 
 # ---- bursts of noise in a band of speeds: a hidden Markov chain of two states, quiet and shaking ---------------------
-# Seen in the differences of neighbouring residuals, pair by pair: they know nothing of levels, jumps or slow effects.
+# Seen in the differences of neighbouring residuals, pair by pair: levels, jumps and slow effects are not in them.
 # Each difference is Student-t with a scale that is a free function of |ω|; inside the band the scale also depends on
 # the state. The gain is over the same law without states: what no law of speed and no heavy tail explains, since the
 # one has no memory of time and the other no memory at all. The likelihood is the forward recursion of L. R. Rabiner, A
@@ -244,35 +222,9 @@ FIRST_EVALUATIONS: Final = 120  # of each width: enough to find which is best
 PARAMETERS: Final = 6  # two scales, two mean stays, place and width of the band
 
 
-@dataclass(frozen=True, slots=True)
-class Bursts:
-    """Bursts of noise in a band of speeds.
-
-    Attributes
-    ----------
-    log_likelihood_gain
-        Over differences whose scale depends on the speed alone.
-    ratio
-        Scale in bursts over that in pauses [-].
-    centre, half_width
-        Of the band, in the unit of the speed.
-    burst_slots, quiet_slots
-        Mean stays.
-    inside, on
-        bool (n,), slots in the band, and in a burst more likely than not.
-    """
-
-    log_likelihood_gain: float
-    ratio: float
-    centre: float
-    half_width: float
-    burst_slots: float
-    quiet_slots: float
-    inside: BoolArray
-    on: BoolArray
-
-
-def find_bursts(residual: FloatArray, speed: FloatArray, usable: BoolArray) -> Bursts | None:
+def find_bursts(
+    residual: FloatArray, speed: FloatArray, usable: BoolArray
+) -> tuple[float, dict[str, float], BoolArray] | None:
     """Fit bursts of noise in a band of speeds.
 
     Parameters
@@ -286,8 +238,14 @@ def find_bursts(residual: FloatArray, speed: FloatArray, usable: BoolArray) -> B
 
     Returns
     -------
-    Bursts | None
-        At the maximum of the likelihood; None where the speed does not vary or too little is usable.
+    None where the speed does not vary or too little is usable, else at the maximum of the likelihood:
+
+    log_likelihood_gain
+        Over differences whose scale depends on the speed alone.
+    values
+        Of the effect's parameters but the drag; durations in slots.
+    on
+        bool (n,), slots in a burst more likely than not.
     """
     pairs = usable & np.concatenate([[False], usable[:-1]])
     pairs[::2] = False  # neighbouring differences share a sample: an outlier would be two, and pass for a burst
@@ -317,18 +275,11 @@ def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray)
     return np.exp(np.interp(speed, middle[known], np.log(scale[known])))
 
 
-def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
+def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[float, dict[str, float], BoolArray]:
     count = int(np.count_nonzero(pairs))
     probability = np.zeros(squares.size)
-    nowhere = np.zeros(squares.size, dtype=np.bool_)
     low, span = float(speed[pairs].min()), float(np.ptp(speed[pairs]))
     widest = WIDEST_BAND * span
-
-    def plain(x: FloatArray) -> float:
-        freedom = _freedom(x[0])
-        scaled = squares * np.exp(-2.0 * x[1])
-        log_likelihood = forward(scaled, nowhere, 0.0, 0.0, freedom, 0.5, 0.5, probability)
-        return float(count * (x[1] - _constant(freedom)) - log_likelihood)
 
     def loss(x: FloatArray) -> float:
         inside = np.abs(speed - x[6]) < min(abs(x[7]), widest)
@@ -340,8 +291,12 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
 
     from scipy import optimize
 
-    none = optimize.minimize(plain, [1.5, 0.0], method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 0.1})
     stay = float(np.log(FIRST_STAY - SHORTEST_STAY))
+
+    def without_band(x: FloatArray) -> float:
+        return loss(np.array([*x, 0.0, 0.0, stay, stay, low, 0.0]))
+
+    none = optimize.minimize(without_band, [1.5, 0.0], method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 0.1})
     tries = [
         np.array([none.x[0], none.x[1], quiet, np.log(shaking - quiet), stay, stay, low + at * span, half * span])
         for half in HALF_WIDTHS
@@ -355,17 +310,14 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
     on, off = _rates(best)
     smooth(probability, on, off)
     half_width = float(min(abs(best[7]), widest))
-    inside = np.abs(speed - best[6]) < half_width
-    return Bursts(
-        max(gain, 0.0),
-        float(np.exp(np.exp(best[3]))),
-        float(best[6]),
-        half_width,
-        1.0 / off,
-        1.0 / on,
-        inside,
-        inside & (probability > 0.5),
-    )
+    values = {
+        "noise_strength": float(np.exp(np.exp(best[3]))) - 1.0,
+        "band_speed_rad_s": float(best[6]),
+        "band_half_width_rad_s": half_width,
+        "burst_s": 1.0 / off,
+        "quiet_s": 1.0 / on,
+    }
+    return max(gain, 0.0), values, (np.abs(speed - best[6]) < half_width) & (probability > 0.5)
 
 
 def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int = MOST_EVALUATIONS) -> FloatArray:

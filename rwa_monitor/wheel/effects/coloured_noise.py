@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter
 
 
 class ColouredNoise(NoiseEffect):
@@ -34,16 +34,17 @@ class ColouredNoise(NoiseEffect):
         return autoregress(noise_Nm, self.values["ar_coefficient"])
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
+    ) -> LikelihoodFit:
         """Fit φ by the conditional likelihood of each sample given its neighbour, where both are good."""
-        usable = usable_residuals(residual_Nm, channels, good)
         pairs = usable[1:] & usable[:-1]
         count = int(pairs.sum())
-        if count < 3:
-            return cls.nothing_found(count)
         before, after = residual_Nm[:-1][pairs], residual_Nm[1:][pairs]
         energy = float(np.sqrt(np.sum(before**2) * np.sum(after**2)))
-        phi = float(np.clip(np.sum(before * after) / energy, 0.0, 0.99)) if energy > 0 else 0.0
+        if energy == 0.0:
+            return cls.nothing_found(count)
+        phi = float(np.clip(np.sum(before * after) / energy, 0.0, 0.99))
         return LikelihoodFit(
             values={"ar_coefficient": phi},
             std={"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},

@@ -13,6 +13,7 @@ from rwa_monitor.wheel.effects.base import (
     Memory,
     Parameter,
     Shape,
+    begun,
     known_or_nan,
     since_last,
     stack,
@@ -49,7 +50,7 @@ class CurrentDelay(MeanEffect):
         """
         if channels.motor_torque_rate_Nm_s is not None:
             return stack(channels.motor_torque_rate_Nm_s), None
-        state = np.array([np.nan, 0.0]) if memory is None else memory.copy()
+        state = begun(memory, np.nan, 0.0)
         motor_torque = known_or_nan(channels.motor_torque_Nm, channels)
         usable = channels.good & np.isfinite(motor_torque)
         return stack(backward_difference(motor_torque, usable, channels.sample_period_s, state)), state

@@ -94,18 +94,6 @@ class Carrier:
     values: Callable[[Channels], FloatArray]
 
 
-def _speed(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
-    return np.abs(channels.speed_rad_s), None
-
-
-def _temperature(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
-    return known_or_nan(channels.bearing_temperature_degC, channels), None
-
-
-def _time(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
-    return channels.time_s, None
-
-
 def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot in slots."""
     slot = np.arange(len(channels), dtype=np.float64)
@@ -113,11 +101,6 @@ def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[Float
     before = -np.inf if memory is None else -1.0 - memory[0]
     since = slot - np.maximum.accumulate(np.where(slews, slot, before))
     return since * channels.sample_period_s, since[-1:].copy() if since.size else memory
-
-
-def _angle(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
-    """Return the wheel's angle [rad], as `torque_ripple` takes it."""
-    return angle_turned(channels, memory)
 
 
 FUNCTIONS: Final = {
@@ -159,7 +142,7 @@ VARIABLES: Final = {
             "width": ("w", Parameter("speed_width_rad_s", "rad/s", 1e-6, 1e6, 10.0)),
             "exponent": ("p", Parameter("exponent", "-", 0.1, 4.0, 0.5)),
         },
-        _speed,
+        lambda channels, *_: (np.abs(channels.speed_rad_s), None),
     ),
     "temperature": Variable(
         "T",
@@ -171,7 +154,7 @@ VARIABLES: Final = {
             "centre": ("T0", Parameter("temperature_centre_degC", "°C", -273.15, 1e3, 25.0)),
             "width": ("w", Parameter("temperature_width_K", "K", 1e-3, 1e3, 3.0)),
         },
-        _temperature,
+        lambda channels, *_: (known_or_nan(channels.bearing_temperature_degC, channels), None),
         ORIGIN_degC,
         needs=frozenset({"bearing_temperature_degC"}),
     ),
@@ -181,7 +164,7 @@ VARIABLES: Final = {
         "time",
         ("decay", "log"),
         {"scale": ("τ", Parameter("time_scale_s", "s", 1e-6, 1e9, 100.0))},
-        _time,
+        lambda channels, *_: (channels.time_s, None),
     ),
     "slew": Variable(
         "t_slew",
@@ -206,7 +189,7 @@ VARIABLES: Final = {
                 Parameter("order", "-", LOWEST_ORDER, ORDERS[-1], 6.0, choices=ORDERS, between=half_a_line),
             )
         },
-        _angle,
+        lambda channels, _, memory: angle_turned(channels, memory),
     ),
 }
 
@@ -277,7 +260,7 @@ def _known(values: FloatArray, channels: Channels) -> FloatArray:
 def _ranges(name: str, channels: Channels) -> dict[str, tuple[float, float]]:
     """Return the range of each role of a variable's constants that a record can show, in the variable's unit."""
     variable = VARIABLES[name]
-    values = _known((_time if name == "slew" else variable.values)(channels, {}, None)[0], channels)
+    values = _known(VARIABLES["time" if name == "slew" else name].values(channels, {}, None)[0], channels)
     low, high, size = float(values.min()), float(values.max()), float(np.max(np.abs(values - variable.origin)))
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0]
@@ -352,18 +335,16 @@ FORMULAS: Final = {
 }
 Formula.choice_deviance = 2.0 * float(np.log(len(FORMULAS)))
 
-_BY_TEXT: Final = {"".join(key.split()): one for one in FORMULAS.values() for key in (one.law, one.text)}
-
 
 def parse(law: str) -> type[Formula]:
-    """Return the structure with an id or a text; spaces do not count.
+    """Return the structure with an id; spaces do not count.
 
     Raises
     ------
     InputError
         If the grammar has no such structure.
     """
-    structure = _BY_TEXT.get("".join(law.split()))
+    structure = FORMULAS.get("".join(law.split()))
     if structure is None:
         hint = did_you_mean(law, FORMULAS) or f"; one is {next(iter(FORMULAS))!r}"
         raise InputError(f"effect {BLOCK}", f"{law!r} is no law of the grammar{hint}", "law")

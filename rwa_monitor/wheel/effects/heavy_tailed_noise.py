@@ -14,7 +14,6 @@ from rwa_monitor.wheel.effects.base import (
     NoiseEffect,
     Parameter,
     curvature_std,
-    usable_residuals,
 )
 
 SCALE_ROUNDS: Final = 25  # of the EM iteration for the scale; it gains a digit every few rounds
@@ -48,13 +47,12 @@ class HeavyTailedNoise(NoiseEffect):
         return noise_Nm * np.sqrt((nu - 2.0) / mixing)
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
+    ) -> LikelihoodFit:
         """Fit ν by the profile likelihood: for each ν the scale that maximises it."""
-        usable = usable_residuals(residual_Nm, channels, good)
         count = int(usable.sum())
-        spread = float(np.sqrt(np.mean(residual_Nm[usable] ** 2))) if count else 0.0
-        if count < 10 or spread == 0.0:
-            return cls.nothing_found(count)
+        spread = float(np.sqrt(np.mean(residual_Nm[usable] ** 2)))
         squares = (residual_Nm[usable] / spread) ** 2
         gaussian = -0.5 * count * (np.log(2.0 * np.pi) + 1.0)
 

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, duration, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, duration, stack
 
 MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
 FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the drive's
@@ -45,12 +45,9 @@ class LubricantLag(MeanEffect):
 
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        state = np.full(2, np.nan) if memory is None else memory.copy()
-        usable = channels.good & np.isfinite(channels.speed_rad_s)
-        lagged = first_order_lag(
-            channels.speed_rad_s, usable, channels.sample_period_s, shape["time_constant_s"], state
-        )
-        return stack(channels.speed_rad_s - lagged), state
+        speed, state = channels.speed_rad_s, begun(memory, np.nan, np.nan)
+        lagged = first_order_lag(speed, channels.moving, channels.sample_period_s, shape["time_constant_s"], state)
+        return stack(speed - lagged), state
 
     @classmethod
     def is_possible(cls, strengths: FloatArray, viscous_Nm_s_rad: float) -> bool:

@@ -14,6 +14,7 @@ from rwa_monitor.wheel.effects.base import (
     Memory,
     Parameter,
     Shape,
+    begun,
     duration,
     speed_step,
     stack,
@@ -62,11 +63,8 @@ class Presliding(MeanEffect):
 
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        state = np.full(2, np.nan) if memory is None else memory.copy()
-        usable = channels.good & np.isfinite(channels.speed_rad_s)
-        bristle = dahl_bristle(
-            channels.speed_rad_s, usable, channels.sample_period_s, shape["breakaway_angle_rad"], state
-        )
+        speed, state = channels.speed_rad_s, begun(memory, np.nan, np.nan)
+        bristle = dahl_bristle(speed, channels.moving, channels.sample_period_s, shape["breakaway_angle_rad"], state)
         return stack(bristle - channels.direction), state
 
     @classmethod

@@ -15,7 +15,7 @@ from rwa_monitor.wheel.effects.base import (
     NoiseEffect,
     Parameter,
     curvature_std,
-    usable_residuals,
+    most_likely,
 )
 
 BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in each
@@ -57,28 +57,21 @@ class SpeedDependentNoise(NoiseEffect):
         return noise_Nm * spread_factor(np.abs(channels.speed_rad_s), self.values)
 
     @classmethod
-    def fit(
-        cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray, told_twice: float = 1.0
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
     ) -> LikelihoodFit:
         """Fit growth alone and a band alone; return the one that is better by BIC.
 
-        Parameters
-        ----------
-        residual_Nm, channels, good
-            As for every noise effect.
-        told_twice
-            How many squares of the residual inform as much as one that is independent, 1 for white noise. The gain of a
-            band counts that much less: it is looked for in a hundred places, and noise that clusters makes one. Growth
-            is one number over the whole range, which the acceptance threshold guards well enough.
+        The gain of a band counts less by the variance inflation: it is looked for in a hundred places, and noise that
+        clusters makes one. Growth is one number over the whole range, which the acceptance threshold guards well
+        enough.
         """
-        usable = usable_residuals(residual_Nm, channels, good)
-        count = int(usable.sum())
         speed = np.abs(channels.speed_rad_s[usable])
-        if count < 10 or speed.max() == speed.min() or not residual_Nm[usable].any():
-            return cls.nothing_found(count)
+        if speed.max() == speed.min():
+            return cls.nothing_found(speed.size)
         binned = _Binned(speed, residual_Nm[usable])
         band = _fit_band(binned)
-        band = replace(band, log_likelihood_gain=band.log_likelihood_gain / told_twice)
+        band = replace(band, log_likelihood_gain=band.log_likelihood_gain / variance_inflation)
         return max(_fit_growth(binned), band, key=lambda fit: fit.penalised_gain)
 
 
@@ -111,36 +104,31 @@ class _Binned:
         return float(0.5 * self.samples * (np.log(white) - np.log(scaled)) - 0.5 * np.sum(self.count * np.log(factor2)))
 
 
-def _values(growth: float, strength: float, speed: float, width: float) -> dict[str, float]:
-    return {
-        "strength_s_rad": growth,
-        "band_strength": strength,
-        "band_speed_rad_s": speed,
-        "band_width_rad_s": width,
-    }
-
-
-_UNKNOWN: Final = float("nan")
 # The noise grows with the speed or it is raised in a band: a fit of one does not bear on the other.
 OF_GROWTH: Final = frozenset({"strength_s_rad"})
 OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})
+_NOTHING: Final = {"strength_s_rad": 0.0, "band_strength": 0.0, "band_speed_rad_s": 100.0, "band_width_rad_s": 10.0}
+_UNKNOWN: Final = dict.fromkeys(_NOTHING, float("nan"))
 
 
 def _fit_growth(binned: _Binned) -> LikelihoodFit:
     """Fit σ₀ (1 + c|ω|): c from a thousandth of, to a thousand times, one over the largest speed."""
+    from scipy import optimize
 
     def gain(log_growth: float) -> float:
-        return binned.gain(_values(float(np.exp(log_growth)), 0.0, 0.0, 1.0))
+        return binned.gain({**_NOTHING, "strength_s_rad": float(np.exp(log_growth))})
 
     scale = 1.0 / binned.high
     bounds = (float(np.log(1e-3 * scale)), float(np.log(1e3 * scale)))
-    from scipy import optimize
-
     found = optimize.minimize_scalar(lambda x: -gain(x), bounds=bounds, method="bounded")
     growth = float(np.exp(found.x))
-    std = _values(growth * curvature_std(gain, float(found.x), 0.02), _UNKNOWN, _UNKNOWN, _UNKNOWN)
     return LikelihoodFit(
-        _values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples, OF_BAND
+        {**_NOTHING, "strength_s_rad": growth},
+        {**_UNKNOWN, "strength_s_rad": growth * curvature_std(gain, float(found.x), 0.02)},
+        max(-float(found.fun), 0.0),
+        1,
+        binned.samples,
+        OF_BAND,
     )
 
 
@@ -148,30 +136,17 @@ def _fit_band(binned: _Binned) -> LikelihoodFit:
     """Fit a band: a coarse scan over its speed and width, then a local search."""
     span = binned.high - binned.low
 
-    def loss(x: FloatArray) -> float:
+    def values(x: FloatArray) -> dict[str, float]:
         # In logarithms of strength and width, so that both stay positive; wider than the range is no band.
-        return -binned.gain(_values(0.0, float(np.exp(x[0])), binned.low + span * x[1], span * float(np.exp(x[2]))))
+        strength, width = float(np.exp(x[0])), span * float(np.exp(x[2]))
+        place = {"band_speed_rad_s": binned.low + span * float(x[1]), "band_width_rad_s": width}
+        return {**_NOTHING, "band_strength": strength, **place}
 
     starts = [np.array([0.0, at, np.log(width)]) for at in np.linspace(0.02, 0.98, 33) for width in (0.02, 0.06, 0.15)]
-    start = min(starts, key=loss)
     bounds = [(-5.0, 3.0), (0.0, 1.0), (float(np.log(0.005)), float(np.log(0.3)))]
-    from scipy import optimize
-
-    found = optimize.minimize(loss, start, bounds=bounds, method="L-BFGS-B")
-    best = found.x if found.fun < loss(start) else start
-    strength, width = float(np.exp(best[0])), span * float(np.exp(best[2]))
-    std = [curvature_std(lambda v, i=i: -loss(_with(best, i, v)), float(best[i]), 0.01) for i in range(3)]  # type: ignore[misc]
-    return LikelihoodFit(
-        _values(0.0, strength, binned.low + span * float(best[1]), width),
-        _values(_UNKNOWN, strength * std[0], span * std[1], width * std[2]),
-        max(-loss(best), 0.0),
-        3,
-        binned.samples,
-        OF_GROWTH,
-    )
-
-
-def _with(values: FloatArray, at: int, value: float) -> FloatArray:
-    changed = values.copy()
-    changed[at] = value
-    return changed
+    best, std, gain = most_likely(lambda x: binned.gain(values(x)), starts, bounds)
+    found = values(best)
+    std *= [found["band_strength"], span, found["band_width_rad_s"]]
+    names = ("band_strength", "band_speed_rad_s", "band_width_rad_s")
+    errors = {**_UNKNOWN, **dict(zip(names, std.tolist(), strict=True))}
+    return LikelihoodFit(found, errors, gain, 3, binned.samples, OF_GROWTH)

@@ -53,11 +53,10 @@ class SpeedTriggeredJumps(SwitchingEffect):
     def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
         """Fit a log-linear rate in speed, and one in temperature where it was measured; return the better one."""
         channels = evidence.channels
-        best = cls._fit_one(evidence, np.abs(channels.speed_rad_s), "strength_s_rad")
+        fits = [cls._fit_one(evidence, np.abs(channels.speed_rad_s), "strength_s_rad")]
         if channels.bearing_temperature_degC is not None:
-            warm = cls._fit_one(evidence, channels.bearing_temperature_degC, "strength_1_K")
-            best = max(best, warm, key=lambda fit: fit.log_likelihood_gain)
-        return best
+            fits.append(cls._fit_one(evidence, channels.bearing_temperature_degC, "strength_1_K"))
+        return max(fits, key=lambda fit: fit.log_likelihood_gain)
 
     @classmethod
     def _fit_one(cls, evidence: SwitchingEvidence, covariate: FloatArray, name: str) -> LikelihoodFit:
@@ -73,17 +72,19 @@ class SpeedTriggeredJumps(SwitchingEffect):
         x = np.where(known, (covariate - low) / span, float((everywhere.mean() - low) / span))
         gain = _sojourn_gain(evidence, x) if evidence.sojourns else _place_gain(evidence, x)
 
-        grid = np.linspace(-STEEPEST, STEEPEST, 4 * int(STEEPEST) + 1)
-        coarse = float(max(grid, key=lambda c: gain(float(c))))
-        step = float(grid[1] - grid[0])
-        fine = np.linspace(coarse - step, coarse + step, 41)
-        c = float(max(fine, key=lambda c: gain(float(c))))
-        parameter = next(parameter for parameter in cls.parameters if parameter.name == name)
-        values = dict.fromkeys((p.name for p in cls.parameters), 0.0)
-        std = dict.fromkeys(values, float("nan"))
-        values[name] = float(np.clip(c / span, parameter.low, parameter.high))
-        std[name] = curvature_std(_place_gain(evidence, x), c, 0.05) / span
-        return LikelihoodFit(values, std, max(gain(c), 0.0), 1, len(evidence.jumps))
+        c, step = 0.0, STEEPEST
+        for points in (4 * int(STEEPEST) + 1, 41):
+            grid = np.linspace(c - step, c + step, points)
+            c, step = max(grid.tolist(), key=gain), float(grid[1] - grid[0])
+        (bounds,) = [(p.low, p.high) for p in cls.parameters if p.name == name]
+        nothing = cls.nothing_found()
+        return LikelihoodFit(
+            dict.fromkeys(nothing.values, 0.0) | {name: float(np.clip(c / span, *bounds))},
+            nothing.std | {name: curvature_std(_place_gain(evidence, x), c, 0.05) / span},
+            max(gain(c), 0.0),
+            1,
+            len(evidence.jumps),
+        )
 
 
 def _passes(x: FloatArray) -> int:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter
 
 SMOOTHING_SLOTS: Final = 15  # of the parabola that stands for the true speed under the steps
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
@@ -55,9 +55,10 @@ class TachometerQuantisation(NoiseEffect):
         return step * np.rint(speed_rad_s / step)
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+    def fitted(
+        cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
+    ) -> LikelihoodFit:
         """Find the lattice of the speed readings; regress the residual on the derivative of the rounding errors."""
-        usable = usable_residuals(residual_Nm, channels, good)
         step = quantisation_step(channels.speed_rad_s[usable])
         if step is None or channels.speed_rad_s.size < 2 * SMOOTHING_SLOTS:
             return cls.nothing_found(int(usable.sum()))

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, since_last, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 ORDERS: Final = tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
@@ -17,11 +17,10 @@ MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order t
 
 def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
     """Return the wheel's angle [rad], NaN where unknown: as measured, else the speed's integral and its memory."""
-    usable = channels.good & np.isfinite(channels.speed_rad_s)
     if channels.measured_angle_rad is not None:
-        return np.where(usable, channels.measured_angle_rad, np.nan), memory
-    state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
-    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state), state
+        return np.where(channels.moving, channels.measured_angle_rad, np.nan), memory
+    state = begun(memory, 0.0, np.nan, 0.0)
+    return turned_angle(channels.speed_rad_s, channels.moving, channels.sample_period_s, state), state
 
 
 def turned_angle(speed_rad_s: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from scipy import special
 
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import DurationLaw, Weibull
-from rwa_monitor.wheel.effects.base import LikelihoodFit, Parameter, curvature_std
+from rwa_monitor.wheel.effects.base import LikelihoodFit, Parameter, most_likely
 from rwa_monitor.wheel.effects.switching_base import TINY, Sojourns, SwitchingEffect
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
@@ -62,23 +62,17 @@ class WrongDurationLaw(SwitchingEffect):
                 total += float(np.sum(np.log(weibull_of_mean(factor * mean, shape).pmf(at) + TINY)))
             return total - known
 
-        def loss(x: FloatArray) -> float:
-            return -gain(x)
-
         relative = sojourns.slots / means[sojourns.configuration]
         start = np.array([np.log(np.clip(relative.mean(), 0.011, 99.0)), 0.0])
-        from scipy import optimize
-
-        found = optimize.minimize(loss, start, bounds=bounds, method="L-BFGS-B")
-        best: FloatArray = found.x
-        values = {"duration_factor": float(np.exp(best[0])), "weibull_shape": float(np.exp(best[1]))}
-        std = {
-            "duration_factor": values["duration_factor"]
-            * curvature_std(lambda v: gain(np.array([v, best[1]])), float(best[0]), 0.01),
-            "weibull_shape": values["weibull_shape"]
-            * curvature_std(lambda v: gain(np.array([best[0], v])), float(best[1]), 0.01),
-        }
-        return LikelihoodFit(values, std, max(gain(best), 0.0), 2, int(sojourns.slots.size))
+        best, std, most = most_likely(gain, [start], bounds)
+        names, values = [parameter.name for parameter in cls.parameters], np.exp(best)
+        return LikelihoodFit(
+            dict(zip(names, values.tolist(), strict=True)),
+            dict(zip(names, (values * std).tolist(), strict=True)),
+            most,
+            2,
+            int(sojourns.slots.size),
+        )
 
 
 def weibull_of_mean(mean_slots: float, shape: float) -> Weibull:

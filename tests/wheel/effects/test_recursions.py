@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -84,20 +82,3 @@ def test_a_lag_stays_between_the_extremes_of_its_input(
     slack = 1e-9 * (1.0 + np.abs(values).max())
     assert lagged.max() <= values.max() + slack
     assert lagged.min() >= values.min() - slack
-
-
-@given(st.lists(st.integers(0, 80), max_size=5), st.integers(0, 2**32 - 1))
-def test_a_record_cut_into_pieces_gives_the_same_bits(cuts: list[int], seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    usable = rng.random(80) < 0.7
-    speed = np.where(usable, rng.normal(0.0, 3.0, 80), np.nan)
-    for recursion, arguments, state in (
-        (first_order_lag, (0.125, 4.0), start()),
-        (dahl_bristle, (0.125, 0.02), start()),
-        (backward_difference, (0.125,), np.array([np.nan, 0.0])),
-        (turned_angle, (0.125,), np.array([0.0, np.nan, 0.0])),
-    ):
-        whole, carried = recursion(speed, usable, *arguments, state.copy()), state.copy()
-        edges = [0, *sorted(cuts), 80]
-        pieces = [recursion(speed[a:b], usable[a:b], *arguments, carried) for a, b in itertools.pairwise(edges)]
-        assert np.concatenate(pieces).tobytes() == whole.tobytes()

@@ -91,10 +91,6 @@ def run(
     return clock.read(simulate_system(changed, clock.slots, rng))
 
 
-def test_the_catalogue_holds_the_switching_effects_of_the_specification() -> None:
-    assert set(SWITCHING_EFFECTS) == set(CASES)
-
-
 def fit(name: str, evidence: SwitchingEvidence) -> LikelihoodFit:
     """Fit a law that the search fits to sojourns; of a duration law the system that gains most."""
     if name == SpeedTriggeredJumps.name:

@@ -1,0 +1,201 @@
+"""The content of files that somebody else wrote: limits before parsing, strict fields, canonical JSON and its hash.
+
+Floats that the program writes into a file keep 12 significant digits: more than any friction is known to, and few
+enough that the last bits, in which machines differ, never show.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, ClassVar, Final, Self
+
+import tomli_w
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from rwa_monitor.errors import InputError, did_you_mean
+
+MAX_CONTENT_BYTES: Final = 1_000_000  # a wheel, a scenario or a map is a page of text, the built-in model some 20 kB
+MAX_KEY_PARTS: Final = 16  # of a.b.c; ours have two, and Python's parser takes a time that grows with their square
+SIGNIFICANT_DIGITS: Final = 12
+_PART: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_LONG_KEY: Final = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
+
+
+def rounded(value: float) -> float:
+    """Return a value at 12 significant digits; applying it twice changes nothing."""
+    return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+
+
+# Types of a float that is kept in a file.
+Rounded = Annotated[float, AfterValidator(rounded)]
+Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
+NotNegative = Annotated[Rounded, Field(ge=0, allow_inf_nan=False)]
+Positive = Annotated[Rounded, Field(gt=0, allow_inf_nan=False)]
+Probability = Annotated[Rounded, Field(ge=0, le=1)]
+
+
+def canonical_json(content: Any) -> str:
+    """Write plain content (dicts, lists, numbers, text) with sorted keys and without spaces: one text for one meaning.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
+    return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def parse_toml(text: str, source: str, limit: int, what: str) -> dict[str, Any]:
+    """Return the tables of a TOML text.
+
+    Parameters
+    ----------
+    text
+        The file's content.
+    source
+        Its name, for messages.
+    limit
+        Characters from which it is refused.
+    what
+        What it should be, for messages: "a wheel file".
+
+    Raises
+    ------
+    InputError
+        If it is too large, its keys are too deep, or it is no TOML.
+    """
+    if len(text) > limit:
+        raise InputError(source, f"is larger than {limit} bytes; this is not {what}")
+    if _LONG_KEY.search(text):
+        raise InputError(source, f"has a key of more than {MAX_KEY_PARTS} parts; this is not {what}")
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(source, f"is no valid TOML: {error}") from error
+
+
+class Strict(BaseModel):
+    """Base of the content of a file: frozen, no key that is not known, no number that is not finite."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Range(Strict):
+    """From `low` to `high`."""
+
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.high < self.low:
+            raise ValueError(f"high ({self.high}) is below low ({self.low})")
+        return self
+
+    @property
+    def middle(self) -> float:
+        """The middle of the range."""
+        return 0.5 * (self.low + self.high)
+
+
+class Hashed(Strict):
+    """The content of a whole file, with the hash of its meaning, which does not depend on the file's layout."""
+
+    what: ClassVar[str]  # what the file should be, for messages
+    limit: ClassVar[int] = MAX_CONTENT_BYTES
+
+    @classmethod
+    def from_json(cls, text: str | bytes, source: str) -> Self:
+        """Read the content as JSON.
+
+        Parameters
+        ----------
+        text, source
+            The file's content, and its name for messages.
+
+        Raises
+        ------
+        InputError
+            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
+        """
+        if len(text) > cls.limit:
+            raise InputError(source, f"is larger than {cls.limit} bytes; this is not a {cls.what}")
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            raise InputError.of_validation(source, error, what=f"is no {cls.what}: ") from error
+
+    def plain(self) -> dict[str, Any]:
+        """Return the content as dicts, lists, numbers and text."""
+        return self.model_dump(mode="json")
+
+    def sha256(self) -> str:
+        """Return the hash of the canonical JSON."""
+        return self._content_sha256
+
+    @cached_property
+    def _content_sha256(self) -> str:
+        return hashlib.sha256(canonical_json(self.plain()).encode()).hexdigest()
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
+        copied = super().model_copy(update=update, deep=deep)
+        copied.__dict__.pop("_content_sha256", None)
+        return copied
+
+
+class TomlFile(Hashed):
+    """The content of a TOML file: a head, a table of plain values, and the other fields as tables of their own."""
+
+    head: ClassVar[str]  # the name of the first table
+    tables: ClassVar[tuple[str, ...]]  # fields that are tables
+
+    @classmethod
+    def from_toml(cls, text: str, source: str) -> Self:
+        """Read the text of a file.
+
+        Parameters
+        ----------
+        text, source
+            The file's content, and its name for messages.
+
+        Raises
+        ------
+        InputError
+            If the text is no TOML, or a key is missing, unknown or out of range; names the key.
+        """
+        return cls.from_tables(parse_toml(text, source, cls.limit, f"a {cls.what}"), source)
+
+    @classmethod
+    def from_tables(cls, tables: Mapping[str, Any], source: str) -> Self:
+        """Read the tables of a parsed file; raises InputError as `from_toml` does."""
+        head = tables.get(cls.head, {})
+        if not isinstance(head, dict):
+            raise InputError(source, "is a table", cls.head)
+        rest = {key: value for key, value in tables.items() if key != cls.head}
+        for key in sorted([*(rest.keys() - set(cls.tables)), *(head.keys() & set(cls.tables))]):
+            hint = "" if key in cls.tables else did_you_mean(key, cls.tables)
+            tables_are = f"the tables are {', '.join((cls.head, *cls.tables))}"
+            raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", key)
+        try:
+            return cls.model_validate({**head, **rest})
+        except ValidationError as error:
+            raise InputError.of_validation(source, error, place=cls.head, model=cls) from error
+
+    def to_tables(self) -> dict[str, Any]:
+        """Return the tables of the file, without what is unset."""
+        flat = self.model_dump(mode="json", by_alias=True, exclude_none=True)
+        head = {key: value for key, value in flat.items() if key not in self.tables}
+        return {self.head: head, **{key: flat[key] for key in self.tables if flat.get(key)}}
+
+    def plain(self) -> dict[str, Any]:
+        return self.to_tables()
+
+    def to_toml(self) -> str:
+        """Write the text of the file; `from_toml` gives the same content back."""
+        return tomli_w.dumps(self.to_tables())
