@@ -117,15 +117,13 @@ def _kernels() -> str:
 
 def _wheel(wheel_file: Path | None) -> str:
     """Check that the wheel file can be used, and return what it lacks."""
-    from rwa_monitor.monitor.service import first_verdict
     from rwa_monitor.telemetry.configuration import read_wheel
     from rwa_monitor.words import counted
 
     wheel = read_wheel(wheel_file)
     notes = "; ".join(wheel.missing())
     lacking = f"it lacks what rwa-monitor identify learns, or you know: {notes}" if notes else "complete"
-    parts = (f"{wheel.name}, {counted(len(wheel.fss), 'switching system')}", first_verdict([wheel]), lacking)
-    return "; ".join(part for part in parts if part)
+    return f"{wheel.name}, {counted(len(wheel.fss), 'switching system')}; {lacking}"
 
 
 def _model(model_file: Path | None) -> str:
@@ -161,7 +159,7 @@ def look_at_recordings(folder: Path) -> str:
     """
     import shutil
 
-    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, last_recording, locked
+    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, locked
 
     if not folder.exists():
         return f"{folder} is not there yet"
@@ -171,7 +169,7 @@ def look_at_recordings(folder: Path) -> str:
     found = f"{folder}: {free / BYTES_PER_GB:.3g} GB of the disk are free"
     if free <= MIN_FREE_BYTES:
         raise RwaMonitorError(f"{found}, of which {MIN_FREE_BYTES / BYTES_PER_GB:.2g} GB stay free")
-    last = last_recording(folder)
+    last = max(folder.glob("*.mcap"), default=None)
     return f"{found}; {f'goes on from {last.name}' if last else 'holds no recording yet'}"
 
 

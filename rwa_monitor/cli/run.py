@@ -15,7 +15,6 @@ from rwa_monitor.cli.options import (
     FILE,
     Real,
     bus_options,
-    method_option,
     model_option,
     warn_if_alone,
     wheel_folder_option,
@@ -23,7 +22,6 @@ from rwa_monitor.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rwa_monitor.changepoints.stage_results import Method
     from rwa_monitor.monitor.bus import BusOptions
 
 
@@ -42,7 +40,6 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 @wheel_option
 @wheel_folder_option
 @model_option
-@method_option
 @click.option(
     "--record", type=FILE, metavar="DIR", help="Record everything in this folder, and continue from what it holds."
 )
@@ -66,7 +63,6 @@ def command(
     wheel: Path | None,
     wheel_folder: Path | None,
     model: Path | None,
-    method: Method,
     record: Path | None,
     record_limit: float | None,
     shard: tuple[int, int],
@@ -94,7 +90,6 @@ def command(
         wheel=common,
         own_wheels=own_wheels,
         model=read_model(model),
-        method=method,
         record=record,
         max_record_bytes=None if record_limit is None else int(record_limit * BYTES_PER_GB),
         bus=bus,

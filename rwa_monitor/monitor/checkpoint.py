@@ -78,7 +78,7 @@ class Slots(BaseModel):
 
 
 class Checkpoint(BaseModel):
-    """The whole state of a `core.WheelCore` besides its wheel, its model and its method.
+    """The whole state of a `core.WheelCore` besides its wheel and its model.
 
     Attributes
     ----------

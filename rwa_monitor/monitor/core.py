@@ -256,15 +256,15 @@ class WheelCore:
         )
 
     @classmethod
-    def resume(cls, checkpoint: Checkpoint, wheel: Wheel, model: Model | None, *, method: Method) -> Self:
-        """Return a core that goes on from a checkpoint of a core with the same wheel, model and method.
+    def resume(cls, checkpoint: Checkpoint, wheel: Wheel, model: Model | None) -> Self:
+        """Return a core that goes on from a checkpoint of a core with the same wheel and model.
 
         Raises
         ------
         InputError
             As the constructor, or if the checkpoint does not fit the wheel.
         """
-        core = cls(wheel, model, method=method, carried=checkpoint.carried, sequencer=checkpoint.sequencer)
+        core = cls(wheel, model, carried=checkpoint.carried, sequencer=checkpoint.sequencer)
         if checkpoint.source:
             core._source = checkpoint.source
             core._windows.begin_source(checkpoint.source)
@@ -314,7 +314,6 @@ def diagnose_samples(
 
 
 MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
-_THERE: Final = np.ones(4096, dtype=np.bool_)  # slots of a message, all there
 
 
 @dataclass(slots=True)
@@ -461,8 +460,7 @@ class Windows:
         start, self._done = self._done, stop
         speed, torque = self.ring.read_required(start, stop)
         friction, masked, faults = self.friction.friction(self.ring, start, stop, torque)
-        count = stop - start
-        there = _THERE[:count] if count <= _THERE.size else np.ones(count, dtype=np.bool_)  # missing values are NaN
+        there = np.ones(stop - start, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
         events = self._mask(masked, faults) if masked or faults else []
         if not confirmed or not confirmed[0]:

@@ -15,7 +15,6 @@ from typing import Any, Final
 
 import zenoh
 
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, SamplesMessage, Status, is_json, key_of, split_key
@@ -61,8 +60,6 @@ class RunOptions:
         Constants of single wheels, by spacecraft and wheel.
     model
         What was learned about nominal and anomalous friction; None leaves all verdicts open.
-    method
-        "joint" or "paper".
     record
         Folder of the recordings, or None to record nothing.
     max_file_bytes
@@ -83,7 +80,6 @@ class RunOptions:
     wheel: Wheel = field(default_factory=built_in_wheel)
     own_wheels: Mapping[WheelKey, Wheel] = field(default_factory=dict)
     model: Model | None = None
-    method: Method = "joint"
     record: Path | None = None
     max_file_bytes: int = MAX_FILE_BYTES
     max_record_bytes: int | None = None
@@ -94,12 +90,12 @@ class RunOptions:
 
     def setup(self) -> Setup:
         """Return what diagnoses depend on."""
-        return Setup(WheelSet(self.wheel, self.own_wheels), self.model, self.method)
+        return Setup(WheelSet(self.wheel, self.own_wheels), self.model)
 
     def settings(self) -> dict[str, Any]:
         """Return the settings as they are written into a recording."""
         share, of = self.shard
-        return {"wheels": self.wheels, "method": self.method, "shard": f"{share}/{of}"}
+        return {"wheels": self.wheels, "shard": f"{share}/{of}"}
 
 
 @dataclass(slots=True)

@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 
 PATIENCE: Final = 2  # windows in a row whose model does not fit, before a search
 NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
-MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches, all wheels together
-MAX_WAITING: Final = 16  # searches that wait for the one that runs; a fleet gone wrong needs an engineer, not a queue
+MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches that may come or that wait, all wheels together
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,13 +142,10 @@ class Searches:
             return
         watched.inadequate += 1
         if watched.inadequate >= PATIENCE and not watched.searched and watched.payloads:
-            if len(self._waiting) < MAX_WAITING:
-                constants = self.wheels.of(spacecraft, wheel).to_toml()
-                self._waiting.append(SearchJob(spacecraft, wheel, constants, tuple(watched.payloads)))
-                self.log(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
-            else:
-                self.log(f"{spacecraft}/{wheel}: its friction model does not fit; too many wheels wait for a search")
-            watched.searched = True
+            constants = self.wheels.of(spacecraft, wheel).to_toml()
+            self._waiting.append(SearchJob(spacecraft, wheel, constants, tuple(watched.payloads)))
+            self.log(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
+            watched.searched, watched.payloads, watched.size = True, [], 0  # they are kept until the search begins
         self._forget(watched)
 
     def poll(self) -> list[Output]:
@@ -179,6 +175,7 @@ class Searches:
     def _start(self, job: SearchJob) -> None:
         # After a fork the child's Zenoh session would be dead. What a search took in memory goes with its process.
         pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=os.nice, initargs=(NICENESS,))
+        self._kept_bytes -= sum(map(len, job.payloads))
         before = set(active_children())
         try:
             self._running = job, pool.submit(_search_and_report, job)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from threading import Event
@@ -28,8 +28,6 @@ from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import Recorder, locked
 from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
-from rwa_monitor.samples import SECONDS_PER_HOUR
-from rwa_monitor.wheel.wheel import Wheel
 
 
 def run(
@@ -98,8 +96,6 @@ def run(
         bus.subscribe(options.wheels)
         bus.offer_health()
         log(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
-        if options.log_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
-            log(wait)
         supervisor.ready(doing)
         watch = BusWatch(session, endpoints(options.bus))
         while not stop.is_set():
@@ -194,22 +190,3 @@ class Supervisor:
             # A supervisor that does not listen must not stop the monitor; what it misses it acts upon itself.
             with suppress(OSError):
                 end.sendto(text.encode(), self._address)
-
-
-# ---- the wait for the first verdict ----------------------------------------------------------------------------------
-
-
-SOON_H: Final = 1.0  # whoever starts a monitor expects to wait so long
-
-
-def first_verdict(wheels: Sequence[Wheel]) -> str:
-    """Return after how much telemetry wheels, at least one, have their first verdict, in words; "" where that is soon.
-
-    A window gives one when it is full.
-    """
-    hours = sorted({wheel.window.samples * wheel.sample_period_s / SECONDS_PER_HOUR for wheel in wheels})
-    if hours[-1] <= SOON_H:
-        return ""
-    first, last = f"{hours[0]:.3g}", f"{hours[-1]:.3g}"
-    spread = f"{first} to {last} h" if first != last else f"{first} h"
-    return f"the first verdict comes after {spread} of telemetry: window samples × sample_period_s"

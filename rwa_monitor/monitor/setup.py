@@ -1,4 +1,4 @@
-"""What diagnoses depend on: the constants of the wheels of a fleet, the model, and how jumps are assigned.
+"""What diagnoses depend on: the constants of the wheels of a fleet, and the model.
 
 One wheel file is for all wheels, and some wheels may have one of their own. In a recording they are attachments,
 `wheel.toml` and `wheels/{spacecraft}/{wheel}.toml`, beside model and settings, so that a replay needs nothing else.
@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Final, get_args
+from typing import Final
 
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.errors import InputError
 from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recording.reader import Recording
@@ -70,24 +68,19 @@ def key_of_name(name: str) -> WheelKey:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What a recording was made with: the constants of its wheels, what was learned, and how jumps are assigned."""
+    """What a recording was made with: the constants of its wheels, and what was learned."""
 
     wheels: WheelSet
     model: Model | None
-    method: Method
 
     @classmethod
     def of(cls, recording: Recording) -> Setup:
         """Read the setup from a recording's attachments; raises InputError where one is missing or damaged."""
         source = str(recording.path)
-        settings = recording.settings()
-        method: Method | None = settings.get("method")
-        if method is None or method not in get_args(Method):
-            raise InputError(source, f"{method!r} is none of {', '.join(get_args(Method))}", "settings.json: method")
         wheels = WheelSet.of_recording(recording)
         model_text = recording.text(MODEL)
         model = Model.from_json(model_text, f"{source}: {MODEL}") if model_text else None
-        return cls(wheels, model, method)
+        return cls(wheels, model)
 
     def attachments(self) -> dict[str, bytes]:
         """Return the setup as attachments of a recording, by name, as `of` reads them."""
@@ -95,8 +88,8 @@ class Setup:
 
     def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
         """Return the core of a wheel of which nothing is known yet."""
-        return WheelCore(self.wheels.of(spacecraft, wheel), self.model, method=self.method)
+        return WheelCore(self.wheels.of(spacecraft, wheel), self.model)
 
-    def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str, Method]:
-        """Return what the diagnoses of a wheel depend on: the hashes of its constants and the model, and the method."""
-        return self.wheels.of(spacecraft, wheel).sha256(), self.model.sha256() if self.model else "", self.method
+    def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str]:
+        """Return what the diagnoses of a wheel depend on: the hashes of its constants and the model."""
+        return self.wheels.of(spacecraft, wheel).sha256(), self.model.sha256() if self.model else ""

@@ -101,7 +101,7 @@ def run_recording(
         if isinstance(part, Attached):
             key = key_of_name(part.name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
             checkpoint = Checkpoint.from_json(part.data, f"{recording.path}: {part.name}")
-            run.cores[key] = WheelCore.resume(checkpoint, setup.wheels.of(*key), setup.model, method=setup.method)
+            run.cores[key] = WheelCore.resume(checkpoint, setup.wheels.of(*key), setup.model)
         else:
             _run_input(recording.path, part, setup, run)
             if part.schema in KEPT_SCHEMAS:
@@ -148,7 +148,7 @@ class RecoveredState:
     predecessor
         The last recording.
     cores
-        As they stood after its last input; without those whose wheel file, model or method is another one now.
+        As they stood after its last input; without those whose wheel file or model is another one now.
     unrecorded
         Outputs of its inputs that had not reached the disk.
     diagnoses
@@ -198,7 +198,7 @@ def recover_state(
         }
         if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
             wheels = first_few(anew, MAX_LISTED)
-            log(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
+            log(f"{path} was made with another wheel file or model of {wheels}: begun anew")
         recovered.diagnoses = _earlier_diagnoses(paths[place + len(files) :])
         for recording, run in ran:
             for problem in recording.problems:

@@ -33,7 +33,7 @@ ABOUT = {
     "duplicate": "messages are sent twice",
     "reorder": "messages overtake each other",
     "corrupt": "damaged messages that cannot be read",
-    "second_publisher": "a second publisher speaks on the same wheel while the first one lives",
+    "second_publisher": "a second publisher publishes on the same wheel while the first one lives",
     "disk_full": "the disk of the recordings is full to the last byte, then free again",
     "disk_fails": "writing to the recording fails (RLIMIT_FSIZE), then works again",
     "clock_step": "the wheel's clock steps by more than a window, forwards or back",
@@ -51,8 +51,8 @@ cut into messages, and one to five kinds of faults. It happens to real processes
 on loopback. Afterwards the account adds up in every status, on the bus and in the recording; the diagnoses are, byte
 for byte, those of `diagnose` on what was sent; each stands once in the chain of recordings, in order, and was on the
 bus at least once; and the chain replays. Where the disk fails the recording may lack diagnoses, the bus may not. Where
-history is lost the chain must replay, the loss be told, and the account add up. The monitor is forked from a process
-that has loaded it, to be there in a tenth of a second. The service was mended on histories of the seeds
+history is lost the chain must replay, the loss be reported, and the account add up. The monitor is forked from a
+process that has loaded it, to be there in a tenth of a second. The service was mended on histories of the seeds
 {DEVELOPMENT_SEED}, 2026, 31, 32 and 45; seeds 46, 47 and 61 came after.
 """
 
@@ -64,17 +64,17 @@ LIMITS = """
   run. A publisher is therefore killed here only a second after all of its samples have arrived.
 - A restart of the publisher is not combined with an outage that loses samples, and a monitor that joins late is not
   asked to miss what it cannot know of.
-- Where a bit of a recording flips, what is lost is told and the other recordings replay; the damaged one may not. A
+- Where a bit of a recording flips, what is lost is reported and the other recordings replay; the damaged one may not. A
   diagnosis that survived while its inputs did not is made again when they come again, and stands twice, in the same
   bytes.
 - What earlier runs found: on seed 31, 297 of 300 histories kept every promise; two showed the diagnosis that stands
-  twice, one messages that waited and were not missed yet; since then both are looked for as `trial.py` says. On seed
+  twice, one messages that waited and were not missed yet; since then both are looked for as in `trial.py`. On seed
   32, 299 of 300: after a clock that stepped back, a history that came again was taken for new (3,147 samples twice, 5
   wrong diagnoses); this was mended, with a test, and that history (122) keeps every promise now.
 - On seed 45, 99 of 100: the chain of history 64 replayed equal to 1e-9 relative, and not byte for byte. One number of
   the carried state was not rounded as its file is, which showed where a restart came after such a window; mended, with
   a test (`tests/monitor/test_core.py`).
-- A second publisher speaks between two messages of the first one, and not in an outage, where it looks like a restart.
+- A second publisher publishes between two messages of the first one, not in an outage, where it looks like a restart.
 - A damaged message is one that cannot be read. A flipped digit is a message: telemetry carries no checksum.
 - A disk that hangs, rather than fails, stops the monitor until it goes on; this is not tried.
 """
@@ -132,7 +132,7 @@ def report(outcomes: list[Outcome], seed: int, took_s: float) -> str:
         ("samples lost of these", f"{sum(outcome.lost for outcome in whole)}"),
         ("samples sent, histories that must lose some", f"{sum(outcome.sent for outcome in less):,}"),
         ("samples lost of these", f"{sum(outcome.lost for outcome in less):,}"),
-        ("messages that `status` says are missing there", f"{sum(outcome.told for outcome in less)}"),
+        ("messages that `status` reports as missing there", f"{sum(outcome.told for outcome in less)}"),
         (
             "from SIGTERM to the end of the monitor, median and largest [s]",
             f"{median(stops_s):.2f}, {max(stops_s):.2f}",

@@ -105,7 +105,7 @@ def adds_up(counts: Counts | dict[str, Any]) -> bool:
 
 def resumed(data: bytes, of_wheel: Wheel) -> WheelCore:
     """Return the core of a checkpoint's bytes."""
-    return WheelCore.resume(Checkpoint.from_json(data, "test"), of_wheel, model(), method="joint")
+    return WheelCore.resume(Checkpoint.from_json(data, "test"), of_wheel, model())
 
 
 def recorded(folder: Path, schema: str = Diagnosis.schema_name(), name: str = "") -> list[bytes]:

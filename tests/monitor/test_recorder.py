@@ -29,7 +29,7 @@ def recorder(folder: Path, max_file_bytes: int = 10**7, max_total_bytes: int | N
     return Recorder(
         folder,
         attachments={},
-        settings={"method": "joint"},
+        settings={"wheels": "rwa/*/*/samples"},
         predecessor=None,
         wall_ns=lambda: 1,
         max_file_bytes=max_file_bytes,

@@ -127,7 +127,7 @@ def test_a_sample_that_the_next_one_judges_waits_and_is_counted() -> None:
     assert core.feed(samples_at([5 * WINDOW])) == []
     assert (core.counts.used, core.counts.queued) == (2, 1)
     kept = Checkpoint.from_json(core.checkpoint().to_json(), "test")
-    resumed = WheelCore.resume(kept, wheel(), None, method="joint")
+    resumed = WheelCore.resume(kept, wheel(), None)
     for one in (core, resumed):
         events = one.feed(samples_at([5 * WINDOW + 1]))
         assert [type(event) for event in events] == [WindowDiagnosed, Trouble]

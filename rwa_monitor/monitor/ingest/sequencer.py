@@ -206,9 +206,6 @@ class Sequencer:
             if batch.number is not None:
                 self.expected = batch.number + 1
             yield batch
-        elif batch.number == self.expected and not self.held:  # as nearly always
-            self.expected += 1
-            yield batch
         elif batch.number < self.expected:
             yield from self._passed(batch, batch.number, frontier_ns)
         elif batch.number in self.held:  # the same message twice while it waits

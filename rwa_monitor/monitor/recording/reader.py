@@ -18,7 +18,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from errno import EIO
-from hashlib import sha256
+from hashlib import file_digest
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
@@ -463,11 +463,8 @@ def recorded_inputs(recordings: Path | Sequence[Path]) -> Iterator[tuple[int, st
 
 def file_sha256(path: Path) -> str:
     """Return the hash of a file's content."""
-    digest = sha256()
     with path.open("rb") as file:
-        while block := file.read(2**20):
-            digest.update(block)
-    return digest.hexdigest()
+        return file_digest(file, "sha256").hexdigest()
 
 
 # ---- what is read from the heads of the records alone ----------------------------------------------------------------

@@ -375,13 +375,6 @@ class Recorder:
         self.abandon()
 
 
-def last_recording(folder: Path) -> Path | None:
-    """Return the last recording of a folder, None where there is none."""
-    if not folder.is_dir():
-        return None
-    return max((path for path in folder.iterdir() if path.suffix == RECORDING_SUFFIX), default=None)
-
-
 def predecessor_of(path: Path) -> Predecessor:
     """Return name and hash of a recording; an empty hash where it cannot be read."""
     try:
