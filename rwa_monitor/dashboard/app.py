@@ -91,9 +91,9 @@ class Shelving(Acknowledgement):
 
 
 class Retirement(Acknowledgement):
-    """Who retires a wheel, and why; or brings it back to the list, with `aside` false."""
+    """Who retires a wheel, and why; or brings it back to the list, with `retire` false."""
 
-    aside: bool
+    retire: bool
 
 
 class TelemetryState(_Shown):
@@ -135,9 +135,9 @@ class Software(_Shown):
 class Entry(_Shown):
     """One entry of the feed, or of a recording.
 
-    The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and `aside` (an
-    audit event of a retired wheel) beside the bus's own; dashboard/beat, dashboard/software, or
-    dashboard/pulse, which is by "{spacecraft}/{wheel}".
+    The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and `retirement`
+    (an audit event of a retired wheel) beside the bus's own; dashboard/beat, dashboard/software, or dashboard/pulse,
+    which is by "{spacecraft}/{wheel}".
     `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
     diagnosis the history of the verdict. `time_ns`, on the wheel's clock, is of recordings only.
     """
@@ -224,13 +224,13 @@ def _add_routes(app: FastAPI, api: Api) -> None:
     get(f"{wheel}/windows", api.windows, response_model=list[Diagnosis])
     get(f"{wheel}/estimates", api.estimates, response_model=list[EstimateRecord])
     get(f"{wheel}/trend", api.trend, response_model=list[TrendRecord])
-    get(f"{wheel}/aside", api.retirement, response_model=list[RetirementEvent])
+    get(f"{wheel}/retirement", api.retirement, response_model=list[RetirementEvent])
     get("/api/alarms", api.alarms, response_model=list[AlarmRecord])
     get("/api/recordings", api.recordings, response_model=list[RecordingFile])
     get("/api/recordings/{name}", api.recording, response_model=Replay)
     token = Depends(HTTPBearer(scheme_name="token", auto_error=False))  # `Guard` has checked it
     for path, change, answer in (
-        (f"{wheel}/aside", api.retire, RetirementEvent),
+        (f"{wheel}/retirement", api.retire, RetirementEvent),
         ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, AlarmRecord),
         ("/api/alarms/{alarm:int}/shelve", api.shelve, AlarmRecord),
     ):
@@ -311,7 +311,7 @@ class Api:
         known = {entry.key for entry in live}
         earlier = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
         earlier = [entry for entry in earlier if entry.key not in known]
-        retired = [record_entry(event, "aside") for event in history.retired.latest()]
+        retired = [record_entry(event, "retirement") for event in history.retired.latest()]
         return [*live, *earlier, *(record_entry(alarm, "alarm") for alarm in history.alarms()), *retired]
 
     def wheel(self, spacecraft: str, wheel: str) -> Response:
@@ -352,10 +352,10 @@ class Api:
 
     def retire(self, spacecraft: str, wheel: str, who: Retirement) -> Response:
         """Retire a wheel that sends no telemetry, or bring it back; needs the token."""
-        if who.aside:
+        if who.retire:
             self._check_quiet(spacecraft, wheel)
-        event = self._history.retired.change(spacecraft, wheel, who.name, who.note, retire=who.aside)
-        self.notifier.hub.post(record_entry(event, "aside"))
+        event = self._history.retired.change(spacecraft, wheel, who.name, who.note, retire=who.retire)
+        self.notifier.hub.post(record_entry(event, "retirement"))
         return _json(event.to_json())
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:

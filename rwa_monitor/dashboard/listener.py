@@ -130,7 +130,7 @@ class Listener:
     def _show_others(self) -> None:
         """Show what other dashboards on the same history did on the list of wheels."""
         for event in self.history.retired.refresh():
-            self.hub.post(record_entry(event, "aside"))
+            self.hub.post(record_entry(event, "retirement"))
 
     def _use_history(self, work: Callable[[], object]) -> bool:
         """Do something with the history, and log it where it cannot be used."""
@@ -182,7 +182,7 @@ class Listener:
         """Bring a retired wheel back to the list, and have it written down."""
         event = self.history.retired.telemetry_arrived(spacecraft, wheel, window_end_ns)
         if event is not None:
-            self.hub.post(record_entry(event, "aside"))
+            self.hub.post(record_entry(event, "retirement"))
             self._waiting.append(event)
 
     def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:

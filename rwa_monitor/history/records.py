@@ -87,7 +87,7 @@ class RetirementEvent(Message):
 
     spacecraft: str
     wheel: str
-    event: Literal["put_aside", "brought_back", "spoke_again"]
+    event: Literal["retired", "brought_back", "telemetry_arrived"]
     time_ns: int | None
     wall_ns: int
     person: str
@@ -96,7 +96,7 @@ class RetirementEvent(Message):
     @property
     def retired(self) -> bool:
         """Whether the wheel is retired after this."""
-        return self.event == "put_aside"
+        return self.event == "retired"
 
 
 class EstimateRecord(FrictionEstimate):

@@ -545,7 +545,7 @@ class RetiredWheels:
                     raise InputError(source, f"has alarms to acknowledge first: {', '.join(waiting)}")
                 time_ns = session.scalar(select(func.max(DiagnosisRow.window_end_ns)).filter_by(**name))
             event = RetirementEvent(
-                **name, event="put_aside" if retire else "brought_back", time_ns=time_ns,
+                **name, event="retired" if retire else "brought_back", time_ns=time_ns,
                 wall_ns=self._wall_ns(), person=person, note=note,
             )  # fmt: skip
             session.add(WheelEventRow(**event.model_dump()))
@@ -570,7 +570,7 @@ class RetiredWheels:
                 return None
             if window_end_ns is not None and last.time_ns is not None and window_end_ns <= last.time_ns:
                 return None
-            changes = {"event": "spoke_again", "wall_ns": self._wall_ns(), "person": "", "note": ""}
+            changes = {"event": "telemetry_arrived", "wall_ns": self._wall_ns(), "person": "", "note": ""}
             return self._keep(last.model_copy(update=changes))
 
     def record(self, events: Iterable[RetirementEvent]) -> None:

@@ -49,7 +49,7 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
                 check(document, frames, entries)
                 seen.update(entry["key"].rpartition("/")[2] for entry in entries)
                 wanted = {"beat", "pulse", "software", "status", "samples", "diagnosis", "changepoints", "discrepancy"}
-                return wanted | {"alarm", "aside"} <= seen
+                return wanted | {"alarm", "retirement"} <= seen
 
             wait_for(
                 lambda: not all_received() and "status" in seen, "the status, which only goes to who watches the wheel"
@@ -62,8 +62,8 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             session.put("rwa/sat/wheel_1/changepoints", found.to_json())
             session.put("rwa/sat/wheel_1/discrepancy", discrepancy(1).to_json())
             send_windows(session, "wheel_2", failing=False)
-            retirement = "api/wheels/sat/wheel_2/aside"
-            retired = b'{"name":"Ann","note":"retired","aside":true}'
+            retirement = "api/wheels/sat/wheel_2/retirement"
+            retired = b'{"name":"Ann","note":"retired","retire":true}'
             wait_for(lambda: ask(running.address, retirement, headers=RIGHT, body=retired)[0] == 200, "the wheel")
             wait_for(all_received, "every kind of entry")
         paths = {
@@ -72,7 +72,7 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             f"{wheel}/windows": "api/wheels/sat/wheel_1/windows?limit=2",
             f"{wheel}/estimates": "api/wheels/sat/wheel_1/estimates",
             f"{wheel}/trend": "api/wheels/sat/wheel_1/trend",
-            f"{wheel}/aside": retirement,
+            f"{wheel}/retirement": retirement,
             "/api/alarms": "api/alarms",
             "/api/recordings": "api/recordings",
             "/api/recordings/{name}": f"api/recordings/{RECORDING.name}",
@@ -95,10 +95,10 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
         assert ask(running.address, "api/alarms/1/shelve", body=asked)[0] == 401
         assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=b'{"name":"Ann"}')[0] == 422
         posts = {path for path, methods in document["paths"].items() if "post" in methods}
-        assert posts == {path, shelve, f"{wheel}/aside"}
-        status, content = ask(running.address, retirement, headers=RIGHT, body=b'{"name":"Ben","aside":false}')
+        assert posts == {path, shelve, f"{wheel}/retirement"}
+        status, content = ask(running.address, retirement, headers=RIGHT, body=b'{"name":"Ben","retire":false}')
         assert status == 200
-        check(document, answer_schema(document, f"{wheel}/aside", "post"), content)
+        check(document, answer_schema(document, f"{wheel}/retirement", "post"), content)
         status, content = ask(running.address, "api/alarms/1/acknowledge", body=b'{"name":"Ann"}')
         check(document, answer_schema(document, path, "post", "401"), json.loads(content))
 

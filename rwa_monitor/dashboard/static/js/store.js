@@ -33,7 +33,7 @@ export class Store {
       if (message.closed_ns === null) this.wheel(`${parts[1]}/${parts[2]}`); // a wheel without a monitor has nothing else
       return;
     }
-    if (parts[3] === "aside") {
+    if (parts[3] === "retirement") {
       this.retirements.set(`${parts[1]}/${parts[2]}`, message);
       this.worst = null;
       return;
@@ -124,7 +124,7 @@ export class Store {
   }
 
   isRetired(name) {
-    return this.retirements.get(name)?.event === "put_aside";
+    return this.retirements.get(name)?.event === "retired";
   }
 
   /** The open alarms of all wheels but the retired ones. */
