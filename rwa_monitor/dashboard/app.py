@@ -120,7 +120,7 @@ class Beat(_Shown):
 class PulseOfWheel(_Shown):
     """What a status comes to for a page that does not show the wheel; why all messages were refused, else null."""
 
-    heard_wall_ns: int
+    reported_wall_ns: int
     window_fill: float
     telemetry: TelemetryState
     refused: str | None

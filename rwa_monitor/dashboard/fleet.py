@@ -328,7 +328,7 @@ class Fleet:
                     wall_ns = received.wall_ns or 0
                     wheel.rhythm.take_status(message.last_sample_ns, wall_ns)
                     rhythm = wheel.rhythm.to_json()
-                    pulse = b'{"heard_wall_ns":%d,"window_fill":%.4f,"telemetry":%b,"refused":%b}' % (
+                    pulse = b'{"reported_wall_ns":%d,"window_fill":%.4f,"telemetry":%b,"refused":%b}' % (
                         wall_ns,
                         message.window_fill,
                         rhythm,

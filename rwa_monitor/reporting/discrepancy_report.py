@@ -79,7 +79,7 @@ def _name_in_words(effect: FoundEffect) -> str:
 
 
 def p_in_words(search: Search, effect: FoundEffect) -> str:
-    """Return a p-value, with "≤" where the table of nulls goes no further."""
+    """Return a p-value, with "≤" where the null distribution goes no further."""
     floor = built_in_null_distribution().floor(effect.family, derived=search.problem.friction_is_derived)
     return f"{'≤ ' if effect.p_value <= floor else ''}{probability(effect.p_value)}"
 

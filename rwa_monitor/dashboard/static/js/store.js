@@ -55,7 +55,7 @@ export class Store {
 
   /** What the statuses of wheels come to that this page does not look at. */
   pulse(wheels) {
-    for (const [name, beat] of Object.entries(wheels)) this.report(this.wheel(name), beat.heard_wall_ns, beat.window_fill, beat.telemetry, beat.refused);
+    for (const [name, beat] of Object.entries(wheels)) this.report(this.wheel(name), beat.reported_wall_ns, beat.window_fill, beat.telemetry, beat.refused);
   }
 
   report(wheel, wallNs, fill, telemetry, refused) {
