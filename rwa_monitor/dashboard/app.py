@@ -451,5 +451,5 @@ async def _refused(request: Request, error: Exception) -> Response:
         return JSONResponse({"error": error.detail}, error.status_code)
     if isinstance(error, RequestValidationError):
         first = error.errors()[0]
-        return JSONResponse({"error": f"{'.'.join(map(str, first['loc']))}: {first['msg']}"}, 422)
+        return JSONResponse({"error": f"{'.'.join(map(str, first['loc'][1:] or first['loc']))}: {first['msg']}"}, 422)
     return JSONResponse({"error": str(error)}, 503 if isinstance(error, HistoryError) else 422)
