@@ -343,8 +343,7 @@ class Api:
 
     def trend(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the trends of one wheel's estimates."""
-        history = self._history
-        return _list(trends(history.estimates(spacecraft, wheel, MAX_ESTIMATES), history.policy))
+        return _list(trends(self._history.estimates(spacecraft, wheel, MAX_ESTIMATES)))
 
     def retirement(self, spacecraft: str, wheel: str) -> Response:
         """Answer with who has retired a wheel and brought it back, the oldest event first."""

@@ -20,6 +20,7 @@ from rwa_monitor.history.alarms import (
     MODEL_ALARM,
     MONITOR_ALARM,
     MONITOR_POLICY,
+    WINDOW_POLICY,
     Alarm,
     AlarmEvent,
     EventKind,
@@ -58,8 +59,6 @@ class History:
     ----------
     place
         SQLite file, made where it is missing; URL of a PostgreSQL database; None keeps everything in memory.
-    policy
-        When windows make an alarm.
     wall_ns
         This machine's clock [ns], for the audit trail.
 
@@ -74,13 +73,7 @@ class History:
         If the database cannot be opened.
     """
 
-    def __init__(
-        self,
-        place: Path | str | None,
-        policy: Policy | None = None,
-        wall_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
-        self.policy = policy or Policy()
+    def __init__(self, place: Path | str | None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._wall_ns = wall_ns
         self._database = Database(place)
         self.retired = RetiredWheels(self._database, wall_ns)
@@ -132,7 +125,7 @@ class History:
         )
         for estimate in _estimates(diagnosis):
             session.merge(EstimateRow(**place, **estimate))
-        for name, observation in observe(diagnosis, self.policy).items():
+        for name, observation in observe(diagnosis).items():
             key = (diagnosis.spacecraft, diagnosis.wheel, name)
             self._observe(session, key, observation, _reason(diagnosis, name))
         session.flush()
@@ -187,7 +180,7 @@ class History:
             return  # an alarm that never had cause to be needs no row
         state = _state_of(session, key)
         if observation.time_ns > state.last_window_ns:
-            self._advance(session, state, observation, self.policy, reason)
+            self._advance(session, state, observation, WINDOW_POLICY, reason)
 
     def _advance(
         self, session: Session, state: AlarmStateRow, observation: Observation, policy: Policy, reason: str
