@@ -29,6 +29,7 @@ from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 from rwa_monitor.wheel.wheel import built_in_wheel
 
+KEYS: Final = "rwa/*/*/*"  # on the bus
 # What is shown of what goes over the bus.
 SHOWN: Final[tuple[type[Message], ...]] = (SamplesMessage, *REPORTS)
 KINDS: Final = {message.kind: message for message in SHOWN}

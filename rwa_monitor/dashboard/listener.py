@@ -17,7 +17,7 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.feed import AlarmNotifier
-from rwa_monitor.dashboard.fleet import KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.dashboard.fleet import KEYS, KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
@@ -45,8 +45,6 @@ class Listener:
     ----------
     session
         An open Zenoh session; it is left open.
-    key_expression
-        What to subscribe to.
     fleet, history, notifier
         Where messages go.
     log
@@ -65,13 +63,12 @@ class Listener:
     def __init__(
         self,
         session: zenoh.Session,
-        key_expression: str,
         fleet: Fleet,
         history: History,
         notifier: AlarmNotifier,
         log: Callable[[str], None],
-        connect: Sequence[str] = (),
-        silent_s: float = SILENT_S,
+        connect: Sequence[str],
+        silent_s: float,
     ) -> None:
         self.fleet, self.history = fleet, history
         self.notifier, self.hub = notifier, notifier.hub
@@ -82,7 +79,7 @@ class Listener:
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
         self._monitors = MonitorWatch(silent_s, history.monitors())
-        self._bus = BusThread(session, key_expression, self._receive, self._maintain, name="dashboard listener")
+        self._bus = BusThread(session, KEYS, self._receive, self._maintain, name="dashboard listener")
 
     def __enter__(self) -> Self:
         self._bus.start()
