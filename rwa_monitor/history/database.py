@@ -227,9 +227,7 @@ class DiagnosisRow(Table):
     wheel: Mapped[str]
     window_start_ns: Mapped[int]
     window_end_ns: Mapped[int]
-    verdict: Mapped[str]
     message: Mapped[str]
-    stored_wall_ns: Mapped[int]
 
 
 class EstimateRow(Table):
@@ -261,7 +259,6 @@ class DiscrepancyRow(Table):
     wheel: Mapped[_Key]
     end_ns: Mapped[int]
     message: Mapped[str]
-    stored_wall_ns: Mapped[int]
 
 
 class WheelEventRow(Table):

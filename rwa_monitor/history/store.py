@@ -118,9 +118,7 @@ class History:
                 **place,
                 window_start_ns=diagnosis.window_start_ns,
                 window_end_ns=diagnosis.window_end_ns,
-                verdict=diagnosis.verdict,
                 message=diagnosis.to_json().decode(),
-                stored_wall_ns=self._wall_ns(),
             )
         )
         for estimate in _estimates(diagnosis):
@@ -169,7 +167,6 @@ class History:
                     wheel=found.wheel,
                     end_ns=found.end_ns,
                     message=found.to_json().decode(),
-                    stored_wall_ns=self._wall_ns(),
                 )
             )
             return True
