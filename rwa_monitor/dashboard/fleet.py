@@ -309,11 +309,6 @@ class Fleet:
             known.verdicts.extend(earlier)
             return known
 
-    def names(self) -> list[tuple[str, str]]:
-        """Return spacecraft and name of all wheels, sorted."""
-        with self.lock:
-            return sorted(self._wheels)
-
     def wheels(self) -> list[tuple[str, str, Wheel]]:
         """Return all wheels with their names, sorted; to be looked at while the lock is held."""
         return [(*name, self._wheels[name]) for name in sorted(self._wheels)]

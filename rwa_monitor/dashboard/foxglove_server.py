@@ -41,7 +41,6 @@ class FoxgloveServer(ServerListener):
     """
 
     def __init__(self, session: zenoh.Session, port: int) -> None:
-        self.refused = 0
         self._context = Context()
         self._schemas = {
             name: Schema(name=name, encoding="jsonschema", data=dump_json(schema)) for name, schema in schemas().items()
@@ -79,7 +78,6 @@ class FoxgloveServer(ServerListener):
         try:
             views = self._translator.translate(key, payload)
         except InputError:
-            self.refused += 1
             return
         for view in views:
             self._show(view)

@@ -73,7 +73,6 @@ class Listener:
         self.fleet, self.history = fleet, history
         self.notifier, self.hub = notifier, notifier.hub
         self.log = log
-        self.refused = 0
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
@@ -143,18 +142,16 @@ class Listener:
         return True
 
     def receive(self, key: str, payload: bytes) -> None:
-        """Pass on one message; one that is none of ours is counted and dropped."""
+        """Pass on one message; one that is none of ours is dropped."""
         try:
             spacecraft, wheel, kind = split_key(key)
             if kind not in KINDS:
                 return
             message = KINDS[kind].parse(payload, key)
         except InputError:
-            self.refused += 1
             return
         known = self._wheel(spacecraft, wheel)
         if known is None:
-            self.refused += 1
             return
         wall_ns = time.time_ns()
         if isinstance(message, SamplesMessage):

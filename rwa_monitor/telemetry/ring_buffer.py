@@ -58,11 +58,6 @@ class RingBuffer:
         """First slot whose values are still held."""
         return max(self._first, self.end - self.values_capacity)
 
-    @property
-    def nbytes(self) -> int:
-        """Memory of the arrays [bytes]."""
-        return self._filled.nbytes + sum(values.nbytes for values in self._values.values())
-
     def clear(self, begin: int = 0) -> None:
         """Drop all slots and begin again at slot `begin`."""
         if self.end > self._first:
