@@ -419,7 +419,7 @@ class Api:
             async for asked in socket.iter_json():
                 if isinstance(asked, dict):
                     client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
-        except ValueError:
+        except (KeyError, ValueError):  # bytes, or a text that is none
             await socket.close(1003, "no JSON")
         finally:
             self.notifier.hub.clients.discard(client)
