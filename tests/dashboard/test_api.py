@@ -10,6 +10,7 @@ from urllib.parse import quote
 import pytest
 import zenoh
 from jsonschema import Draft202012Validator
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
@@ -107,3 +108,13 @@ def test_a_wrong_limit_is_refused(session: zenoh.Session) -> None:
     with serve(DashboardOptions(0, None), session) as running:
         for limit in ("0", "1001", "-1", "x", "1e3", "9" * 50, "²"):
             assert ask(running.address, f"api/wheels/sat/wheel_1/windows?limit={quote(limit)}")[0] == 422, limit
+
+
+@pytest.mark.parametrize("sent", [b"\x00", "no JSON"])
+def test_a_page_that_sends_no_json_is_disconnected(session: zenoh.Session, sent: bytes | str) -> None:
+    with serve(DashboardOptions(0, None), session) as running:
+        with connect(running.address.replace("http", "ws") + "api/feed") as feed, pytest.raises(ConnectionClosed):
+            feed.send(sent)
+            while True:
+                feed.recv(timeout=10)
+        assert ask(running.address, "api/fleet")[0] == 200
