@@ -23,7 +23,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -43,7 +43,6 @@ from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.monitor.trends import CoefficientTrend, wheel_trends
-from rwa_monitor.reporting.rows import diagnosis_row
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import Telemetry
 from rwa_monitor.simulation.record import simulate as simulate_telemetry
@@ -85,6 +84,8 @@ __all__ = [
     "simulate",
     "wheel_trends",
 ]
+
+ANOMALY_FIELDS: Final = {"active", "probability", "severity", "estimate", "unit"}  # in a row of a table
 
 Recordings = Samples | Sequence[Samples] | Mapping[str, Samples]
 
@@ -316,6 +317,29 @@ def frame(diagnoses: Iterable[Diagnosis]) -> DataFrame:
     with needs_extra("pandas"):
         import pandas as pd
     return pd.DataFrame([diagnosis_row(diagnosis) for diagnosis in diagnoses])
+
+
+def diagnosis_row(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return one window as a row; `message` is the whole of it, as `diagnose --json` prints it.
+
+    Columns of an anomaly begin with its name: `dry_probability`, `fss_1_active`, …
+    """
+    friction, fit = diagnosis.friction, diagnosis.fit
+    row: dict[str, Any] = {
+        name: value for name, value in diagnosis if value is None or isinstance(value, bool | float | int | str)
+    }
+    row |= {
+        "base_dry_Nm": friction.base_dry.value,
+        "base_dry_std_Nm": friction.base_dry.std,
+        "viscous_Nm_s_rad": friction.viscous.value,
+        "viscous_std_Nm_s_rad": friction.viscous.std,
+        "changepoints": len(diagnosis.changepoints),
+        "rmse_Nm": fit.rmse_Nm,
+        "noise_std_Nm": fit.noise_std_Nm,
+    }
+    for name, anomaly in diagnosis.anomalies.items():
+        row |= {f"{name}_{field}": value for field, value in anomaly.model_dump(include=ANOMALY_FIELDS).items()}
+    return row | {"message": diagnosis.to_json().decode("utf-8")}
 
 
 def replay(recordings: PathLike | Sequence[PathLike]) -> Report:

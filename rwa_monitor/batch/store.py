@@ -14,10 +14,10 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from rwa_monitor.api import diagnosis_row
 from rwa_monitor.batch.tasks import Diagnose, DiagnosedFile
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.reporting.rows import diagnosis_row
 from rwa_monitor.telemetry.files import atomic_write, display_name, unreadable, write_text
 
 FAILED: Final = "failed.csv"

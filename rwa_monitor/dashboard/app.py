@@ -91,9 +91,9 @@ class Shelving(Acknowledgement):
 
 
 class Retirement(Acknowledgement):
-    """Who retires a wheel, and why; or brings it back to the list, with `aside` false."""
+    """Who retires a wheel, and why; or brings it back to the list, with `retire` false."""
 
-    aside: bool
+    retire: bool
 
 
 class TelemetryState(_Shown):
@@ -120,7 +120,7 @@ class Beat(_Shown):
 class PulseOfWheel(_Shown):
     """What a status comes to for a page that does not show the wheel; why all messages were refused, else null."""
 
-    heard_wall_ns: int
+    reported_wall_ns: int
     window_fill: float
     telemetry: TelemetryState
     refused: str | None
@@ -135,9 +135,9 @@ class Software(_Shown):
 class Entry(_Shown):
     """One entry of the feed, or of a recording.
 
-    The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and `aside` (an
-    audit event of a retired wheel) beside the bus's own; dashboard/beat, dashboard/software, or
-    dashboard/pulse, which is by "{spacecraft}/{wheel}".
+    The key names the message: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and `retirement`
+    (an audit event of a retired wheel) beside the bus's own; dashboard/beat, dashboard/software, or dashboard/pulse,
+    which is by "{spacecraft}/{wheel}".
     `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
     diagnosis the history of the verdict. `time_ns`, on the wheel's clock, is of recordings only.
     """
@@ -224,13 +224,13 @@ def _add_routes(app: FastAPI, api: Api) -> None:
     get(f"{wheel}/windows", api.windows, response_model=list[Diagnosis])
     get(f"{wheel}/estimates", api.estimates, response_model=list[EstimateRecord])
     get(f"{wheel}/trend", api.trend, response_model=list[TrendRecord])
-    get(f"{wheel}/aside", api.retirement, response_model=list[RetirementEvent])
+    get(f"{wheel}/retirement", api.retirement, response_model=list[RetirementEvent])
     get("/api/alarms", api.alarms, response_model=list[AlarmRecord])
     get("/api/recordings", api.recordings, response_model=list[RecordingFile])
     get("/api/recordings/{name}", api.recording, response_model=Replay)
     token = Depends(HTTPBearer(scheme_name="token", auto_error=False))  # `Guard` has checked it
     for path, change, answer in (
-        (f"{wheel}/aside", api.retire, RetirementEvent),
+        (f"{wheel}/retirement", api.retire, RetirementEvent),
         ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, AlarmRecord),
         ("/api/alarms/{alarm:int}/shelve", api.shelve, AlarmRecord),
     ):
@@ -311,7 +311,7 @@ class Api:
         known = {entry.key for entry in live}
         earlier = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
         earlier = [entry for entry in earlier if entry.key not in known]
-        retired = [record_entry(event, "aside") for event in history.retired.latest()]
+        retired = [record_entry(event, "retirement") for event in history.retired.latest()]
         return [*live, *earlier, *(record_entry(alarm, "alarm") for alarm in history.alarms()), *retired]
 
     def wheel(self, spacecraft: str, wheel: str) -> Response:
@@ -343,8 +343,7 @@ class Api:
 
     def trend(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the trends of one wheel's estimates."""
-        history = self._history
-        return _list(trends(history.estimates(spacecraft, wheel, MAX_ESTIMATES), history.policy))
+        return _list(trends(self._history.estimates(spacecraft, wheel, MAX_ESTIMATES)))
 
     def retirement(self, spacecraft: str, wheel: str) -> Response:
         """Answer with who has retired a wheel and brought it back, the oldest event first."""
@@ -352,10 +351,10 @@ class Api:
 
     def retire(self, spacecraft: str, wheel: str, who: Retirement) -> Response:
         """Retire a wheel that sends no telemetry, or bring it back; needs the token."""
-        if who.aside:
+        if who.retire:
             self._check_quiet(spacecraft, wheel)
-        event = self._history.retired.change(spacecraft, wheel, who.name, who.note, retire=who.aside)
-        self.notifier.hub.post(record_entry(event, "aside"))
+        event = self._history.retired.change(spacecraft, wheel, who.name, who.note, retire=who.retire)
+        self.notifier.hub.post(record_entry(event, "retirement"))
         return _json(event.to_json())
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
@@ -420,7 +419,7 @@ class Api:
             async for asked in socket.iter_json():
                 if isinstance(asked, dict):
                     client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
-        except ValueError:
+        except (KeyError, ValueError):  # bytes, or a text that is none
             await socket.close(1003, "no JSON")
         finally:
             self.notifier.hub.clients.discard(client)
@@ -451,5 +450,5 @@ async def _refused(request: Request, error: Exception) -> Response:
         return JSONResponse({"error": error.detail}, error.status_code)
     if isinstance(error, RequestValidationError):
         first = error.errors()[0]
-        return JSONResponse({"error": f"{'.'.join(map(str, first['loc']))}: {first['msg']}"}, 422)
+        return JSONResponse({"error": f"{'.'.join(map(str, first['loc'][1:] or first['loc']))}: {first['msg']}"}, 422)
     return JSONResponse({"error": str(error)}, 503 if isinstance(error, HistoryError) else 422)

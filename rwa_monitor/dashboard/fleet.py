@@ -29,6 +29,7 @@ from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 from rwa_monitor.wheel.wheel import built_in_wheel
 
+KEYS: Final = "rwa/*/*/*"  # on the bus
 # What is shown of what goes over the bus.
 SHOWN: Final[tuple[type[Message], ...]] = (SamplesMessage, *REPORTS)
 KINDS: Final = {message.kind: message for message in SHOWN}
@@ -308,11 +309,6 @@ class Fleet:
             known.verdicts.extend(earlier)
             return known
 
-    def names(self) -> list[tuple[str, str]]:
-        """Return spacecraft and name of all wheels, sorted."""
-        with self.lock:
-            return sorted(self._wheels)
-
     def wheels(self) -> list[tuple[str, str, Wheel]]:
         """Return all wheels with their names, sorted; to be looked at while the lock is held."""
         return [(*name, self._wheels[name]) for name in sorted(self._wheels)]
@@ -328,7 +324,7 @@ class Fleet:
                     wall_ns = received.wall_ns or 0
                     wheel.rhythm.take_status(message.last_sample_ns, wall_ns)
                     rhythm = wheel.rhythm.to_json()
-                    pulse = b'{"heard_wall_ns":%d,"window_fill":%.4f,"telemetry":%b,"refused":%b}' % (
+                    pulse = b'{"reported_wall_ns":%d,"window_fill":%.4f,"telemetry":%b,"refused":%b}' % (
                         wall_ns,
                         message.window_fill,
                         rhythm,

@@ -10,6 +10,7 @@ import zenoh
 from foxglove import Channel, Context, Schema
 from foxglove.websocket import ChannelView, Client, ServerListener
 
+from rwa_monitor.dashboard.fleet import KEYS
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import dump_json
 from rwa_monitor.monitor.bus import BusThread
@@ -30,8 +31,6 @@ class FoxgloveServer(ServerListener):
     ----------
     session
         An open Zenoh session; it is left open.
-    key_expression
-        What to listen to.
     port
         0 for any that is free.
 
@@ -41,8 +40,7 @@ class FoxgloveServer(ServerListener):
         If the port is taken.
     """
 
-    def __init__(self, session: zenoh.Session, key_expression: str, port: int) -> None:
-        self.refused = 0
+    def __init__(self, session: zenoh.Session, port: int) -> None:
         self._context = Context()
         self._schemas = {
             name: Schema(name=name, encoding="jsonschema", data=dump_json(schema)) for name, schema in schemas().items()
@@ -61,7 +59,7 @@ class FoxgloveServer(ServerListener):
         except (OSError, RuntimeError) as error:
             raise RwaMonitorError(f"port {port} cannot be used: {error}; --foxglove names another") from error
         self._translator = Translator()
-        self._bus = BusThread(session, key_expression, self._receive, name="foxglove server")
+        self._bus = BusThread(session, KEYS, self._receive, name="foxglove server")
 
     @property
     def address(self) -> str:
@@ -80,7 +78,6 @@ class FoxgloveServer(ServerListener):
         try:
             views = self._translator.translate(key, payload)
         except InputError:
-            self.refused += 1
             return
         for view in views:
             self._show(view)

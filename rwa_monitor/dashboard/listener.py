@@ -17,7 +17,7 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.feed import AlarmNotifier
-from rwa_monitor.dashboard.fleet import KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.dashboard.fleet import KEYS, KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
@@ -45,8 +45,6 @@ class Listener:
     ----------
     session
         An open Zenoh session; it is left open.
-    key_expression
-        What to subscribe to.
     fleet, history, notifier
         Where messages go.
     log
@@ -65,24 +63,22 @@ class Listener:
     def __init__(
         self,
         session: zenoh.Session,
-        key_expression: str,
         fleet: Fleet,
         history: History,
         notifier: AlarmNotifier,
         log: Callable[[str], None],
-        connect: Sequence[str] = (),
-        silent_s: float = SILENT_S,
+        connect: Sequence[str],
+        silent_s: float,
     ) -> None:
         self.fleet, self.history = fleet, history
         self.notifier, self.hub = notifier, notifier.hub
         self.log = log
-        self.refused = 0
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
         self._monitors = MonitorWatch(silent_s, history.monitors())
-        self._bus = BusThread(session, key_expression, self._receive, self._maintain, name="dashboard listener")
+        self._bus = BusThread(session, KEYS, self._receive, self._maintain, name="dashboard listener")
 
     def __enter__(self) -> Self:
         self._bus.start()
@@ -130,7 +126,7 @@ class Listener:
     def _show_others(self) -> None:
         """Show what other dashboards on the same history did on the list of wheels."""
         for event in self.history.retired.refresh():
-            self.hub.post(record_entry(event, "aside"))
+            self.hub.post(record_entry(event, "retirement"))
 
     def _use_history(self, work: Callable[[], object]) -> bool:
         """Do something with the history, and log it where it cannot be used."""
@@ -146,18 +142,16 @@ class Listener:
         return True
 
     def receive(self, key: str, payload: bytes) -> None:
-        """Pass on one message; one that is none of ours is counted and dropped."""
+        """Pass on one message; one that is none of ours is dropped."""
         try:
             spacecraft, wheel, kind = split_key(key)
             if kind not in KINDS:
                 return
             message = KINDS[kind].parse(payload, key)
         except InputError:
-            self.refused += 1
             return
         known = self._wheel(spacecraft, wheel)
         if known is None:
-            self.refused += 1
             return
         wall_ns = time.time_ns()
         if isinstance(message, SamplesMessage):
@@ -182,7 +176,7 @@ class Listener:
         """Bring a retired wheel back to the list, and have it written down."""
         event = self.history.retired.telemetry_arrived(spacecraft, wheel, window_end_ns)
         if event is not None:
-            self.hub.post(record_entry(event, "aside"))
+            self.hub.post(record_entry(event, "retirement"))
             self._waiting.append(event)
 
     def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:

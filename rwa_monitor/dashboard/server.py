@@ -45,8 +45,6 @@ class DashboardOptions:
         On loopback; 0 for any that is free; None for the usual one, or any where that is taken.
     record
         Folder of the recordings. None: there are none.
-    listen_to
-        Key expression on the bus.
     wheel
         Constants of the wheels, for friction that is derived from current; None: those of the latest recording in the
         folder, the built-in wheel's where there is none.
@@ -64,7 +62,6 @@ class DashboardOptions:
 
     port: int | None = None
     record: Path | None = None
-    listen_to: str = "rwa/*/*/*"
     token: str | None = None
     wheel: Wheel | None = None
     connect: tuple[str, ...] = ()
@@ -126,7 +123,6 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
         stack.enter_context(
             Listener(
                 session,
-                options.listen_to,
                 fleet,
                 history,
                 notifier,
@@ -149,7 +145,7 @@ def _foxglove(session: zenoh.Session, options: DashboardOptions) -> FoxgloveServ
     except ImportError as error:
         raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[foxglove]'") from error
     assert options.foxglove is not None  # else it is not started
-    return FoxgloveServer(session, options.listen_to, options.foxglove)
+    return FoxgloveServer(session, options.foxglove)
 
 
 def _socket(port: int | None) -> socket.socket:

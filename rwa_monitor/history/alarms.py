@@ -94,49 +94,33 @@ class EventKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Policy:
-    """When windows make an alarm.
+    """When windows make an alarm: a level counts when k of the last n decided windows reach it.
 
-    Attributes
-    ----------
-    k, n
-        A level counts when k of the last n decided windows reach it; normal is when none of the last n is above it.
-    warning, distress, critical
-        Severity of an anomaly (0 at the nominal bound, 1 at the median of the learned anomaly) from which a window
-        reaches that level; an active anomaly below is a watch.
+    Normal is when none of the last n is above it.
     """
 
-    k: int = 2
-    n: int = 3
-    warning: float = 0.5
-    distress: float = 1.5
-    critical: float = 3.0
-
-    def __post_init__(self) -> None:
-        """Check that the policy can raise an alarm, and that the levels are in order."""
-        if not 1 <= self.k <= self.n:
-            raise ValueError(f"k = {self.k} of n = {self.n} windows is impossible")
-        if not 0.0 <= self.warning <= self.distress <= self.critical:
-            raise ValueError("the severities of warning, distress and critical are not in order")
-
-    def level_of(self, anomaly: Anomaly, *, model_adequate: bool = True) -> Level:
-        """Return the level that one anomaly of one window reaches.
-
-        Where the friction model does not fit, only the severity that is certain to one standard deviation counts.
-        """
-        if not anomaly.active:
-            return Level.NORMAL
-        severity = anomaly.severity or 0.0
-        if not model_adequate:
-            severity -= anomaly.severity_std or 0.0
-        return max((level for bound, level in self.bounds if severity >= bound), default=Level.WATCH)
-
-    @property
-    def bounds(self) -> tuple[tuple[float, Level], ...]:
-        """The severities from which on levels are reached, ascending."""
-        return (self.warning, Level.WARNING), (self.distress, Level.DISTRESS), (self.critical, Level.CRITICAL)
+    k: int
+    n: int
 
 
+WINDOW_POLICY: Final = Policy(k=2, n=3)
 MONITOR_POLICY: Final = Policy(k=1, n=1)  # how long the silence must be is decided where the status is received
+# Severities of an anomaly (0 at the nominal bound, 1 at the median of the learned anomaly) from which a window reaches
+# a level; an active anomaly below is a watch.
+BOUNDS: Final = ((0.5, Level.WARNING), (1.5, Level.DISTRESS), (3.0, Level.CRITICAL))
+
+
+def level_of(anomaly: Anomaly, *, model_adequate: bool = True) -> Level:
+    """Return the level that one anomaly of one window reaches.
+
+    Where the friction model does not fit, only the severity that is certain to one standard deviation counts.
+    """
+    if not anomaly.active:
+        return Level.NORMAL
+    severity = anomaly.severity or 0.0
+    if not model_adequate:
+        severity -= anomaly.severity_std or 0.0
+    return max((level for bound, level in BOUNDS if severity >= bound), default=Level.WATCH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +167,7 @@ class AlarmEvent:
     time_ns: int
 
 
-def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
+def observe(diagnosis: Diagnosis) -> dict[str, Observation]:
     """Return what a window means for each alarm of its wheel: nothing of the wheel if undecided, nothing if partial."""
     time_ns, fits = diagnosis.window_end_ns, diagnosis.model_adequate
     if diagnosis.partial:
@@ -194,7 +178,7 @@ def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
         return {} if fits else model  # a window that shows nothing does not show either that the model fits
     alarmed = diagnosis.verdict == "anomalous"
     observations = {
-        name: Observation(policy.level_of(anomaly, model_adequate=fits) if alarmed else Level.NORMAL, time_ns)
+        name: Observation(level_of(anomaly, model_adequate=fits) if alarmed else Level.NORMAL, time_ns)
         for name, anomaly in diagnosis.anomalies.items()
     }
     return observations | model

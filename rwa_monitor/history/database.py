@@ -196,7 +196,7 @@ _IntKey = Annotated[int, mapped_column(primary_key=True, autoincrement=False)]
 _RowId = Annotated[int, mapped_column(BigInteger().with_variant(Integer, "sqlite"), primary_key=True)]
 
 
-REVISION: Final = 1  # of all tables; a change of one raises it, and brings a migration along
+REVISION: Final = 2  # of all tables; a change of one raises it, and brings a migration along
 
 
 class Table(DeclarativeBase):
@@ -227,9 +227,7 @@ class DiagnosisRow(Table):
     wheel: Mapped[str]
     window_start_ns: Mapped[int]
     window_end_ns: Mapped[int]
-    verdict: Mapped[str]
     message: Mapped[str]
-    stored_wall_ns: Mapped[int]
 
 
 class EstimateRow(Table):
@@ -261,7 +259,6 @@ class DiscrepancyRow(Table):
     wheel: Mapped[_Key]
     end_ns: Mapped[int]
     message: Mapped[str]
-    stored_wall_ns: Mapped[int]
 
 
 class WheelEventRow(Table):

@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal
 from pydantic import BeforeValidator, Field
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.alarms import Level, Policy
+from rwa_monitor.history.alarms import BOUNDS, Level
 from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
 from rwa_monitor.monitor.trends import CoefficientTrend, FrictionEstimate, coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
@@ -87,7 +87,7 @@ class RetirementEvent(Message):
 
     spacecraft: str
     wheel: str
-    event: Literal["put_aside", "brought_back", "spoke_again"]
+    event: Literal["retired", "brought_back", "telemetry_arrived"]
     time_ns: int | None
     wall_ns: int
     person: str
@@ -96,7 +96,7 @@ class RetirementEvent(Message):
     @property
     def retired(self) -> bool:
         """Whether the wheel is retired after this."""
-        return self.event == "put_aside"
+        return self.event == "retired"
 
 
 class EstimateRecord(FrictionEstimate):
@@ -155,31 +155,29 @@ class TrendRecord(Message):
     reach: ReachRecord | None
 
 
-def trends(estimates: Sequence[EstimateRecord], policy: Policy) -> list[TrendRecord]:
+def trends(estimates: Sequence[EstimateRecord]) -> list[TrendRecord]:
     """Return where estimates go that have a standard deviation, and when they will reach the next alarm level.
 
     Parameters
     ----------
     estimates
         Of one wheel, the oldest first.
-    policy
-        Where the limits lie.
     """
     found = []
     for name in dict.fromkeys(one.name for one in estimates):
         own = [one for one in estimates if one.name == name and one.value is not None and one.std]
         if (coefficient := coefficient_trend(name, own)) is not None:
-            found.append(_record(coefficient, own, policy))
+            found.append(_record(coefficient, own))
     return found
 
 
-def _record(coefficient: CoefficientTrend, own: Sequence[EstimateRecord], policy: Policy) -> TrendRecord:
+def _record(coefficient: CoefficientTrend, own: Sequence[EstimateRecord]) -> TrendRecord:
     trend = coefficient.trend
 
     def after_s(time_s: float) -> float | None:
         return time_s - trend.lines.now_s if math.isfinite(time_s) else None
 
-    above = [(limit, level) for limit, level in _limits(own, policy) if limit > trend.value]
+    above = [(limit, level) for limit, level in _limits(own) if limit > trend.value]
     reach = trend.reach(above[0][0]) if above else None
     return TrendRecord(
         name=coefficient.name,
@@ -201,7 +199,7 @@ def _record(coefficient: CoefficientTrend, own: Sequence[EstimateRecord], policy
     )
 
 
-def _limits(own: Sequence[EstimateRecord], policy: Policy) -> list[tuple[float, str]]:
+def _limits(own: Sequence[EstimateRecord]) -> list[tuple[float, str]]:
     """Return the values at which an estimate reaches a level, ascending.
 
     A severity s is the nominal bound plus s steps; how long a step is shows in a window with a severity above 0.
@@ -213,6 +211,6 @@ def _limits(own: Sequence[EstimateRecord], policy: Policy) -> list[tuple[float, 
     for one in reversed(own):
         if one.severity and one.value is not None and one.nominal_high == bound:
             step = (one.value - bound) / one.severity
-            limits += [(bound + severity * step, level.word) for severity, level in policy.bounds]
+            limits += [(bound + severity * step, level.word) for severity, level in BOUNDS]
             break
     return limits

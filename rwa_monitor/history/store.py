@@ -20,6 +20,7 @@ from rwa_monitor.history.alarms import (
     MODEL_ALARM,
     MONITOR_ALARM,
     MONITOR_POLICY,
+    WINDOW_POLICY,
     Alarm,
     AlarmEvent,
     EventKind,
@@ -58,8 +59,6 @@ class History:
     ----------
     place
         SQLite file, made where it is missing; URL of a PostgreSQL database; None keeps everything in memory.
-    policy
-        When windows make an alarm.
     wall_ns
         This machine's clock [ns], for the audit trail.
 
@@ -74,13 +73,7 @@ class History:
         If the database cannot be opened.
     """
 
-    def __init__(
-        self,
-        place: Path | str | None,
-        policy: Policy | None = None,
-        wall_ns: Callable[[], int] = time.time_ns,
-    ) -> None:
-        self.policy = policy or Policy()
+    def __init__(self, place: Path | str | None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._wall_ns = wall_ns
         self._database = Database(place)
         self.retired = RetiredWheels(self._database, wall_ns)
@@ -125,14 +118,12 @@ class History:
                 **place,
                 window_start_ns=diagnosis.window_start_ns,
                 window_end_ns=diagnosis.window_end_ns,
-                verdict=diagnosis.verdict,
                 message=diagnosis.to_json().decode(),
-                stored_wall_ns=self._wall_ns(),
             )
         )
         for estimate in _estimates(diagnosis):
             session.merge(EstimateRow(**place, **estimate))
-        for name, observation in observe(diagnosis, self.policy).items():
+        for name, observation in observe(diagnosis).items():
             key = (diagnosis.spacecraft, diagnosis.wheel, name)
             self._observe(session, key, observation, _reason(diagnosis, name))
         session.flush()
@@ -176,7 +167,6 @@ class History:
                     wheel=found.wheel,
                     end_ns=found.end_ns,
                     message=found.to_json().decode(),
-                    stored_wall_ns=self._wall_ns(),
                 )
             )
             return True
@@ -187,7 +177,7 @@ class History:
             return  # an alarm that never had cause to be needs no row
         state = _state_of(session, key)
         if observation.time_ns > state.last_window_ns:
-            self._advance(session, state, observation, self.policy, reason)
+            self._advance(session, state, observation, WINDOW_POLICY, reason)
 
     def _advance(
         self, session: Session, state: AlarmStateRow, observation: Observation, policy: Policy, reason: str
@@ -545,7 +535,7 @@ class RetiredWheels:
                     raise InputError(source, f"has alarms to acknowledge first: {', '.join(waiting)}")
                 time_ns = session.scalar(select(func.max(DiagnosisRow.window_end_ns)).filter_by(**name))
             event = RetirementEvent(
-                **name, event="put_aside" if retire else "brought_back", time_ns=time_ns,
+                **name, event="retired" if retire else "brought_back", time_ns=time_ns,
                 wall_ns=self._wall_ns(), person=person, note=note,
             )  # fmt: skip
             session.add(WheelEventRow(**event.model_dump()))
@@ -570,7 +560,7 @@ class RetiredWheels:
                 return None
             if window_end_ns is not None and last.time_ns is not None and window_end_ns <= last.time_ns:
                 return None
-            changes = {"event": "spoke_again", "wall_ns": self._wall_ns(), "person": "", "note": ""}
+            changes = {"event": "telemetry_arrived", "wall_ns": self._wall_ns(), "person": "", "note": ""}
             return self._keep(last.model_copy(update=changes))
 
     def record(self, events: Iterable[RetirementEvent]) -> None:

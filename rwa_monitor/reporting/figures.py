@@ -48,9 +48,9 @@ def overlay(search: Search) -> Figure:
     measured = problem.z_measured[:end] * sign
     pulled_in = (problem.z_measured - problem.z)[:end]
     left = {name: (residual[:end] + pulled_in) * sign for name, residual in _residuals(search).items()}
-    parting = [*left.values()][-1] - left[AS_IT_IS]
+    difference = [*left.values()][-1] - left[AS_IT_IS]
     width = min(ZOOM_SLOTS, max(end // 6, 2))
-    centre = int(np.argmax(np.convolve(parting**2, np.ones(max(width // 6, 1)), mode="same")))
+    centre = int(np.argmax(np.convolve(difference**2, np.ones(max(width // 6, 1)), mode="same")))
     zoom = slice(max(centre - width // 2, 0), min(centre + width // 2, end))
 
     figure = Figure(figsize=(11, 9.6), layout="constrained")

@@ -243,10 +243,14 @@ COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e0
 
 
 class Seen:
-    """What a layout shows: the wheels by their keys, and the parts of the friction of each, in the order they came."""
+    """What a layout shows: the wheels by their keys, and the parts of the friction of each, in the order they came.
+
+    `paths` are the fields that hold something, as Foxglove's message paths.
+    """
 
     def __init__(self) -> None:
         self.wheels: dict[str, dict[str, None]] = {}
+        self.paths: set[str] = set()
 
     def add(self, views: Iterable[View]) -> None:
         """Take in what Foxglove is shown."""
@@ -255,6 +259,8 @@ class Seen:
             parts = self.wheels.setdefault("/".join(key), {})
             if kind.startswith(f"{PART}/"):
                 parts[kind.removeprefix(f"{PART}/")] = None
+            if kind != SamplesMessage.kind:  # of its arrays nothing is drawn
+                self.paths.update(f'"{view.topic}".{name}' for name in json.loads(view.payload))
 
 
 def layout(seen: Seen) -> bytes:
@@ -274,6 +280,9 @@ def layout(seen: Seen) -> bytes:
                 json.loads(line.replace("PART", part)) | {"color": colour}
                 for part, colour in zip(parts, cycle(COLOURS), strict=False)
             ]
+        for panel in wheel["panels"].values():
+            if "paths" in panel:
+                panel["paths"] = [line for line in panel["paths"] if line["value"] in seen.paths]
         panels |= wheel["panels"]
         tabs.append({"title": key.split("/", 1)[1], "layout": wheel["layout"]})
     panels["Tab!wheels"] = {"activeTabIdx": 0, "tabs": tabs}

@@ -29,7 +29,7 @@ class RingBuffer:
     optional
         Which of the `OPTIONAL` channels to keep besides speed and torque.
     values_capacity
-        Slots whose values to keep; as many as `capacity` where None.
+        Slots whose values to keep.
 
     Attributes
     ----------
@@ -39,9 +39,9 @@ class RingBuffer:
         Names of the channels kept.
     """
 
-    def __init__(self, capacity: int, optional: tuple[str, ...] = (), values_capacity: int | None = None) -> None:
+    def __init__(self, capacity: int, optional: tuple[str, ...], values_capacity: int) -> None:
         self.capacity = capacity
-        self.values_capacity = capacity if values_capacity is None else min(values_capacity, capacity)
+        self.values_capacity = min(values_capacity, capacity)
         self.end = 0
         self._first = 0
         self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
@@ -57,11 +57,6 @@ class RingBuffer:
     def values_begin(self) -> int:
         """First slot whose values are still held."""
         return max(self._first, self.end - self.values_capacity)
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the arrays [bytes]."""
-        return self._filled.nbytes + sum(values.nbytes for values in self._values.values())
 
     def clear(self, begin: int = 0) -> None:
         """Drop all slots and begin again at slot `begin`."""

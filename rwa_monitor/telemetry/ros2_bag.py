@@ -225,8 +225,8 @@ class _Bag:
             opcode, length = _HEAD.unpack(head)
             if opcode == Opcode.DATA_END:  # what follows repeats what came
                 return
-            if opcode not in _WANTED:
-                position = file.seek(length, os.SEEK_CUR) if length < MAX_SKIPPED_BYTES else -1
+            if opcode not in _WANTED and length <= MAX_SKIPPED_BYTES:
+                position = file.seek(length, os.SEEK_CUR)
                 continue
             content = file.read(length) if length <= MAX_RECORD_BYTES else b""
             if len(content) < length:

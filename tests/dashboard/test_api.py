@@ -10,6 +10,7 @@ from urllib.parse import quote
 import pytest
 import zenoh
 from jsonschema import Draft202012Validator
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
@@ -49,7 +50,7 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
                 check(document, frames, entries)
                 seen.update(entry["key"].rpartition("/")[2] for entry in entries)
                 wanted = {"beat", "pulse", "software", "status", "samples", "diagnosis", "changepoints", "discrepancy"}
-                return wanted | {"alarm", "aside"} <= seen
+                return wanted | {"alarm", "retirement"} <= seen
 
             wait_for(
                 lambda: not all_received() and "status" in seen, "the status, which only goes to who watches the wheel"
@@ -62,8 +63,8 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             session.put("rwa/sat/wheel_1/changepoints", found.to_json())
             session.put("rwa/sat/wheel_1/discrepancy", discrepancy(1).to_json())
             send_windows(session, "wheel_2", failing=False)
-            retirement = "api/wheels/sat/wheel_2/aside"
-            retired = b'{"name":"Ann","note":"retired","aside":true}'
+            retirement = "api/wheels/sat/wheel_2/retirement"
+            retired = b'{"name":"Ann","note":"retired","retire":true}'
             wait_for(lambda: ask(running.address, retirement, headers=RIGHT, body=retired)[0] == 200, "the wheel")
             wait_for(all_received, "every kind of entry")
         paths = {
@@ -72,7 +73,7 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             f"{wheel}/windows": "api/wheels/sat/wheel_1/windows?limit=2",
             f"{wheel}/estimates": "api/wheels/sat/wheel_1/estimates",
             f"{wheel}/trend": "api/wheels/sat/wheel_1/trend",
-            f"{wheel}/aside": retirement,
+            f"{wheel}/retirement": retirement,
             "/api/alarms": "api/alarms",
             "/api/recordings": "api/recordings",
             "/api/recordings/{name}": f"api/recordings/{RECORDING.name}",
@@ -95,10 +96,10 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
         assert ask(running.address, "api/alarms/1/shelve", body=asked)[0] == 401
         assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=b'{"name":"Ann"}')[0] == 422
         posts = {path for path, methods in document["paths"].items() if "post" in methods}
-        assert posts == {path, shelve, f"{wheel}/aside"}
-        status, content = ask(running.address, retirement, headers=RIGHT, body=b'{"name":"Ben","aside":false}')
+        assert posts == {path, shelve, f"{wheel}/retirement"}
+        status, content = ask(running.address, retirement, headers=RIGHT, body=b'{"name":"Ben","retire":false}')
         assert status == 200
-        check(document, answer_schema(document, f"{wheel}/aside", "post"), content)
+        check(document, answer_schema(document, f"{wheel}/retirement", "post"), content)
         status, content = ask(running.address, "api/alarms/1/acknowledge", body=b'{"name":"Ann"}')
         check(document, answer_schema(document, path, "post", "401"), json.loads(content))
 
@@ -107,3 +108,13 @@ def test_a_wrong_limit_is_refused(session: zenoh.Session) -> None:
     with serve(DashboardOptions(0, None), session) as running:
         for limit in ("0", "1001", "-1", "x", "1e3", "9" * 50, "²"):
             assert ask(running.address, f"api/wheels/sat/wheel_1/windows?limit={quote(limit)}")[0] == 422, limit
+
+
+@pytest.mark.parametrize("sent", [b"\x00", "no JSON"])
+def test_a_page_that_sends_no_json_is_disconnected(session: zenoh.Session, sent: bytes | str) -> None:
+    with serve(DashboardOptions(0, None), session) as running:
+        with connect(running.address.replace("http", "ws") + "api/feed") as feed:
+            feed.send(sent)
+            with pytest.raises(ConnectionClosed, match="1003"):
+                list(feed)
+        assert ask(running.address, "api/fleet")[0] == 200

@@ -94,7 +94,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             session.put("rwa/sat/wheel_1/samples", batch)
             return bool(listener.kind("status"))
 
-        def send_until_heard() -> None:
+        def send_until_reported() -> None:
             def known() -> bool:
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
@@ -109,7 +109,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
         wait_for(reports, "the monitor", START_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
-            send_until_heard()
+            send_until_reported()
             page.locator(".wheel").click()
             expect(page.get_by_text("✓ reporting")).to_be_visible()
             assert monitor_alarm(running.address) is None
@@ -130,7 +130,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             assert (alarm["phase"], alarm["closed_ns"]) == ("acknowledged", None)
             page.goto(f"{running.address}#/")
             with monitor(port):
-                send_until_heard()
+                send_until_reported()
                 expect(page.locator(".wheel")).not_to_contain_text("stale")
                 expect(page.locator(".wheel")).not_to_contain_text("warning")
                 wait_for(lambda: (monitor_alarm(running.address) or {})["closed_ns"], "the end of the alarm")

@@ -30,13 +30,13 @@ from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
 
-def retire(running: Running, wheel: str, *, aside: bool = True, **changes: str) -> tuple[int, Any]:
-    body = json.dumps({"name": "Ann", "aside": aside} | changes).encode()
-    return ask(running.address, f"api/wheels/sat/{wheel}/aside", headers=RIGHT, body=body)
+def retire(running: Running, wheel: str, *, back: bool = False, **changes: str) -> tuple[int, Any]:
+    body = json.dumps({"name": "Ann", "retire": not back} | changes).encode()
+    return ask(running.address, f"api/wheels/sat/{wheel}/retirement", headers=RIGHT, body=body)
 
 
 def events(running: Running, wheel: str) -> list[str]:
-    return [line["event"] for line in ask(running.address, f"api/wheels/sat/{wheel}/aside")[1]]
+    return [line["event"] for line in ask(running.address, f"api/wheels/sat/{wheel}/retirement")[1]]
 
 
 def serve_history(record: Path, session: zenoh.Session) -> Any:
@@ -50,14 +50,14 @@ def serve_history(record: Path, session: zenoh.Session) -> Any:
 @pytest.mark.processes
 def test_what_cannot_be_retired_is_refused_with_its_reason(session: zenoh.Session, tmp_path: Path) -> None:
     with serve_history(tmp_path, session) as running:
-        assert ask(running.address, "api/wheels/sat/wheel_1/aside", body=b'{"name":"Ann","aside":true}')[0] == 401
+        assert ask(running.address, "api/wheels/sat/wheel_1/retirement", body=b'{"name":"Ann","retire":true}')[0] == 401
         assert retire(running, "wheel_9")[0] == 404
         assert retire(running, "wheel_1", name="")[0] == 422
         assert b"acknowledge first: viscous" in retire(running, "wheel_2")[1]
         session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(100), "satellite", 0))
         wait_for(lambda: ask(running.address, "api/wheels/sat/wheel_1")[1]["samples"], "the samples")
         assert b"telemetry is of now" in retire(running, "wheel_1")[1]
-        assert retire(running, "wheel_1", aside=False)[0] == 422
+        assert retire(running, "wheel_1", back=True)[0] == 422
 
 
 @pytest.mark.processes
@@ -73,14 +73,14 @@ def test_a_wheel_is_back_with_its_telemetry_and_not_with_a_repetition(
             session.put("rwa/sat/wheel_1/status", status("wheel_1", last_sample_ns=7))
         session.put("rwa/sat/wheel_3/diagnosis", diagnosis(0, wheel="wheel_3").to_json())
         wait_for(lambda: ask(running.address, "api/wheels/sat/wheel_3")[0] == 200, "what was sent last")
-        assert events(running, "wheel_1") == ["put_aside"]
+        assert events(running, "wheel_1") == ["retired"]
         message = {
             "samples": samples_json(with_friction(100), "satellite", 0),
             "status": status("wheel_1", last_sample_ns=8),
             "diagnosis": diagnosis(2).to_json(),
         }
         session.put(f"rwa/sat/wheel_1/{kind}", message[kind])
-        wait_for(lambda: events(running, "wheel_1") == ["put_aside", "spoke_again"], "the wheel")
+        wait_for(lambda: events(running, "wheel_1") == ["retired", "telemetry_arrived"], "the wheel")
 
 
 def test_a_wheel_is_back_also_while_the_history_cannot_be_written(tmp_path: Path) -> None:

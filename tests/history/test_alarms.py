@@ -79,20 +79,20 @@ def test_one_bad_window_does_not_shout_and_two_do() -> None:
 
 def test_a_window_that_decides_nothing_because_its_model_does_not_fit_raises_the_models_alarm_only() -> None:
     window = diagnosis(0, severity=2.0).model_copy(update={"verdict": "inconclusive", "model_adequate": False})
-    assert {name: seen.level for name, seen in observe(window, Policy()).items()} == {MODEL_ALARM: Level.WATCH}
-    assert observe(window.model_copy(update={"model_adequate": True}), Policy()) == {}
+    assert {name: seen.level for name, seen in observe(window).items()} == {MODEL_ALARM: Level.WATCH}
+    assert observe(window.model_copy(update={"model_adequate": True})) == {}
 
 
 def test_an_uncertain_severity_counts_as_far_as_it_is_certain() -> None:
     window = diagnosis(0, severity=2.0)
-    assert observe(window, Policy())["viscous"].level == Level.DISTRESS
+    assert observe(window)["viscous"].level == Level.DISTRESS
     doubtful = window.anomalies["viscous"].model_copy(update={"severity_std": 1.7})
     window = window.model_copy(update={"model_adequate": False, "anomalies": {"viscous": doubtful}})
-    assert observe(window, Policy())["viscous"].level == Level.WATCH
-    assert observe(window, Policy())[MODEL_ALARM].level == Level.WATCH
+    assert observe(window)["viscous"].level == Level.WATCH
+    assert observe(window)[MODEL_ALARM].level == Level.WATCH
 
 
 def test_a_partial_window_counts_for_no_alarm() -> None:
     whole = diagnosis(1, severity=4.0)
-    assert observe(whole, Policy())
-    assert observe(whole.model_copy(update={"partial": True}), Policy()) == {}
+    assert observe(whole)
+    assert observe(whole.model_copy(update={"partial": True})) == {}

@@ -24,13 +24,13 @@ def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) 
         with pytest.raises(InputError, match="is not retired"):
             history.retired.change("sat", "wheel_1", "Ben", retire=False)
         again = history.retired.change("sat", "wheel_1", "Ann", retire=True)
-        back = again.model_copy(update={"event": "spoke_again", "person": ""})
+        back = again.model_copy(update={"event": "telemetry_arrived", "person": ""})
         history.retired.record([back])
         history.retired.record([back])  # a second dashboard on the same database had its telemetry too
     with History(place) as history:
         events = [(line.event, line.person) for line in history.retired.events("sat", "wheel_1")]
-        assert events == [("put_aside", "Ann"), ("brought_back", "Ben"), ("put_aside", "Ann"), ("spoke_again", "")]
-        assert [line.event for line in history.retired.latest()] == ["spoke_again"]
+        assert events == [("retired", "Ann"), ("brought_back", "Ben"), ("retired", "Ann"), ("telemetry_arrived", "")]
+        assert [line.event for line in history.retired.latest()] == ["telemetry_arrived"]
         assert history.windows("sat", "wheel_1") == [diagnosis(0), diagnosis(1)]  # nothing of the wheel is removed
 
 

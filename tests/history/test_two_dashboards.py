@@ -21,7 +21,7 @@ def next_event(feed: ClientConnection) -> str:
     """Return the next event of the list of wheels."""
     while True:
         for entry in json.loads(feed.recv(timeout=WAIT_S)):
-            if entry["key"] == "rwa/sat/wheel_1/aside":
+            if entry["key"] == "rwa/sat/wheel_1/retirement":
                 return str(entry["message"]["event"])
 
 
@@ -39,6 +39,6 @@ def test_a_wheel_that_is_retired_on_one_leaves_the_list_of_the_other(new_databas
         for feed in (feed_of_first, feed_of_second):
             feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is sent once
         assert retire(first, "wheel_1")[0] == 200
-        assert next_event(feed_of_second) == "put_aside"
-        assert retire(second, "wheel_1", aside=False)[0] == 200
-        assert [next_event(feed_of_first), next_event(feed_of_first)] == ["put_aside", "brought_back"]
+        assert next_event(feed_of_second) == "retired"
+        assert retire(second, "wheel_1", back=True)[0] == 200
+        assert [next_event(feed_of_first), next_event(feed_of_first)] == ["retired", "brought_back"]

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.reporting.number_formats import PREFIXES, in_words, measure, probability
+from rwa_monitor.reporting.discrepancy_report import PREFIXES, in_words, measure, probability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 
 

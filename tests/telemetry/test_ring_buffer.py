@@ -16,7 +16,7 @@ CAPACITY = 13
     begin=st.integers(0, 30),
 )
 def test_it_holds_the_last_slots(steps: list[list[bool]], begin: int) -> None:
-    ring = RingBuffer(CAPACITY)
+    ring = RingBuffer(CAPACITY, (), CAPACITY)
     ring.clear(begin)
     reference: dict[int, float] = {}
     value = 0.0
@@ -37,7 +37,7 @@ def test_it_holds_the_last_slots(steps: list[list[bool]], begin: int) -> None:
 
 
 def test_values_are_kept_for_fewer_slots_than_the_fact_that_they_came() -> None:
-    ring = RingBuffer(CAPACITY, values_capacity=4)
+    ring = RingBuffer(CAPACITY, (), 4)
     for start in range(0, 18, 3):
         slots = np.arange(start, start + 3)
         ring.extend(start + 3, slots[1:], dict.fromkeys(ring.channels, slots[1:] + 0.5))
@@ -45,7 +45,7 @@ def test_values_are_kept_for_fewer_slots_than_the_fact_that_they_came() -> None:
     np.testing.assert_array_equal(ring.is_filled(asked), (asked >= 18 - CAPACITY) & (asked % 3 > 0))
     values = ring.read("torque_Nm", 0, 18)
     np.testing.assert_array_equal(values, np.where((asked >= 14) & (asked % 3 > 0), asked + 0.5, np.nan))
-    again = RingBuffer(CAPACITY, values_capacity=4)
+    again = RingBuffer(CAPACITY, (), 4)
     again.restore(ring.begin, ring.is_filled(np.arange(ring.begin, 18)), dict.fromkeys(ring.channels, values[8:]))
     np.testing.assert_array_equal(again.read("torque_Nm", 0, 18), values)
     np.testing.assert_array_equal(again.is_filled(asked), ring.is_filled(asked))

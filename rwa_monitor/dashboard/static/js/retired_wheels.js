@@ -4,7 +4,7 @@ import { utc } from "./format.js";
 import { signature } from "./signature.js";
 import { last } from "./store.js";
 
-const EVENTS = { put_aside: "retired", brought_back: "brought back", spoke_again: "back, as telemetry arrived" };
+const EVENTS = { retired: "retired", brought_back: "brought back", telemetry_arrived: "back, as telemetry arrived" };
 
 const words = (line) => `${utc(line.wall_ns)}: ${EVENTS[line.event]}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`;
 
@@ -41,27 +41,27 @@ export function retirementCard(store, wheel) {
   let drawn = "";
 
   function change() {
-    const aside = !store.isRetired(wheel.name);
-    who.post([`/api/wheels/${wheel.name}/aside`], { aside }, aside ? "retired" : "brought back", (line) => {
+    const retire = !store.isRetired(wheel.name);
+    who.post([`/api/wheels/${wheel.name}/retirement`], { retire }, retire ? "retired" : "brought back", (line) => {
       store.retirements.set(wheel.name, line);
       refresh(store.state(wheel));
     });
   }
 
   function refresh(state) {
-    const aside = store.isRetired(wheel.name);
+    const retired = store.isRetired(wheel.name);
     const known = wheel.diagnoses.length || wheel.reported !== null;
-    element.hidden = !store.live || !known || (state === "live" && !aside);
+    element.hidden = !store.live || !known || (state === "live" && !retired);
     const now = JSON.stringify([element.hidden, store.retirements.get(wheel.name)]);
     if (element.hidden || now === drawn) return;
     drawn = now;
-    text.textContent = aside ? "This wheel is retired. It reappears when telemetry arrives." : "A retired wheel leaves the fleet's list; nothing of it is removed, and it reappears when its telemetry arrives.";
-    button.textContent = aside ? "Bring back" : "Retire";
+    text.textContent = retired ? "This wheel is retired. It reappears when telemetry arrives." : "A retired wheel leaves the fleet's list; nothing of it is removed, and it reappears when its telemetry arrives.";
+    button.textContent = retired ? "Bring back" : "Retire";
     if (store.retirements.has(wheel.name)) showTrail();
   }
 
   async function showTrail() {
-    const lines = await ask(`/api/wheels/${wheel.name}/aside`).catch(() => [store.retirements.get(wheel.name)]); // what this page has
+    const lines = await ask(`/api/wheels/${wheel.name}/retirement`).catch(() => [store.retirements.get(wheel.name)]); // what this page has
     trail.hidden = !lines.length;
     trail.replaceChildren(h("summary", {}, `Audit trail (${lines.length})`), h("ul", {}, lines.map((line) => h("li", {}, words(line)))));
   }

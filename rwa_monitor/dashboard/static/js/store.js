@@ -33,7 +33,7 @@ export class Store {
       if (message.closed_ns === null) this.wheel(`${parts[1]}/${parts[2]}`); // a wheel without a monitor has nothing else
       return;
     }
-    if (parts[3] === "aside") {
+    if (parts[3] === "retirement") {
       this.retirements.set(`${parts[1]}/${parts[2]}`, message);
       this.worst = null;
       return;
@@ -55,7 +55,7 @@ export class Store {
 
   /** What the statuses of wheels come to that this page does not look at. */
   pulse(wheels) {
-    for (const [name, beat] of Object.entries(wheels)) this.report(this.wheel(name), beat.heard_wall_ns, beat.window_fill, beat.telemetry, beat.refused);
+    for (const [name, beat] of Object.entries(wheels)) this.report(this.wheel(name), beat.reported_wall_ns, beat.window_fill, beat.telemetry, beat.refused);
   }
 
   report(wheel, wallNs, fill, telemetry, refused) {
@@ -124,7 +124,7 @@ export class Store {
   }
 
   isRetired(name) {
-    return this.retirements.get(name)?.event === "put_aside";
+    return this.retirements.get(name)?.event === "retired";
   }
 
   /** The open alarms of all wheels but the retired ones. */
