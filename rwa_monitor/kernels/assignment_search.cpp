@@ -91,10 +91,8 @@ void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry,
             double law = sojourn_laws(scores, s, q, since, step)[k], mean = entry.mean[s], variance = entry.variance[s];
             if (step.skipped != 0) {
                 mean = scores.law_mean(s, step.before), variance = scores.law_variance(s, step.before);
-                if (scores.sized) {  // no candidate, so no change of level that could be seen
-                    const double hidden = mean - entry.mean[s];
-                    law -= 0.5 * (hidden * hidden) / (variance + entry.variance[s] + scores.size_variance[k - 1]);
-                }
+                const double hidden = mean - entry.mean[s];  // no candidate, so no change of level that could be seen
+                law -= 0.5 * (hidden * hidden) / (variance + entry.variance[s] + scores.size_variance[k - 1]);
             }
             *steps = {law + scores.turn(s, step.before, step.direction), bounds.own(s, step.after, k, k) - now,
                       scores.law_mean(s, step.after) - mean, scores.law_variance(s, step.after) + variance};
@@ -240,7 +238,6 @@ void learn(const Scores& scores, const State& before, int64_t k, int64_t action,
         surprise -= mean;
         total += variance;
     });
-    if (!scores.sized) return;
     each_step(scores.actions, action, [&](int64_t s, int64_t) {
         const double share = entry.variance[s] / total;
         entry.mean[s] += share * surprise;

@@ -1,6 +1,7 @@
 #include "arrays.hpp"
 
 #include <cmath>
+#include <numeric>
 
 namespace rwa {
 namespace {
@@ -98,9 +99,7 @@ double slope_of(Floats speed) {
 }
 
 double dot(const std::vector<double>& a, const std::vector<double>& b) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
-    return sum;
+    return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
 }
 
 // Take out of `values` what they hold of a unit vector.
