@@ -104,7 +104,7 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
 Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
     const auto nodes = fit.shape[0] - 1;
     Table<double, 2> rest({nodes, nodes}, -INFINITE);
-    std::vector<double> from_node(nodes);
+    NewFloats from_node(nodes);
     for (int64_t i = nodes - 1; i >= 0; --i) {
         double best = rest(i, nodes - 1) = fit(i, nodes);
         for (int64_t k = nodes - 1; k > i; --k) {

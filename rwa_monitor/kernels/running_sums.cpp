@@ -18,7 +18,7 @@ void find_centre(const SumArrays& arrays, Floats running, int64_t start, int64_t
     const bool* const first = std::find(arrays.used.data + start, arrays.used.data + stop, true);
     const int64_t begin = first - arrays.used.data;
     if (begin >= stop) return;
-    std::vector<double> x, z;
+    NewFloats x, z;
     for (int64_t k = begin; k < std::min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK); ++k) {
         if (!arrays.used[k]) continue;
         x.push_back(arrays.x[k]);

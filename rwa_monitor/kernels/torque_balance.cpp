@@ -43,7 +43,7 @@ void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, 
 
 // The noise of a torque from the median of its fourth differences, which a step or a bend hardly moves. In a narrow
 // window a step is in as many of them as not: those over the largest step are left out there.
-double noise_of(Floats torque, std::vector<double>& differences) {
+double noise_of(Floats torque, NewFloats& differences) {
     const int64_t n = torque.size();
     const bool narrow = n - IN_A_STEP < MANY_DIFFERENCES;
     double largest = -1.0;
@@ -98,19 +98,19 @@ double slope_of(Floats speed) {
     return n < 4.0 || determinant <= 0.0 ? 0.0 : (n * v1 - j1 * v0) / determinant;
 }
 
-double dot(const std::vector<double>& a, const std::vector<double>& b) {
+double dot(const NewFloats& a, const NewFloats& b) {
     return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
 }
 
 // Take out of `values` what they hold of a unit vector.
-void project_out(const std::vector<double>& unit, std::vector<double>& values) {
+void project_out(const NewFloats& unit, NewFloats& values) {
     const double amount = dot(unit, values);
     for (std::size_t i = 0; i < unit.size(); ++i) values[i] -= amount * unit[i];
 }
 
 // How much of a shape a speed holds beside a polynomial of this degree.
 Share share_beside(int degree, Floats shape, Floats speed) {
-    std::vector<double> place, bent, beside;
+    NewFloats place, bent, beside;
     double origin = 0.0;
     for (int64_t i = 0; i < speed.size(); ++i) {
         if (std::isnan(speed[i])) continue;
@@ -121,9 +121,9 @@ Share share_beside(int degree, Floats shape, Floats speed) {
     }
     const double freedom = static_cast<double>(place.size()) - degree - 2.0;
     if (freedom < 1.0) return {};
-    std::vector<std::vector<double>> powers;  // orthonormal
+    std::vector<NewFloats> powers;  // orthonormal
     for (int exponent = 0; exponent <= degree; ++exponent) {
-        std::vector<double> power;
+        NewFloats power;
         for (double p : place) power.push_back(std::pow(p, exponent));
         for (const auto& lower : powers) project_out(lower, power);
         const double length = std::sqrt(dot(power, power));
@@ -146,7 +146,7 @@ void rounding_error(
     Floats speed, Floats torque, Floats weights, double per_torque, double noise_gain, double least_Nm,
     double least_share, int64_t reach, bool soft, Vector<double> error) {
     const int64_t half = weights.size(), n = speed.size();
-    std::vector<double> shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
+    NewFloats shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
     const Vector<double> bend(shape);
     differences.reserve(2 * half + 1);
     for (int64_t k = half; k < n - half; ++k) {
