@@ -120,13 +120,6 @@ struct Table : Array<T, N> {
     Table& operator=(Table&& other) = default;
 };
 
-// Python's // and % for whole numbers: rounded down, also below zero.
-inline int64_t floor_divide(int64_t a, int64_t b) {
-    int64_t quotient = a / b;
-    return (a % b != 0 && ((a < 0) != (b < 0))) ? quotient - 1 : quotient;
-}
-inline int64_t modulo(int64_t a, int64_t b) { return a - b * floor_divide(a, b); }
-
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
 inline double median_in_place(std::vector<double>& values) {
     const std::size_t n = values.size(), half = n / 2;

@@ -28,8 +28,6 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
         envelope.back().edge = start;
     };
     const double below = constant.least - p.least;
-    const auto is_below = [&](double level) { return p.bend * (level - p.centre) * (level - p.centre) < below; };
-    if (is_below(from) && is_below(to)) return put(p, from, to);
     const double half = below > 0.0 ? std::sqrt(below / p.bend) : 0.0;
     const double left = std::clamp(p.centre - half, from, to), right = std::clamp(p.centre + half, from, to);
     put(constant, from, left);

@@ -97,7 +97,7 @@ VECTORISED bool exceeds(const double* values, int64_t count, double floor) {
 
 // Count the statistics of the slots first … first + count - 1 that are multiples of `stride`.
 void count_bins(int64_t* histogram, const double* statistic, int64_t first, int64_t count, int64_t stride) {
-    for (int64_t j = modulo(-first, stride); j < count; j += stride) {
+    for (int64_t j = (stride - first % stride) % stride; j < count; j += stride) {
         std::uint64_t pattern;
         std::memcpy(&pattern, statistic + j, sizeof pattern);
         const std::uint64_t place = (pattern >> BIN_SHIFT) - FIRST_BIN;
