@@ -90,8 +90,9 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
             const double weight = matrix(i, c);
             for (int64_t j = block[i]; j <= c; ++j) row[j] -= weight * above[j];
         }
-        for (int64_t j = block[i]; j < i; ++j) row[j] /= matrix(i, i);
-        row[i] = 1.0 / matrix(i, i);
+        const double pivot = matrix(i, i);
+        for (int64_t j = block[i]; j < i; ++j) row[j] /= pivot;
+        row[i] = 1.0 / pivot;
     }
     std::fill(inverse.begin(), inverse.end(), 0.0);
     for (int64_t c = 0; c < size; ++c) {
