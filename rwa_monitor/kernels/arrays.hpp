@@ -58,7 +58,8 @@ struct Array {
     Array() = default;
     Array(T* first, const std::array<int64_t, N>& extents) : data(first), shape(extents) {}
     // Of a std::vector.
-    template <typename Values, typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
+    template <typename Values,
+              typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
     Array(Values& values) : Array(values.data(), {static_cast<int64_t>(values.size())}) {
         static_assert(N == 1, "a vector has one axis");
     }

@@ -98,7 +98,9 @@ void each_step(Matrix<const int64_t> actions, int64_t action, Visit visit) {
 // Configurations of all systems at the window's begin, by their number; the last system counts fastest.
 inline NewIntegers start_of(int64_t number, Integers configurations) {
     NewIntegers start(configurations.size());
-    for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) start[s] = number % configurations[s];
+    for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) {
+        start[s] = number % configurations[s];
+    }
     return start;
 }
 

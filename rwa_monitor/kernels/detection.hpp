@@ -96,8 +96,8 @@ struct ScannedPeak {
     bool final;
 };
 
-// A peak, or the candidate that it became: the first slot of a new level, the half-width that found it, and the statistic
-// over the variance of its scale.
+// A peak, or the candidate that it became: the first slot of a new level, the half-width that found it, and the
+// statistic over the variance of its scale.
 struct Peak {
     int64_t index, scale;
     double statistic, jump;

@@ -119,8 +119,8 @@ struct Window {
             by.start_std * by.start_std);
     }
 
-    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns how
-    // many are good, where detection ended, how many jumps were reported, and why it ended.
+    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns
+    // how many are good, where detection ended, how many jumps were reported, and why it ended.
     std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
         Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
         const int64_t n = speed.size();
@@ -234,7 +234,8 @@ struct Window {
 
     WindowArrays a;
     WindowSettings by;
-    double slope, weight = NAN, band = NAN, certain = NAN;  // of the slope's prior; dead band, and the speed beyond noise
+    double slope, weight = NAN;         // of the slope's prior
+    double band = NAN, certain = NAN;  // dead band, and the speed whose sign is certain
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic

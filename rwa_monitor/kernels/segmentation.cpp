@@ -13,7 +13,8 @@ constexpr int64_t BLOCK = 4;           // samples to a block
 constexpr int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
 constexpr double ROOM_TO_JUMPS = 2.0;       // penalties above the least cost where DeCAFS first cuts the cost off
 
-// On [edge, edge of the next) the least cost of a level μ is bend (μ - centre)² + least, that of the jumps of one history.
+// On [edge, edge of the next) the least cost of a level μ is bend (μ - centre)² + least, that of the jumps of one
+// history.
 struct Parabola {
     double bend, centre, least, edge;
     int64_t history;
@@ -270,7 +271,8 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
             p.centre += share * apart;
             p.bend += w;
             const double end = i + 1 < cost.size() ? cost[i + 1].edge : high;
-            const double off = std::min(std::max(p.centre, p.edge), end) - p.centre, within = p.bend * off * off + p.least;
+            const double off = std::min(std::max(p.centre, p.edge), end) - p.centre;
+            const double within = p.bend * off * off + p.least;
             if (within < least) least = within, last[t] = p.history;
         }
         const Parabola constant{0.0, 0.0, least + penalty, low, t};

@@ -6,7 +6,7 @@
 namespace rwa {
 namespace {
 
-constexpr double DOUBT_STDS = 1.0;  // of derived friction's noise: an error that is known to this much can be taken out
+constexpr double CERTAIN_STDS = 1.0;  // of derived friction's noise: an error that is known to this can be taken out
 constexpr double OVER_NOISE = 4.0;  // standard deviations of the torque's own noise, or of derived friction's
 constexpr int64_t FEWEST_DIFFERENCES = 5;  // of the torque, that show its noise
 constexpr int64_t IN_A_STEP = 4;           // fourth differences that a step of the torque is in
@@ -162,24 +162,25 @@ void rounding_error(
             slope += weights[i] * steps;
         }
         // Where between its two samples a step of torque acts is not known: half a slot to either side.
-        double doubt = 0.0;
+        double uncertain = 0.0;
         for (int64_t i = 0; i < half; ++i) {
             const double right = t[i + 1] - t[i], left = t[-i] - t[-i - 1];
             if (std::isnan(right + left)) continue;
-            doubt = std::max(doubt, 0.5 * weights[i] * std::max(std::abs(right - slope), std::abs(left - slope)));
+            const double most = std::max(std::abs(right - slope), std::abs(left - slope));
+            uncertain = std::max(uncertain, 0.5 * weights[i] * most);
         }
         double enough = least_Nm;
         if (std::isnan(least_Nm)) {
             enough = least_share * std::abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
         }
-        if (std::abs(off) + doubt <= enough) continue;
+        if (std::abs(off) + uncertain <= enough) continue;
         const double noise = noise_of(near_torque, differences);
         const bool sudden = std::abs(off) > OVER_NOISE * noise;
         if (!(sudden || soft)) continue;
         if (!sudden) {
             // A bend as long as the window shows in a parabola through the torque long before it shows in one sample.
-            std::tie(off, doubt) = error_of_parabola(near_torque, weights);
-            if (std::abs(off) <= std::max(enough, OVER_NOISE * doubt)) continue;
+            std::tie(off, uncertain) = error_of_parabola(near_torque, weights);
+            if (std::abs(off) <= std::max(enough, OVER_NOISE * uncertain)) continue;
         }
         const int64_t aside = std::min({reach, k, n - 1 - k});
         bend[aside] = 0.0;
@@ -192,7 +193,7 @@ void rounding_error(
         const auto around = speed.slice(k - aside, k + aside + 1);
         const Share line = share_beside(1, bent, around);
         if (line.share <= std::max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
-        bool known = doubt <= std::max(enough, DOUBT_STDS * noise_gain * line.left_over);
+        bool known = uncertain <= std::max(enough, CERTAIN_STDS * noise_gain * line.left_over);
         if (soft && known && std::abs(off) > OVER_NOISE * std::max(noise, noise_gain * line.left_over)) {
             // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
             // which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.
