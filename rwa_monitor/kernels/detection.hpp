@@ -57,8 +57,8 @@ inline Sums moments_between(const Sums& first, const Sums& last, const Vector<do
             szz + 2.0 * cz * sz + n * cz * cz};
 }
 
-void find_centre(const SumArrays& arrays, Floats running, int64_t start, int64_t stop);
-void extend_checkpoints(const SumArrays& arrays, Vector<double> running, int64_t start, int64_t stop);
+// Add the slots [start, stop) to the running sums and keep them at every checkpoint passed.
+void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start, int64_t stop);
 
 // Slope that all intervals share, and its standard deviation, from the slots so far.
 std::tuple<double, double> slope_within(

@@ -173,8 +173,7 @@ struct Window {
     void detect(int64_t start, int64_t stop) {
         if (start >= CHUNK) mark_used(a.x.data + start, a.good.data + start, band, stop - start, a.used.data + start);
         scan(start, stop, start >= CHUNK);
-        find_centre(a.sums, a.running, start, stop);
-        extend_checkpoints(a.sums, a.running, start, stop);
+        extend_sums(a.sums, a.running, start, stop);
         extend_structure(a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
         block_differences(
             a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight, block_sums,
