@@ -13,7 +13,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.kernels.running_sums import STRIDE, extend_checkpoints, find_centre, range_moments
+from rwa_monitor.kernels.running_sums import STRIDE, extend_sums, range_moments
 from rwa_monitor.kernels.structure import BLOCK, STRETCH
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
@@ -107,8 +107,7 @@ class RunningSums:
 
         Then the sums do not depend on the steps in which they are extended.
         """
-        find_centre(self.arrays, self.running, self.slots, stop)
-        extend_checkpoints(self.arrays, self.running, self.slots, stop)
+        extend_sums(self.arrays, self.running, self.slots, stop)
         self.slots = stop
 
     def between(self, start: IntArray, stop: IntArray) -> SufficientStatistics:

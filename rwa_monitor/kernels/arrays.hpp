@@ -58,7 +58,8 @@ struct Array {
     Array() = default;
     Array(T* first, const std::array<int64_t, N>& extents) : data(first), shape(extents) {}
     // Of a std::vector.
-    template <typename Values, typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
+    template <typename Values,
+              typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
     Array(Values& values) : Array(values.data(), {static_cast<int64_t>(values.size())}) {
         static_assert(N == 1, "a vector has one axis");
     }
@@ -119,13 +120,6 @@ struct Table : Array<T, N> {
     Table(Table&& other) = default;
     Table& operator=(Table&& other) = default;
 };
-
-// Python's // and % for whole numbers: rounded down, also below zero.
-inline int64_t floor_divide(int64_t a, int64_t b) {
-    int64_t quotient = a / b;
-    return (a % b != 0 && ((a < 0) != (b < 0))) ? quotient - 1 : quotient;
-}
-inline int64_t modulo(int64_t a, int64_t b) { return a - b * floor_divide(a, b); }
 
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
 inline double median_in_place(std::vector<double>& values) {

@@ -49,12 +49,11 @@ struct Scores {
     Matrix<const bool> signs;
     Matrix<const int64_t> actions;
     Floats priors;
-    bool sized;
     Floats size, size_variance;
     Matrix<const double> law_mean, law_variance;
     double log_range, unattributed_variance;
     auto fields() {
-        return std::tie(fit, jump, stay, turn, missed, configurations, signs, actions, priors, sized, size, size_variance,
+        return std::tie(fit, jump, stay, turn, missed, configurations, signs, actions, priors, size, size_variance,
                         law_mean, law_variance, log_range, unattributed_variance);
     }
 };
@@ -99,7 +98,9 @@ void each_step(Matrix<const int64_t> actions, int64_t action, Visit visit) {
 // Configurations of all systems at the window's begin, by their number; the last system counts fastest.
 inline NewIntegers start_of(int64_t number, Integers configurations) {
     NewIntegers start(configurations.size());
-    for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) start[s] = number % configurations[s];
+    for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) {
+        start[s] = number % configurations[s];
+    }
     return start;
 }
 
@@ -110,7 +111,6 @@ inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, in
 
 // log P(size of the jump at candidate k), Gaussian, over the flat density that the fits assume.
 inline double size_term(const Scores& scores, int64_t k, double mean, double variance) {
-    if (!scores.sized) return 0.0;
     const double total = variance + scores.size_variance[k - 1], miss = scores.size[k - 1] - mean;
     return scores.log_range - 0.5 * std::log(2.0 * M_PI * total) - 0.5 * (miss * miss) / total;
 }

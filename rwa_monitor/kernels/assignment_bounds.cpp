@@ -86,7 +86,8 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
         for (int64_t s = 0; s < systems; ++s) {
             double plain = -INFINITE;
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
-                const double size = worth.single(s, q, direction, k), turned = law(s, q, k) + scores.turn(s, q, direction);
+                const double turned = law(s, q, k) + scores.turn(s, q, direction);
+                const double size = worth.single(s, q, direction, k);
                 plain = std::max(plain, turned);
                 with_law = std::max(with_law, turned + size);
                 size_only[k] = std::max(size_only[k], size);
@@ -104,7 +105,7 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
 Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
     const auto nodes = fit.shape[0] - 1;
     Table<double, 2> rest({nodes, nodes}, -INFINITE);
-    std::vector<double> from_node(nodes);
+    NewFloats from_node(nodes);
     for (int64_t i = nodes - 1; i >= 0; --i) {
         double best = rest(i, nodes - 1) = fit(i, nodes);
         for (int64_t k = nodes - 1; k > i; --k) {
@@ -177,8 +178,9 @@ std::tuple<Bounds, Worth> free_bounds(const Scores& scores) {
     Worth worth = size_worth(scores);
     const NewFloats size_only = add_best_laws(scores, worth);
     const Table<double, 4> nothing(worth.single.shape);
-    return {Bounds{best_rest(scores.fit, worth.with_law), best_rest(scores.fit, size_only), best_chains(scores, nothing)},
-            std::move(worth)};
+    Bounds bounds{
+        best_rest(scores.fit, worth.with_law), best_rest(scores.fit, size_only), best_chains(scores, nothing)};
+    return {std::move(bounds), std::move(worth)};
 }
 
 void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds) {
@@ -192,8 +194,9 @@ void set_prices(const Scores& scores, const Worth& worth, Integers start, Intege
         for (int64_t s = 0; s < scores.configurations.size(); ++s) {
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
                 // Against the level's sign a system jumps only together with another one.
-                const double size = worth.single(s, q, direction, k);
-                earned(s, q, direction, k) = (scores.signs(k - 1, direction) ? std::max(size, least) : least) + price[k];
+                double size = worth.single(s, q, direction, k);
+                size = scores.signs(k - 1, direction) ? std::max(size, least) : least;
+                earned(s, q, direction, k) = size + price[k];
             });
         }
     }

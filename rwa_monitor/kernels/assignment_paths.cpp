@@ -27,7 +27,8 @@ Found search_once(
     std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
     const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
     const int64_t count = std::min<int64_t>(best.size(), paths);
-    Found found{NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
+    Found found{
+        NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
     for (int64_t path = 0; path < count; ++path) {
         found.score[path] = all.score[best[path]];
         const Expansion::Node* node = &all.tree[all.last[best[path]]];

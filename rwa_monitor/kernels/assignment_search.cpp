@@ -7,7 +7,6 @@
 namespace rwa {
 namespace {
 
-constexpr std::size_t WORTH_THINNING = 500;  // offers from which it pays to leave out those that others have beaten
 constexpr double SLACK = 1e-9;               // of a first sieve, which adds up in another order [log-likelihood]
 constexpr int64_t MOST_SYSTEMS = 8;          // of a wheel
 constexpr int64_t MOST_KEPT = 4;             // entries of a state
@@ -91,10 +90,8 @@ void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry,
             double law = sojourn_laws(scores, s, q, since, step)[k], mean = entry.mean[s], variance = entry.variance[s];
             if (step.skipped != 0) {
                 mean = scores.law_mean(s, step.before), variance = scores.law_variance(s, step.before);
-                if (scores.sized) {  // no candidate, so no change of level that could be seen
-                    const double hidden = mean - entry.mean[s];
-                    law -= 0.5 * (hidden * hidden) / (variance + entry.variance[s] + scores.size_variance[k - 1]);
-                }
+                const double hidden = mean - entry.mean[s];  // no candidate, so no change of level that could be seen
+                law -= 0.5 * (hidden * hidden) / (variance + entry.variance[s] + scores.size_variance[k - 1]);
             }
             *steps = {law + scores.turn(s, step.before, step.direction), bounds.own(s, step.after, k, k) - now,
                       scores.law_mean(s, step.after) - mean, scores.law_variance(s, step.after) + variance};
@@ -102,34 +99,17 @@ void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry,
     }
 }
 
-// The bounds of offers, the n lowest before all others, and the lowest of these in place n.
-NewFloats divided_bounds(const std::vector<Offer>& offers, std::size_t n) {
-    NewFloats bounds;
-    bounds.reserve(offers.size());
-    for (const Offer& offer : offers) bounds.push_back(offer.bound);
-    std::nth_element(bounds.begin(), bounds.begin() + n, bounds.end());
-    return bounds;
-}
-
-// List what may happen to each entry at candidate k and is within reach of the best. All of the `wanted` best by their
-// bound are among them, those that tie with the last of these too; others are left out while the list grows.
+// List what may happen to each entry at candidate k and is within reach of the best.
 void list_offers(
-    const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, std::size_t wanted,
-    const std::vector<Entry>& entries, std::vector<Offer>& offers) {
+    const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, const std::vector<Entry>& entries,
+    std::vector<Offer>& offers) {
     const auto systems = scores.configurations.size(), actions = scores.actions.shape[0];
     const double unattributed = scores.priors[1] + size_term(scores, k, 0.0, scores.unattributed_variance);
     const double highest = size_term(scores, k, scores.size[k - 1], 0.0);
     const double rest = bounds.rest(k, k), rest_fit = bounds.rest_fit(k, k);
     std::vector<Weighed> steps(systems * STEPS);
     offers.clear();
-    std::size_t full = wanted + std::max(wanted, WORTH_THINNING);
     for (std::size_t at = 0; at < entries.size(); ++at) {
-        if (offers.size() >= full) {  // most of what follows is then out of reach before it is weighed
-            cutoff = std::max(cutoff, divided_bounds(offers, offers.size() - wanted)[offers.size() - wanted]);
-            const auto beaten = [cutoff](const Offer& offer) { return !(offer.bound >= cutoff); };
-            offers.erase(std::remove_if(offers.begin(), offers.end(), beaten), offers.end());
-            full = offers.size() + std::max(wanted, WORTH_THINNING);
-        }
         const Entry& entry = entries[at];
         const int64_t last = entry.state.last;
         const double by_own = bound_of_systems(bounds, entry.state, systems, k);  // without a step here
@@ -164,7 +144,6 @@ void list_offers(
                 variance += other.variance;
             }
             const double follows = std::min(rest, rest_fit + own);
-            if (score + highest + follows < cutoff) continue;
             offer(a, score + size_term(scores, k, mean, variance), follows);
         }
     }
@@ -240,7 +219,6 @@ void learn(const Scores& scores, const State& before, int64_t k, int64_t action,
         surprise -= mean;
         total += variance;
     });
-    if (!scores.sized) return;
     each_step(scores.actions, action, [&](int64_t s, int64_t) {
         const double share = entry.variance[s] / total;
         entry.mean[s] += share * surprise;
@@ -262,15 +240,16 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     NewIntegers table;
     std::vector<Merged> merged;
     for (int64_t k = 1; k <= candidates; ++k) {
-        // One more than there is room for: the best that is cut shows whether the search missed anything.
-        list_offers(scores, bounds, k, cutoff, room + 1, entries, offers);
+        list_offers(scores, bounds, k, cutoff, entries, offers);
         found.expanded += static_cast<int64_t>(entries.size());
         double stage_cutoff = cutoff;
-        if (offers.size() > room) {
-            const auto divided = divided_bounds(offers, offers.size() - room);
-            const auto first = divided.end() - static_cast<std::ptrdiff_t>(room);
+        if (offers.size() > room) {  // the best that is cut shows whether the search missed anything
+            NewFloats reached;
+            for (const Offer& offer : offers) reached.push_back(offer.bound);
+            const auto first = reached.end() - room;
+            std::nth_element(reached.begin(), first, reached.end());
             stage_cutoff = *first;
-            found.lost = std::max(found.lost, *std::max_element(divided.begin(), first));
+            found.lost = std::max(found.lost, *std::max_element(reached.begin(), first));
         }
         merge(scores, k, stage_cutoff, room, entries, offers, kept, table, merged);
         following.clear();

@@ -131,7 +131,7 @@ struct Way {
 };
 
 // Begin two paths in each joint state, with the first segment as it is and as an outlier.
-std::vector<Track> begin_paths(const Record& record, const Laws& laws, const States& states, double doubt) {
+std::vector<Track> begin_paths(const Record& record, const Laws& laws, const States& states, double outlier_score) {
     std::vector<Track> tracks;
     for (int64_t s = 0; s < states.configuration.shape[0]; ++s) {
         Track track;
@@ -142,7 +142,7 @@ std::vector<Track> begin_paths(const Record& record, const Laws& laws, const Sta
         const double off = record.level[0] - sum(track.mean), variance = sum(track.covariance) + record.variance[0];
         plain.score = states.log_probability[s] + std::log(1.0 - OUTLIER_SHARE) + log_gauss(off, variance);
         plain.observe(record.level[0], record.variance[0]);
-        track.score = states.log_probability[s] + doubt;
+        track.score = states.log_probability[s] + outlier_score;
         tracks.push_back(track);
     }
     return tracks;
@@ -151,7 +151,7 @@ std::vector<Track> begin_paths(const Record& record, const Laws& laws, const Sta
 // Fill `ways` with each path and each possible move into segment j, as it is and as an outlier.
 void ways_on(
     const std::vector<Track>& tracks, int64_t j, const Record& record, const Laws& laws,
-    const Matrix<const int64_t>& moves, double doubt, std::vector<Way>& ways) {
+    const Matrix<const int64_t>& moves, double outlier_score, std::vector<Way>& ways) {
     const int64_t systems = laws.counts.size(), slot = record.at[j], later = record.at[j + 1];
     ways.clear();
     Table<double, 2> entering(laws.mu.shape);
@@ -167,7 +167,8 @@ void ways_on(
             const int64_t q = track.configuration[i], since = track.since[i];
             const double m = laws.mu(i, q), s = laws.sigma(i, q);
             // What was there when the record began is seen from a random moment on: S(e)/mean.
-            gone[i] = track.began[i] ? log_density(slot - since, m, s) : log_survival(slot - since, m, s) - m - 0.5 * s * s;
+            gone[i] = track.began[i] ? log_density(slot - since, m, s)
+                                     : log_survival(slot - since, m, s) - m - 0.5 * s * s;
             staying[i] = log_survival(later - since, m, s);
         }
         for (int64_t option = 0; option < moves.shape[0]; ++option) {
@@ -190,7 +191,7 @@ void ways_on(
             const double plain =
                 log_gauss(record.level[j] - expected, spread + record.variance[j]) + std::log(1.0 - OUTLIER_SHARE);
             for (bool outlier : {false, true}) {
-                const double value = track.score + worth + (outlier ? doubt : plain);
+                const double value = track.score + worth + (outlier ? outlier_score : plain);
                 if (value > -INFINITE) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
             }
         }
@@ -209,8 +210,9 @@ std::tuple<Table<int64_t, 2>, std::vector<std::uint8_t>, double> likeliest_path(
     const double highest = *std::max_element(level.begin(), level.end());
     const double lowest = *std::min_element(level.begin(), level.end());
     const double noise = std::sqrt(*std::max_element(variance.begin(), variance.end()));
-    const double doubt = std::log(OUTLIER_SHARE) - std::log(highest - lowest + std::sqrt(laws.base_variance) + noise);
-    std::vector<Track> tracks = begin_paths(record, laws, states, doubt), following;
+    const double range = highest - lowest + std::sqrt(laws.base_variance) + noise;
+    const double outlier_score = std::log(OUTLIER_SHARE) - std::log(range);
+    std::vector<Track> tracks = begin_paths(record, laws, states, outlier_score), following;
     std::vector<Visited> history;
     const auto visit = [&](Track& track, bool outlier) {
         history.push_back({track.last, outlier, track.configuration});
@@ -219,7 +221,7 @@ std::tuple<Table<int64_t, 2>, std::vector<std::uint8_t>, double> likeliest_path(
     for (std::size_t b = 0; b < tracks.size(); ++b) visit(tracks[b], b % 2 == 1);
     std::vector<Way> ways;
     for (int64_t j = 1; j < n; ++j) {
-        ways_on(tracks, j, record, laws, moves, doubt, ways);
+        ways_on(tracks, j, record, laws, moves, outlier_score, ways);
         const auto end = ways.begin() + std::min(beam, static_cast<int64_t>(ways.size()));
         std::partial_sort(ways.begin(), end, ways.end(), [](const Way& one, const Way& other) {
             if (one.rank != other.rank) return one.rank > other.rank;

@@ -12,7 +12,7 @@ constexpr int MOST_ROUNDS = 3;  // of slope and candidates in turns; two nearly 
 
 // What a jump must clear: variance of the contrast by used samples of the shorter half, the χ² threshold, and the
 // largest outlier by chance.
-struct Bar {
+struct Threshold {
     Floats variances;
     double threshold, outlier;
     auto fields() { return std::tie(variances, threshold, outlier); }
@@ -30,19 +30,20 @@ std::tuple<Sums, Sums> halves(int64_t low, int64_t middle, int64_t high, const S
 
 // Test for a jump at the candidate's slot between the levels of [low, index) and [index, high), the slope known. The
 // threshold is higher where a single outlier of the noise could make the jump. All 0 where a half has no used sample.
-void judge(Candidate& candidate, int64_t low, int64_t high, double slope, const SumArrays& sums, const Bar& bar) {
+void judge(
+    Candidate& candidate, int64_t low, int64_t high, double slope, const SumArrays& sums, const Threshold& required) {
     const auto [left, right] = halves(low, candidate.index, high, sums);
     candidate.statistic = candidate.jump = candidate.excess = 0.0;
     if (left.n < 1.0 || right.n < 1.0) return;
     const double jump = right.level(slope) - left.level(slope);
     const double shorter = std::min(left.n, right.n), longer = std::max(left.n, right.n), both = left.n + right.n;
-    const double variance = bar.variances[std::min(static_cast<int64_t>(shorter), bar.variances.size() - 1)];
+    const double variance = required.variances[std::min(static_cast<int64_t>(shorter), required.variances.size() - 1)];
     const double information = left.n * right.n / both;
     // An outlier o in the shorter half shifts its mean by o/n.
-    const double by_chance = bar.outlier * bar.outlier * longer / (shorter * both) / variance;
+    const double by_chance = required.outlier * required.outlier * longer / (shorter * both) / variance;
     candidate.statistic = jump * jump * information / variance;
     candidate.jump = jump;
-    candidate.excess = candidate.statistic / std::max(bar.threshold, by_chance);
+    candidate.excess = candidate.statistic / std::max(required.threshold, by_chance);
 }
 
 // z - slope x of a sample, as the sums have it.
@@ -77,7 +78,7 @@ int64_t refine(int64_t k, int64_t low, int64_t high, int64_t reach, double slope
 
 // Accept the peaks, in their order, that are significant between those accepted before; sorted by slot.
 std::vector<Candidate> accept(
-    const std::vector<Peak>& peaks, int64_t slots, double slope, const SumArrays& sums, const Bar& bar) {
+    const std::vector<Peak>& peaks, int64_t slots, double slope, const SumArrays& sums, const Threshold& required) {
     std::vector<Candidate> accepted;
     for (const Peak& peak : peaks) {
         if (accepted.size() == MOST_CANDIDATES) break;
@@ -89,7 +90,7 @@ std::vector<Candidate> accept(
         const int64_t after = place != accepted.end() ? place->index : slots;
         const int64_t low = std::max(k - w, before), high = std::min(k + w, after);
         Candidate candidate{peak, 0.0};
-        judge(candidate, low, high, slope, sums, bar);
+        judge(candidate, low, high, slope, sums, required);
         if (candidate.excess < 1.0) continue;
         candidate.index = refine(k, std::max(k - 2 * w, before), std::min(k + 2 * w, after), w, slope, sums);
         accepted.insert(place, candidate);
@@ -168,7 +169,7 @@ namespace {
 // Refine the accepted between their final neighbours, then take away the weakest while it fails the threshold.
 void settle(
     std::vector<Candidate>& accepted, int64_t slots, double slope, double correlation, const SumArrays& sums,
-    const Bar& bar) {
+    const Threshold& required) {
     const auto before = [&](std::size_t i) { return i > 0 ? accepted[i - 1].index : 0; };
     const auto after = [&](std::size_t i) { return i + 1 < accepted.size() ? accepted[i + 1].index : slots; };
     for (std::size_t i = 0; i < accepted.size(); ++i) {
@@ -183,7 +184,7 @@ void settle(
         for (std::size_t i = first; i < last; ++i) {
             const int64_t index = accepted[i].index, half = std::max(LONGEST_HALF, 2 * accepted[i].scale);
             const int64_t low = std::max(index - half, before(i)), high = std::min(index + half, after(i));
-            judge(accepted[i], low, high, slope, sums, bar);
+            judge(accepted[i], low, high, slope, sums, required);
         }
         const auto weakest =
             std::min_element(accepted.begin(), accepted.end(), [](const Candidate& a, const Candidate& b) {
@@ -208,21 +209,21 @@ std::vector<Peak> in_turn(Integers index, Integers scale, Floats statistic) {
 // Choose the candidates of a window among the peaks of all scales, given its slope.
 Columns select(
     const std::vector<Peak>& peaks, int64_t slots, double slope, double correlation, const SumArrays& sums,
-    const Bar& bar) {
-    std::vector<Candidate> accepted = accept(peaks, slots, slope, sums, bar);
-    settle(accepted, slots, slope, correlation, sums, bar);
+    const Threshold& required) {
+    std::vector<Candidate> accepted = accept(peaks, slots, slope, sums, required);
+    settle(accepted, slots, slope, correlation, sums, required);
     return columns_of(accepted);
 }
 
 // Estimate the slope and `select` candidates in turns, until they agree.
 Columns choose(
     Integers peak_index, Integers peak_scale, Floats peak_statistic, int64_t slots, const SumArrays& sums,
-    const Bar& bar, double correlation, double variance, double prior_mean, double prior_std) {
+    const Threshold& required, double correlation, double variance, double prior_mean, double prior_std) {
     const std::vector<Peak> peaks = in_turn(peak_index, peak_scale, peak_statistic);
     NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
     for (int round = 1;; ++round) {
         const double slope = std::get<0>(slope_within(slots, index, exclude, sums, variance, prior_mean, prior_std));
-        Columns chosen = select(peaks, slots, slope, correlation, sums, bar);
+        Columns chosen = select(peaks, slots, slope, correlation, sums, required);
         if (round == MOST_ROUNDS || std::get<0>(chosen) == index) return chosen;
         index = std::get<0>(chosen);
         exclude = std::get<1>(chosen);  // half the scale that detected it
@@ -237,8 +238,8 @@ void bind_changepoints(nanobind::module_& module) {
     KERNEL(refine_in_colour);
     KERNEL(choose);
     module.def("select", [](Integers index, Integers scale, Floats statistic, int64_t slots, double slope,
-                            double correlation, const SumArrays& sums, const Bar& bar) {
-        return select(in_turn(index, scale, statistic), slots, slope, correlation, sums, bar);
+                            double correlation, const SumArrays& sums, const Threshold& required) {
+        return select(in_turn(index, scale, statistic), slots, slope, correlation, sums, required);
     });
 }
 

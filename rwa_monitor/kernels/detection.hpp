@@ -57,8 +57,8 @@ inline Sums moments_between(const Sums& first, const Sums& last, const Vector<do
             szz + 2.0 * cz * sz + n * cz * cz};
 }
 
-void find_centre(const SumArrays& arrays, Floats running, int64_t start, int64_t stop);
-void extend_checkpoints(const SumArrays& arrays, Vector<double> running, int64_t start, int64_t stop);
+// Add the slots [start, stop) to the running sums and keep them at every checkpoint passed.
+void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start, int64_t stop);
 
 // Slope that all intervals share, and its standard deviation, from the slots so far.
 std::tuple<double, double> slope_within(
@@ -96,8 +96,8 @@ struct ScannedPeak {
     bool final;
 };
 
-// A peak, or the candidate that it became: the first slot of a new level, the half-width that found it, and the statistic
-// over the variance of its scale.
+// A peak, or the candidate that it became: the first slot of a new level, the half-width that found it, and the
+// statistic over the variance of its scale.
 struct Peak {
     int64_t index, scale;
     double statistic, jump;

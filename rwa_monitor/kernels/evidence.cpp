@@ -119,8 +119,8 @@ struct Window {
             by.start_std * by.start_std);
     }
 
-    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns how
-    // many are good, where detection ended, how many jumps were reported, and why it ended.
+    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns
+    // how many are good, where detection ended, how many jumps were reported, and why it ended.
     std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
         Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
         const int64_t n = speed.size();
@@ -173,8 +173,7 @@ struct Window {
     void detect(int64_t start, int64_t stop) {
         if (start >= CHUNK) mark_used(a.x.data + start, a.good.data + start, band, stop - start, a.used.data + start);
         scan(start, stop, start >= CHUNK);
-        find_centre(a.sums, a.running, start, stop);
-        extend_checkpoints(a.sums, a.running, start, stop);
+        extend_sums(a.sums, a.running, start, stop);
         extend_structure(a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
         block_differences(
             a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight, block_sums,
@@ -234,7 +233,8 @@ struct Window {
 
     WindowArrays a;
     WindowSettings by;
-    double slope, weight = NAN, band = NAN, certain = NAN;  // of the slope's prior; dead band, and the speed beyond noise
+    double slope, weight = NAN;         // of the slope's prior
+    double band = NAN, certain = NAN;  // dead band, and the speed whose sign is certain
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic

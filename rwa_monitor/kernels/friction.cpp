@@ -57,7 +57,7 @@ Model lay_out(const FlatPath& path, Integers borders, Array<const double, 3> tab
 // diagonal block that each row belongs to (beyond the blocks the matrix is zero).
 VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double> log_pivot) {
     const int64_t size = matrix.shape[0];
-    std::vector<double> diagonal(size), finished(size);
+    NewFloats diagonal(size), finished(size);
     for (int64_t i = 0; i < size; ++i) diagonal[i] = matrix(i, i);
     double* __restrict column = finished.data();
     double log_determinant = 0.0;
@@ -90,8 +90,9 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
             const double weight = matrix(i, c);
             for (int64_t j = block[i]; j <= c; ++j) row[j] -= weight * above[j];
         }
-        for (int64_t j = block[i]; j < i; ++j) row[j] /= matrix(i, i);
-        row[i] = 1.0 / matrix(i, i);
+        const double pivot = matrix(i, i);
+        for (int64_t j = block[i]; j < i; ++j) row[j] /= pivot;
+        row[i] = 1.0 / pivot;
     }
     std::fill(inverse.begin(), inverse.end(), 0.0);
     for (int64_t c = 0; c < size; ++c) {
@@ -187,8 +188,8 @@ struct Conditioned {
         const auto [statistics, variance, scatter] = seen;
         const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
         std::fill(response.begin(), response.end(), 0.0);
-        std::vector<double> row(unknowns);  // what is not zero in a segment's row
-        std::vector<int64_t> column(unknowns);
+        NewFloats row(unknowns);  // what is not zero in a segment's row
+        NewIntegers column(unknowns);
         const double slope = mean[slope_at];
         squares = 0.0;
         for (int64_t i = 0; i < levels.shape[0]; ++i) {
@@ -224,7 +225,7 @@ struct Conditioned {
 };
 
 // Turn log-probabilities into weights that add up to 1; return the logarithm of their sum.
-double normalise(std::vector<double>& scores) {
+double normalise(NewFloats& scores) {
     const double best = *std::max_element(scores.begin(), scores.end());
     double total = 0.0;
     for (auto& score : scores) total += score = std::exp(score - best);

@@ -17,6 +17,9 @@ constexpr double RECENT_SLOTS = 128;     // over which restlessness and roughnes
 constexpr double ROUGHNESS_FACTOR = 6;   // mean steps between neighbours: seven standard deviations of white noise
 constexpr double STEPS_TO_JUDGE = 16;    // before roughness is known well enough
 
+// Python's // for whole numbers: rounded down, also below zero.
+int64_t floor_divide(int64_t a, int64_t b) { return a / b - (a % b != 0 && (a < 0) != (b < 0)); }
+
 // Whether low ≤ value ≤ high for all; NaN is not.
 template <typename T>
 bool all_between(Vector<const T> values, T low, T high) {

@@ -154,7 +154,7 @@ void block_differences(
 // γ(0) - γ(l) at the lags 1 … LAGS and the pairs behind it, over the full blocks that do not stand out upwards.
 std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<const double> pairs) {
     const int64_t blocks = sums.shape[0];
-    std::vector<double> score(blocks, NAN), full;
+    NewFloats score(blocks, NAN), full;
     for (int64_t b = 0; b < blocks; ++b) {
         const double* row = &pairs(b, 0);
         const double count = sum_of_lags(row);

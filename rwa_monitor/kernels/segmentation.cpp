@@ -13,7 +13,8 @@ constexpr int64_t BLOCK = 4;           // samples to a block
 constexpr int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
 constexpr double ROOM_TO_JUMPS = 2.0;       // penalties above the least cost where DeCAFS first cuts the cost off
 
-// On [edge, edge of the next) the least cost of a level μ is bend (μ - centre)² + least, that of the jumps of one history.
+// On [edge, edge of the next) the least cost of a level μ is bend (μ - centre)² + least, that of the jumps of one
+// history.
 struct Parabola {
     double bend, centre, least, edge;
     int64_t history;
@@ -28,8 +29,6 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
         envelope.back().edge = start;
     };
     const double below = constant.least - p.least;
-    const auto is_below = [&](double level) { return p.bend * (level - p.centre) * (level - p.centre) < below; };
-    if (is_below(from) && is_below(to)) return put(p, from, to);
     const double half = below > 0.0 ? std::sqrt(below / p.bend) : 0.0;
     const double left = std::clamp(p.centre - half, from, to), right = std::clamp(p.centre + half, from, to);
     put(constant, from, left);
@@ -39,8 +38,8 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
 
 // The mean of each block of samples of the sum of rows, and how many samples it has.
 VECTORISED void block_means(
-    const Matrix<const double>& running, const Floats& factors, int64_t block, std::vector<double>& means,
-    std::vector<double>& weights) {
+    const Matrix<const double>& running, const Floats& factors, int64_t block, NewFloats& means,
+    NewFloats& weights) {
     const int64_t size = running.shape[1] - 1, count = (size + block - 1) / block;
     means.assign(count, 0.0);
     weights.assign(count, static_cast<double>(block));
@@ -57,8 +56,8 @@ VECTORISED void block_means(
 
 // Jumps between the ends of the sequence, and the running sum of the sum of rows at each of both.
 struct Edges {
-    std::vector<int64_t> at;
-    std::vector<double> sums;
+    NewIntegers at;
+    NewFloats sums;
     int64_t count() const { return static_cast<int64_t>(at.size()) - 2; }
 };
 
@@ -220,7 +219,7 @@ const Parabola& least_in(const Parabolas& parts) {
 
 // `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
 // is found costs no more than the best, so it is the best where its own history is known.
-std::optional<std::vector<int64_t>> decafs_within(
+std::optional<NewIntegers> decafs_within(
     const Floats& z, const Floats& phi, const Floats& v, double q, double penalty, double room) {
     std::vector<Jump> jumps;
     Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITE, NO_JUMP}}, moved, walk, jump;
@@ -247,7 +246,7 @@ std::optional<std::vector<int64_t>> decafs_within(
         for (Parabola& p : jump) p.history = history(k, p.history);
         least_of(walk, jump, constant, cost);
     }
-    std::vector<int64_t> found;
+    NewIntegers found;
     int64_t last = least_in(cost).history;
     for (; last >= 0; last = jumps[last].before) found.push_back(jumps[last].at);
     if (last == UNKNOWN) return {};
@@ -272,7 +271,8 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
             p.centre += share * apart;
             p.bend += w;
             const double end = i + 1 < cost.size() ? cost[i + 1].edge : high;
-            const double off = std::min(std::max(p.centre, p.edge), end) - p.centre, within = p.bend * off * off + p.least;
+            const double off = std::min(std::max(p.centre, p.edge), end) - p.centre;
+            const double within = p.bend * off * off + p.least;
             if (within < least) least = within, last[t] = p.history;
         }
         const Parabola constant{0.0, 0.0, least + penalty, low, t};
@@ -300,7 +300,7 @@ NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, dou
 // then moved to its best sample, and the second dropped of two that framed one block with a jump in it.
 NewIntegers segment_sums(Matrix<const double> running, Floats factors, double penalty) {
     const int64_t n = running.shape[1] - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
-    std::vector<double> means, weights;
+    NewFloats means, weights;
     block_means(running, factors, block, means, weights);
     auto jumps = fpop(means, weights, penalty);
     if (block == 1) return jumps;
@@ -320,8 +320,8 @@ NewIntegers segment_sums(Matrix<const double> running, Floats factors, double pe
 // J. Am. Stat. Assoc. 107, 2012).
 NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
     const int64_t count = sums.shape[1] - 1;
-    std::vector<double> best(count + 1, -penalty), costs(count + 1);
-    std::vector<int64_t> previous(count + 1), alive{0}, found;
+    NewFloats best(count + 1, -penalty), costs(count + 1);
+    NewIntegers previous(count + 1), alive{0}, found;
     for (int64_t j = 1; j <= count; ++j) {
         double least = INFINITE;
         for (std::size_t k = 0; k < alive.size(); ++k) {

@@ -129,18 +129,6 @@ void find_plateaus(Floats x, Flags good, double certain, Vector<double> state) {
         }
     }
 }
-
-// Without branches, many slots at once.
-bool differ(const bool* first, const bool* second, int64_t n) {
-    unsigned char apart = 0;
-    for (int64_t k = 0; k < n; ++k) apart |= static_cast<unsigned char>(first[k] ^ second[k]);
-    return apart;
-}
-VECTORISED bool hold_zero(const double* values, int64_t n) {
-    int64_t found = 0;
-    for (int64_t k = 0; k < n; ++k) found += values[k] == 0.0;
-    return found > 0;
-}
 }  // namespace
 
 // Add the good slots, and those forward less those backward, to their blocks; `first` is the slot of the first one.
@@ -166,7 +154,7 @@ void extend_structure(
     int64_t hop, const StructureArrays& arrays) {
     for (int64_t first = start; first < stop;) {
         const int64_t block = first / BLOCK, end = std::min((block + 1) * BLOCK, stop), n = end - first;
-        if (differ(&good[first], &used[first], n)) {  // in few blocks, as the next
+        if (!std::equal(&good[first], &good[first] + n, &used[first])) {  // in few blocks, as the next
             for (int64_t k = first; k < end; ++k) {
                 if (!good[k] || used[k] || !(x[k] > certain)) continue;
                 arrays.near_zero(0, block) += 1.0;
@@ -175,7 +163,7 @@ void extend_structure(
                 arrays.near_zero(3, block) += z[k] * z[k];
             }
         }
-        if (arrays.zeros[0] != 0.0 || hold_zero(&x[first], n)) {
+        if (arrays.zeros[0] != 0.0 || std::find(&x[first], &x[first] + n, 0.0) != &x[first] + n) {
             find_plateaus(x.slice(first, end), good.slice(first, end), certain, arrays.zeros);
         }
         first = end;

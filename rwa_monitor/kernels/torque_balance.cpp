@@ -1,11 +1,12 @@
 #include "arrays.hpp"
 
 #include <cmath>
+#include <numeric>
 
 namespace rwa {
 namespace {
 
-constexpr double DOUBT_STDS = 1.0;  // of derived friction's noise: an error that is known to this much can be taken out
+constexpr double CERTAIN_STDS = 1.0;  // of derived friction's noise: an error that is known to this can be taken out
 constexpr double OVER_NOISE = 4.0;  // standard deviations of the torque's own noise, or of derived friction's
 constexpr int64_t FEWEST_DIFFERENCES = 5;  // of the torque, that show its noise
 constexpr int64_t IN_A_STEP = 4;           // fourth differences that a step of the torque is in
@@ -42,7 +43,7 @@ void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, 
 
 // The noise of a torque from the median of its fourth differences, which a step or a bend hardly moves. In a narrow
 // window a step is in as many of them as not: those over the largest step are left out there.
-double noise_of(Floats torque, std::vector<double>& differences) {
+double noise_of(Floats torque, NewFloats& differences) {
     const int64_t n = torque.size();
     const bool narrow = n - IN_A_STEP < MANY_DIFFERENCES;
     double largest = -1.0;
@@ -97,21 +98,19 @@ double slope_of(Floats speed) {
     return n < 4.0 || determinant <= 0.0 ? 0.0 : (n * v1 - j1 * v0) / determinant;
 }
 
-double dot(const std::vector<double>& a, const std::vector<double>& b) {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < a.size(); ++i) sum += a[i] * b[i];
-    return sum;
+double dot(const NewFloats& a, const NewFloats& b) {
+    return std::inner_product(a.begin(), a.end(), b.begin(), 0.0);
 }
 
 // Take out of `values` what they hold of a unit vector.
-void project_out(const std::vector<double>& unit, std::vector<double>& values) {
+void project_out(const NewFloats& unit, NewFloats& values) {
     const double amount = dot(unit, values);
     for (std::size_t i = 0; i < unit.size(); ++i) values[i] -= amount * unit[i];
 }
 
 // How much of a shape a speed holds beside a polynomial of this degree.
 Share share_beside(int degree, Floats shape, Floats speed) {
-    std::vector<double> place, bent, beside;
+    NewFloats place, bent, beside;
     double origin = 0.0;
     for (int64_t i = 0; i < speed.size(); ++i) {
         if (std::isnan(speed[i])) continue;
@@ -122,9 +121,9 @@ Share share_beside(int degree, Floats shape, Floats speed) {
     }
     const double freedom = static_cast<double>(place.size()) - degree - 2.0;
     if (freedom < 1.0) return {};
-    std::vector<std::vector<double>> powers;  // orthonormal
+    std::vector<NewFloats> powers;  // orthonormal
     for (int exponent = 0; exponent <= degree; ++exponent) {
-        std::vector<double> power;
+        NewFloats power;
         for (double p : place) power.push_back(std::pow(p, exponent));
         for (const auto& lower : powers) project_out(lower, power);
         const double length = std::sqrt(dot(power, power));
@@ -147,7 +146,7 @@ void rounding_error(
     Floats speed, Floats torque, Floats weights, double per_torque, double noise_gain, double least_Nm,
     double least_share, int64_t reach, bool soft, Vector<double> error) {
     const int64_t half = weights.size(), n = speed.size();
-    std::vector<double> shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
+    NewFloats shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
     const Vector<double> bend(shape);
     differences.reserve(2 * half + 1);
     for (int64_t k = half; k < n - half; ++k) {
@@ -163,24 +162,25 @@ void rounding_error(
             slope += weights[i] * steps;
         }
         // Where between its two samples a step of torque acts is not known: half a slot to either side.
-        double doubt = 0.0;
+        double uncertain = 0.0;
         for (int64_t i = 0; i < half; ++i) {
             const double right = t[i + 1] - t[i], left = t[-i] - t[-i - 1];
             if (std::isnan(right + left)) continue;
-            doubt = std::max(doubt, 0.5 * weights[i] * std::max(std::abs(right - slope), std::abs(left - slope)));
+            const double most = std::max(std::abs(right - slope), std::abs(left - slope));
+            uncertain = std::max(uncertain, 0.5 * weights[i] * most);
         }
         double enough = least_Nm;
         if (std::isnan(least_Nm)) {
             enough = least_share * std::abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
         }
-        if (std::abs(off) + doubt <= enough) continue;
+        if (std::abs(off) + uncertain <= enough) continue;
         const double noise = noise_of(near_torque, differences);
         const bool sudden = std::abs(off) > OVER_NOISE * noise;
         if (!(sudden || soft)) continue;
         if (!sudden) {
             // A bend as long as the window shows in a parabola through the torque long before it shows in one sample.
-            std::tie(off, doubt) = error_of_parabola(near_torque, weights);
-            if (std::abs(off) <= std::max(enough, OVER_NOISE * doubt)) continue;
+            std::tie(off, uncertain) = error_of_parabola(near_torque, weights);
+            if (std::abs(off) <= std::max(enough, OVER_NOISE * uncertain)) continue;
         }
         const int64_t aside = std::min({reach, k, n - 1 - k});
         bend[aside] = 0.0;
@@ -193,7 +193,7 @@ void rounding_error(
         const auto around = speed.slice(k - aside, k + aside + 1);
         const Share line = share_beside(1, bent, around);
         if (line.share <= std::max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
-        bool known = doubt <= std::max(enough, DOUBT_STDS * noise_gain * line.left_over);
+        bool known = uncertain <= std::max(enough, CERTAIN_STDS * noise_gain * line.left_over);
         if (soft && known && std::abs(off) > OVER_NOISE * std::max(noise, noise_gain * line.left_over)) {
             // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
             // which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.

@@ -7,7 +7,7 @@
 namespace rwa {
 namespace {
 constexpr int64_t STRETCH = 512;   // slots that are evaluated in one go at most; a multiple of STEP
-constexpr int64_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
+constexpr std::size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
 constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
@@ -97,7 +97,7 @@ VECTORISED bool exceeds(const double* values, int64_t count, double floor) {
 
 // Count the statistics of the slots first … first + count - 1 that are multiples of `stride`.
 void count_bins(int64_t* histogram, const double* statistic, int64_t first, int64_t count, int64_t stride) {
-    for (int64_t j = modulo(-first, stride); j < count; j += stride) {
+    for (int64_t j = (stride - first % stride) % stride; j < count; j += stride) {
         std::uint64_t pattern;
         std::memcpy(&pattern, statistic + j, sizeof pattern);
         const std::uint64_t place = (pattern >> BIN_SHIFT) - FIRST_BIN;
@@ -192,7 +192,7 @@ void Detector::scan(
     for (int64_t begin = start, end; begin < stop; begin = end) {
         const int64_t chunk = begin - begin % CHUNK;
         // Only where a chunk begins: what is left out must not depend on how slots arrive.
-        if (begin == chunk && peaks.size() + chunk_peaks > static_cast<std::size_t>(MOST_PEAKS)) prune(settings.variances);
+        if (begin == chunk && peaks.size() + chunk_peaks > MOST_PEAKS) prune(settings.variances);
         end = std::min({begin + STRETCH, chunk + CHUNK, stop});
         fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
         for (int64_t s = 0; s < count_scales; ++s) {

@@ -14,16 +14,14 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.verdict import covered, nothing_to_judge, reason_anomalous, without_anomaly
 from rwa_monitor.diagnosis.window import MIN_USED, Stages, concluded, too_few
 from rwa_monitor.diagnosis.window_diagnosis import DiagnosisInput, Findings, Verdict, WindowDiagnosis
-from rwa_monitor.paper.assignment import STATE_CAP, assign, split
+from rwa_monitor.paper.assignment import assign, split
 from rwa_monitor.paper.classification import classify
 from rwa_monitor.paper.detection import Signal, detect
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
 
 
-def split_friction(
-    evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP, hard: bool = False
-) -> tuple[Assignment, Estimate, Components]:
+def split_friction(evidence: Evidence, wheel: Wheel, *, hard: bool = False) -> tuple[Assignment, Estimate, Components]:
     """Split the friction of a window into its parts: sections IV-A to IV-C.
 
     Parameters
@@ -32,11 +30,11 @@ def split_friction(
         The closed window: its samples and its noise are used, its candidates are not.
     wheel
         The wheel.
-    limit, hard
+    hard
         As for `assignment.assign`.
     """
     signal, noise = Signal.of(evidence), evidence.noise
-    assignment, levels = assign(signal, detect(signal, noise, wheel), noise, wheel, limit=limit, hard=hard)
+    assignment, levels = assign(signal, detect(signal, noise, wheel), noise, wheel, hard=hard)
     return assignment, levels, split(assignment, levels, wheel)
 
 

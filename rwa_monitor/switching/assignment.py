@@ -18,10 +18,10 @@ For given fits, durations, signs and sizes a path is dropped only when an upper 
 than `margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by
 that bound survive, and the result is marked as pruned.
 
-Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
-added before. A system's friction is a function of its state where it has two configurations, and the search is exact;
-with more it depends on the path too, and is nearly always right because the few best entries of each state are kept,
-each with its own friction (the tests count). The loops are in `kernels/assignment_search.cpp`, the bounds in
+Without the last sum the search would be exact. The sizes bring closure into it: a system that returns to rest undoes
+what it added before. A system's friction is a function of its state where it has two configurations, and the search is
+exact; with more it depends on the path too, and is nearly always right because the few best entries of each state are
+kept, each with its own friction (the tests count). The loops are in `kernels/assignment_search.cpp`, the bounds in
 `assignment_bounds.cpp` beside it.
 """
 
@@ -89,8 +89,6 @@ class Scores(NamedTuple):
     priors
         float64 (3,): log prior (≤ 0) of a candidate that is no jump, of a jump that no system made, of two systems
         jumping at once beyond what their laws give.
-    sized
-        Whether the sizes of the jumps count; False leaves out what follows.
     size, size_variance
         float64 (m,), level after less level before each candidate, and the variance of this measurement; normalised.
     law_mean, law_variance
@@ -110,7 +108,6 @@ class Scores(NamedTuple):
     signs: BoolArray
     actions: IntArray
     priors: FloatArray
-    sized: bool
     size: FloatArray
     size_variance: FloatArray
     law_mean: FloatArray
@@ -267,7 +264,6 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
         signs=signs,
         actions=action_table(len(systems)),
         priors=log_priors,
-        sized=True,
         size=level.jump,
         size_variance=np.where(np.isfinite(level.jump_variance), level.jump_variance, level.spread**2),
         law_mean=law_mean,

@@ -192,9 +192,8 @@ class JumpAttribution:
     base
         By record, friction with all at rest [N m], and the slots in which all was.
     alternatives
-        Other descriptions, best first: configurations of the systems, and by how much their criterion is worse.
-    criterion
-        Log-likelihood less half log n for each parameter: higher is better.
+        Other descriptions, best first: configurations of the systems, and by how much their criterion is worse: the
+        log-likelihood less half log n for each parameter.
     odd
         Share of the segments whose level no system explains.
     """
@@ -203,7 +202,6 @@ class JumpAttribution:
     visits: tuple[tuple[Visit, ...], ...]
     base: tuple[tuple[float, int], ...]
     alternatives: tuple[tuple[tuple[int, ...], float], ...]
-    criterion: float
     odd: float
 
 
@@ -229,7 +227,7 @@ def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution
         del order[0]
     odd = float(np.mean(np.concatenate([path.outlier for path in paths])))
     alternatives = tuple((counts, float(criterion - known[counts][0])) for counts in order[1:])
-    return JumpAttribution(chains, visits, bases, alternatives, float(criterion), odd)
+    return JumpAttribution(chains, visits, bases, alternatives, odd)
 
 
 def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:

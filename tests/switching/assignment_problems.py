@@ -52,7 +52,8 @@ class Problem:
     def scores(self) -> Scores:
         durations, sizes, count = self.durations, self.sizes, self.signs.shape[0]
         none = np.zeros(durations.turn.shape[:2])
-        sizes = sizes or Sizes(np.zeros(count), np.ones(count), none, none, 0.0, 1.0)
+        # Measured so badly that no size says anything: each has the density that the fits assume.
+        sizes = sizes or Sizes(np.zeros(count), np.full(count, 1e30), none, none, 0.5 * np.log(2e30 * np.pi), 1.0)
         return Scores(
             fit=self.fit,
             jump=durations.jump,
@@ -63,7 +64,6 @@ class Problem:
             signs=self.signs,
             actions=self.actions,
             priors=np.array([self.reject, self.unattributed, self.simultaneous]),
-            sized=self.sizes is not None,
             size=sizes.jump,
             size_variance=sizes.variance,
             law_mean=sizes.law_mean,

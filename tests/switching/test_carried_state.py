@@ -121,18 +121,12 @@ def test_position_at_the_next_window_is_carried_with_its_age() -> None:
     assert second.fss[1].age == 160_000  # one sojourn that began before both windows
 
 
-def test_position_in_overlapping_windows_is_that_at_the_next_begin() -> None:
+@pytest.mark.parametrize(("hop", "position"), [(50_050, (1, 50)), (100_000, (None, None))], ids=["overlap", "gap"])
+def test_position_is_that_at_the_next_begin_and_unknown_after_a_gap(hop: int, position: tuple[int, int]) -> None:
     wheel = built_in_wheel()
-    half = wheel.model_copy(update={"window": wheel.window.model_copy(update={"hop": 50_050})})
-    state = _next(CarriedState.empty(), wheel=half)
-    assert state.fss[0].configuration == 1
-    assert state.fss[0].age == 50
-
-
-def test_position_is_unknown_after_a_gap_between_windows() -> None:
-    wheel = built_in_wheel()
-    sparse = wheel.model_copy(update={"window": wheel.window.model_copy(update={"hop": 100_000})})
-    assert all(system.configuration is None for system in _next(CarriedState.empty(), wheel=sparse).fss)
+    moved = wheel.model_copy(update={"window": wheel.window.model_copy(update={"hop": hop})})
+    system = _next(CarriedState.empty(), wheel=moved).fss[0]
+    assert (system.configuration, system.age) == position
 
 
 def test_friction_of_configurations_is_remembered_and_forgotten() -> None:
