@@ -244,13 +244,12 @@ def load(search: Search, samples: Samples) -> Load:
     clean = make_term(problem, MEAN_EFFECTS["load_dependence"], {}, search.base.fit.level).columns
     design = np.column_stack([basic, clean])
     values, rest, inverse = _least_squares(design, problem.z)
-    variance = max(problem.noise.variance_along(design @ inverse[:, 3]), problem.noise.std**2)
     return Load(
         float(np.corrcoef(motor, friction)[0, 1]),
         _rms(raw) / _rms(residual),
         _rms(rest) / _rms(residual),
         float(values[3]),
-        float(np.sqrt(inverse[3, 3] * variance)),
+        float(np.sqrt(inverse[3, 3] * problem.noise.long_run_variance)),
     )
 
 

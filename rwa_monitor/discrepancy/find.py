@@ -17,7 +17,7 @@ from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Progress
 from rwa_monitor.discrepancy.found_effects import found_delay, found_effect
-from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, held_out_without_jumps, on_other_recordings
+from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
@@ -28,6 +28,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.quantisation import without_rounding
 from rwa_monitor.discrepancy.record import delay_of
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain, SearchedAgain, Unexplained, Verdict
+from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.unexplained import wandering
 from rwa_monitor.discrepancy.untested import untested
@@ -96,7 +97,7 @@ def find_discrepancy(
     at_base = found.nested[0]
     if named is not None:  # the base model has none: it is judged on what is measured
         base = prepare(records_of(bench.recordings, wheel), wheel)
-        at_base = Model((), fit(base))
+        at_base = scored(base, Model((), fit(base)))
         scores = (held_out(base, at_base), *scores)
     gain = _gain(problem, at_base, found.nested[-1], scores, tuple(name for name, _ in bench.held_out))
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
@@ -199,8 +200,6 @@ def _scores(explained: Explained, aside: Problem | None, each: Mapper) -> tuple[
     problem, nested = explained.problem, explained.found.nested
     if aside is not None:
         return tuple(each(partial(on_other_recordings, problem, aside), nested))
-    if not explained.jumps:
-        return tuple(held_out_without_jumps(problem, model) for model in nested)
     return tuple(each(partial(held_out, problem), nested))
 
 

@@ -249,22 +249,36 @@ class Fitting:
                 break
             model = self._segmented(self._reshaped(model))
         assert best is not None
-        return with_exact_jumps(self.problem, best) if self.jumps else best
+        return self._with_own_level(with_exact_jumps(self.problem, best) if self.jumps else best)
+
+    def _with_own_level(self, model: Model) -> Model:
+        """Return a model whose columns follow its own level, where they follow one: that of another is no such law."""
+        for _ in range(ROUNDS if any(depends_on_level(term.effect) for term in model.terms) else 0):
+            followed = with_law(self.problem, replace(model, terms=self._following(model)), law_of(model))
+            change, model = abs(followed.score - model.score), followed
+            if change < SETTLED:
+                break
+        return model
+
+    def _following(self, model: Model) -> tuple[Term, ...]:
+        """Return the terms of a model, those that follow a level with columns made anew from its level."""
+        return tuple(
+            make_term(self.problem, term.effect, term.shape, model.fit.level) if depends_on_level(term.effect) else term
+            for term in model.terms
+        )
 
     def _reshaped(self, model: Model) -> Model:
         """Return a model whose terms each have the shape that is best beside the others.
 
         Its jumps are kept, but for those where a term steps itself.
         """
-        terms, jumps = list(model.terms), model.fit.jumps
-        for i, term in enumerate(model.terms):
+        terms, jumps = list(self._following(model)), model.fit.jumps
+        for i, term in enumerate(terms):
             if term.shape:
                 others, jumps = (*terms[:i], *terms[i + 1 :]), _off_steps(term, jumps)
                 beside = Background.of(self.problem, others, law_of(model), jumps)
                 terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
-                jumps = _off_steps(terms[i], jumps)
-            elif depends_on_level(term.effect):
-                terms[i] = make_term(self.problem, term.effect, term.shape, model.fit.level)
+                jumps = _off_steps(term, jumps)
         off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
         return with_law(self.problem, off_steps, law_of(model))
 

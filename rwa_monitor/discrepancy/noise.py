@@ -37,17 +37,6 @@ class Noise:
     autocovariance: FloatArray
     long_run_variance: float
 
-    def variance_along(self, column: FloatArray) -> float:
-        """Return the variance of Σ column·noise / √Σ column² [N² m²]: the noise a regressor of this shape meets."""
-        total = float(column @ column)
-        if total <= 0:
-            return self.std**2
-        variance = self.autocovariance[0]
-        for lag in range(1, min(MAX_LAG, column.size - 1) + 1):
-            if self.autocovariance[lag] != 0:
-                variance += 2 * self.autocovariance[lag] * float(column[lag:] @ column[:-lag]) / total
-        return float(max(variance, 0.05 * self.std**2))
-
 
 def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Noise:
     """Estimate the noise from the robust variogram γ(h) = ½ var(z_{k+h} - z_k) of contiguous pieces.

@@ -15,6 +15,11 @@ INDISTINGUISHABLE: Final = 2.0  # standard deviations from a bound: 95 %
 TOLERATED_RISE: Final = 0.01  # of the held-out RMSE: a base model's false jumps may take so much of the noise with them
 
 
+def _with_lists(fields: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return the fields of a dataclass as JSON has them."""
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields}
+
+
 @dataclass(frozen=True, slots=True)
 class ParameterValue:
     """A fitted parameter; `std` is None where the data do not determine it, and `note` then states that."""
@@ -87,10 +92,17 @@ class FoundEffect:
     delta_deviance: float
     formula: str = ""
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields of the message `rwa.Discrepancy`; what has a formula has no name of the catalogue."""
+        parameters = {name: value.to_json() for name, value in self.parameters.items()}
+        name = "formula" if self.formula else self.name
+        fields = asdict(self, dict_factory=_with_lists)
+        return fields | {"name": name, "parameters": parameters, "formula": self.formula or None}
+
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """Something is left that no known effect explains: where it shows, and its root mean square [N m]."""
+    """Something that no known effect explains: where it shows, and its RMS beside levels and slope [N m]."""
 
     signature: str
     size_Nm: float
@@ -154,10 +166,6 @@ class SearchedAgain:
     log_score_base: float
     log_score_extended: float
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the fields of the message `rwa.Discrepancy`."""
-        return asdict(self) | {"effects": list(self.effects), "held_out": list(self.held_out)}
-
     def in_words(self) -> str:
         """Return both in one sentence."""
         return (
@@ -214,55 +222,11 @@ class DiscrepancyResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return the report with the fields of the message `rwa.Discrepancy`."""
-        gain = self.gain
-        return {
-            "verdict": self.verdict,
-            "effects": [
-                {
-                    "name": "formula" if effect.formula else effect.name,
-                    "family": effect.family,
-                    "equivalent": list(effect.equivalent),
-                    "separate_by": effect.separate_by,
-                    "parameters": {name: p.to_json() for name, p in effect.parameters.items()},
-                    "p_value": effect.p_value,
-                    "delta_deviance": effect.delta_deviance,
-                    "formula": effect.formula or None,
-                }
-                for effect in self.effects
-            ],
-            "unexplained": None
-            if self.unexplained is None
-            else {"signature": self.unexplained.signature, "size_Nm": self.unexplained.size_Nm},
-            "untested": [{"effect": name, "missing": missing} for name, missing in self.untested],
-            "gain": None
-            if gain is None
-            else {
-                "rmse_base_Nm": gain.rmse_base_Nm,
-                "rmse_extended_Nm": gain.rmse_extended_Nm,
-                "log_score_base": gain.log_score_base,
-                "log_score_extended": gain.log_score_extended,
-                "noise_std_Nm": gain.noise_std_Nm,
-                "changepoints_base": gain.changepoints_base,
-                "changepoints_extended": gain.changepoints_extended,
-                "diagnosis": None
-                if gain.diagnosis is None
-                else {
-                    when: {
-                        "detection": rates.detection,
-                        "false_positive": rates.false_positive,
-                        "false_changepoints": rates.false_changepoints,
-                    }
-                    for when, rates in (("before", gain.diagnosis.before), ("after", gain.diagnosis.after))
-                },
-                "simulated": None
-                if gain.simulated is None
-                else {
-                    "rmse_base_Nm": gain.simulated.rmse_base_Nm,
-                    "rmse_extended_Nm": gain.simulated.rmse_extended_Nm,
-                    "note": gain.simulated.in_words(),
-                },
-                "held_out": list(gain.held_out),
-                "searched_again": gain.searched_again and gain.searched_again.to_json(),
-                "searched_again_by_speed": gain.searched_again_by_speed and gain.searched_again_by_speed.to_json(),
-            },
-        }
+        report = asdict(self, dict_factory=_with_lists)
+        report["effects"] = [effect.to_json() for effect in self.effects]
+        report["untested"] = [{"effect": name, "missing": missing} for name, missing in self.untested]
+        if self.gain is not None and self.gain.simulated is not None:
+            report["gain"]["simulated"]["note"] = self.gain.simulated.in_words()
+        if self.gain is not None and self.gain.diagnosis is not None:
+            del report["gain"]["diagnosis"]["windows"]
+        return report

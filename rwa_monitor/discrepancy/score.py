@@ -226,8 +226,7 @@ def _means(rows: FloatArray, first: IntArray) -> FloatArray:
     """Return the means of rows, float64 (p, n), from each first index to the next, (p, m)."""
     if first.size == rows.shape[1]:
         return rows
-    ends = np.append(first[1:], rows.shape[1])
-    return np.asarray(np.diff(np.cumsum(rows, axis=1)[:, ends - 1], axis=1, prepend=0.0) / (ends - first))
+    return np.asarray(np.add.reduceat(rows, first, axis=1) / np.diff(first, append=rows.shape[1]))
 
 
 def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw, fit: Fit) -> Fit:

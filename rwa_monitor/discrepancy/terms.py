@@ -42,8 +42,6 @@ class Term:
         float64 (n, p) at the joined samples, multiplied by s, at unit strength.
     low, high
         float64 (p,), bounds of the strengths.
-    smooth
-        Whether the strengths are heights of neighbouring knots: what data does not determine is then as its neighbour.
     own
         Whether the columns are of these data alone: effect and shape do not determine them.
     price
@@ -55,7 +53,6 @@ class Term:
     columns: FloatArray
     low: FloatArray
     high: FloatArray
-    smooth: bool = False
     own: bool = False
     price: float | None = None
 

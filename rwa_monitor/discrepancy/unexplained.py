@@ -15,7 +15,6 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, strong_jumps, strong_level
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.gain import trained
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
@@ -54,10 +53,7 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
         return found, None, model
     curve = best.terms[-1]
     kept = [i for i in range(len(model.terms)) if fitting.without(best, i).score - best.score >= ACCEPT_GAIN]
-    begin = 1 + sum(term.columns.shape[1] for term in best.terms[:-1])
-    # Between two jumps a curve and the levels trade at will: the smoothest of what fits alike is the size that counts.
-    torque = curve.columns @ trained(problem, best, np.ones(problem.size, dtype=bool))[begin:]
-    unexplained = Unexplained(curve.effect.signature, float(np.std(torque)))
+    unexplained = Unexplained(curve.effect.signature, _size(problem, best, len(best.terms) - 1))
     if issubclass(curve.effect, Periodic):
         unexplained = _folded(problem, model, curve)
     if len(kept) == len(model.terms):
@@ -165,7 +161,7 @@ def _free_terms(fitting: Fitting, model: Model) -> list[Term]:
     problem = fitting.problem
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
     shown, _ = fitting.sort_out(known, model)
-    terms = [replace(make_term(problem, curve, {}, None), smooth=True) for curve in shown]
+    terms = [make_term(problem, curve, {}, None) for curve in shown]
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
         if frequency is not None:

@@ -14,8 +14,7 @@ that lags.
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from itertools import pairwise
 from typing import ClassVar, Final
 
@@ -219,7 +218,9 @@ UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterRever
 
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
 TURN_RAD: Final = 2.0 * np.pi
-KNOTS_OF_TIME: Final = 7  # of the curve over time: what is faster is for jumps
+KNOTS_OF_TIME: Final = 7  # of the curve over time: jumps are dearer than knots, many of one sign are a drift
+
+Quantity = Callable[[Channels], FloatArray | None]
 
 
 def _heights(knots: int) -> tuple[Parameter, ...]:
@@ -229,14 +230,8 @@ def _heights(knots: int) -> tuple[Parameter, ...]:
 class FreeCurve(UnnamedEffect):
     """A piecewise linear curve over the ranks of a quantity."""
 
-    signature: ClassVar[str]
-    parameters = _heights(KNOTS)
-    flips: ClassVar[bool]  # with the direction of rotation, as friction does
-
-    @classmethod
-    @abstractmethod
-    def quantity(cls, channels: Channels) -> FloatArray | None:
-        """Return the quantity that the curve is a function of, None where it is not known."""
+    quantity: ClassVar[Quantity]  # that the curve is a function of, None where it is not known
+    flips: ClassVar[bool]
 
     @classmethod
     def columns(
@@ -255,103 +250,36 @@ class FreeCurve(UnnamedEffect):
         return columns * (channels.direction[:, None] if cls.flips else 1.0), None
 
 
-class OverSpeed(FreeCurve):
-    """A drag over |ω|."""
-
-    name = "curve_speed"
-    signature = "a drag that depends on |speed|"
-    flips = True
-
-    @classmethod
-    def quantity(cls, channels: Channels) -> FloatArray:
-        """Return |ω| [rad/s]."""
-        return np.abs(channels.speed_rad_s)
+def _curve(name: str, signature: str, quantity: Quantity, *, flips: bool, knots: int = KNOTS) -> type[FreeCurve]:
+    """Return a free curve over a quantity; `flips`: with the direction of rotation, as friction does."""
+    fields = {"name": name, "signature": signature, "quantity": staticmethod(quantity), "flips": flips}
+    return type(name, (FreeCurve,), {**fields, "parameters": _heights(knots)})
 
 
-class OverSpeedEven(OverSpeed):
-    """A torque over |ω|, the same way in both directions."""
-
-    name = "curve_speed_even"
-    signature = "a torque that depends on |speed| and does not flip with the direction"
-    flips = False
-
-
-class OverAcceleration(FreeCurve):
-    """A torque over dω/dt."""
-
-    name = "curve_acceleration"
-    signature = "a torque that depends on dω/dt"
-    flips = False
-
-    @classmethod
-    def quantity(cls, channels: Channels) -> FloatArray:
-        """Return dω/dt [rad/s²]."""
-        return channels.acceleration_rad_s2
-
-
-class OverAccelerationSize(FreeCurve):
-    """A drag over |dω/dt|."""
-
-    name = "curve_acceleration_size"
-    signature = "a drag that depends on the size of dω/dt"
-    flips = True
-
-    @classmethod
-    def quantity(cls, channels: Channels) -> FloatArray:
-        """Return |dω/dt| [rad/s²]."""
-        return np.abs(channels.acceleration_rad_s2)
-
-
-class OverTime(FreeCurve):
-    """A drag over time."""
-
-    name = "curve_time"
-    signature = "a drag that drifts with time"
-    flips = True
-    # Jumps are dearer than knots: what many steps of one sign follow is a drift.
-    parameters = _heights(KNOTS_OF_TIME)
-
-    @classmethod
-    def quantity(cls, channels: Channels) -> FloatArray:
-        """Return the time [s]."""
-        return channels.time_s
-
-
-class OverTemperature(FreeCurve):
-    """A drag over the temperature of the bearing."""
-
-    name = "curve_temperature"
-    signature = "a drag that depends on temperature"
-    flips = True
-
-    @classmethod
-    def quantity(cls, channels: Channels) -> FloatArray | None:
-        """Return the bearing's temperature [°C]; None where it is not measured."""
-        return channels.bearing_temperature_degC
-
-
-class OverAngle(FreeCurve):
-    """A torque over the angle: a load, as of a joint or a gimbal."""
-
-    name = "curve_angle"
-    signature = "a torque that depends on the angle"
-    flips = False
-
-    @classmethod
-    def quantity(cls, channels: Channels) -> FloatArray:
-        """Return the angle [rad]: as it is where it is less than a turn, else within a turn."""
-        angle, _ = angle_turned(channels)
-        return angle if angle_range_turns(channels) < 1.0 else np.mod(angle, TURN_RAD)
+def _angle(channels: Channels) -> FloatArray:
+    """Return the angle [rad]: as it is where it is less than a turn, else within a turn."""
+    angle, _ = angle_turned(channels)
+    return angle if angle_range_turns(channels) < 1.0 else np.mod(angle, TURN_RAD)
 
 
 CURVES: Final = (
-    OverSpeed,
-    OverSpeedEven,
-    OverAcceleration,
-    OverAccelerationSize,
-    OverTime,
-    OverTemperature,
-    OverAngle,
+    _curve("curve_speed", "a drag that depends on |speed|", lambda c: np.abs(c.speed_rad_s), flips=True),
+    _curve(
+        "curve_speed_even",
+        "a torque that depends on |speed| and does not flip with the direction",
+        lambda c: np.abs(c.speed_rad_s),
+        flips=False,
+    ),
+    _curve("curve_acceleration", "a torque that depends on dω/dt", lambda c: c.acceleration_rad_s2, flips=False),
+    _curve(
+        "curve_acceleration_size",
+        "a drag that depends on the size of dω/dt",
+        lambda c: np.abs(c.acceleration_rad_s2),
+        flips=True,
+    ),
+    _curve("curve_time", "a drag that drifts with time", lambda c: c.time_s, flips=True, knots=KNOTS_OF_TIME),
+    _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
+    _curve("curve_angle", "a torque that depends on the angle", _angle, flips=False),
 )
 
 

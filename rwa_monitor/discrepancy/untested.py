@@ -1,9 +1,9 @@
 """What a record could not test: effects that would show only beyond any likely strength, and jumps that are too few.
 
-A strength is detectable where it gains as much as the search asks for: its column, less what levels, slope and the
-effects found hold of it, over the noise that a column of this shape meets. Part of an effect passes for colour of the
-noise until it is named, and up to about twice the strength may be needed; more where a jump or two could do the same,
-as at a single change of direction.
+A strength is detectable where it gains as much as the search asks for, by the score of the search: its column, less
+what levels, slope and the effects found hold of it, over the noise that the last model leaves. Part of an effect passes
+for colour of the noise until it is named, and up to about twice the strength may be needed; more where a jump or two
+could do the same, as at a single change of direction.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.models import Model, SearchResult
+from rwa_monitor.discrepancy.models import Model, SearchResult, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
+from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import available, depends_on_level, make_term
 from rwa_monitor.wheel.effects.base import MeanEffect
@@ -31,6 +31,8 @@ TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be lar
 # Of the RMS of the friction where it acts: what acts in a few samples has a small RMS however large it is there, as
 # drag near zero speed where the wheel hurries through. Static friction of twice the dry is the most that bearings show.
 TOO_LARGE_AT_PEAK: Final = 1.0
+
+VISIBLE: Final = 1e-12  # of a column's energy: what is left of it by rounding
 
 FRICTION_NOT_DERIVED: Final = "motor_current_A instead of friction_torque_Nm"
 NO_JUMPS: Final = "jumps of the friction: none is seen here"
@@ -70,22 +72,21 @@ class Detectable:
 
 def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[Detectable]:
     """Return for each effect that the data have the channels for, and the model lacks, what strength would show."""
-    first = segment_starts(problem, model.fit.jumps)
-    taken = [problem.speed, *(term.columns for term in model.terms)]
-    design = remove_levels(np.column_stack(taken), first)
+    beside = Background.of(problem, model.terms, law_of(model), model.fit.jumps)
+    without = beside.equations_with()
+    variance = without.memory * without.rss(without.solve()[0]) / without.samples
     friction = float(np.sqrt(np.mean(problem.z**2)))
     found = []
     for effect in effects:
         if effect.name in model.names or available(problem, effect) is not None:
             continue
         term = make_term(problem, effect, middle_shape(problem, effect), model.fit.level)
-        column = term.columns[:, 0]
-        inner = remove_levels(column, first)
-        inner = inner - design @ np.linalg.lstsq(design, inner, rcond=None)[0]
-        energy = float(inner @ inner)
+        column, known = term.columns[:, 0], without.moment.size
+        gram = beside.equations_with(term).gram
+        across = gram[:known, known]
+        energy = float(gram[known, known] - across @ np.linalg.lstsq(gram[:known, :known], across, rcond=1e-12)[0])
         asked = ACCEPT_GAIN + term.parameters * problem.log_size
-        variance = max(problem.noise.variance_along(inner), problem.noise.std**2)
-        visible = energy > np.finfo(np.float64).eps * float(column @ column)
+        visible = energy > VISIBLE * float(gram[known, known])
         strength = float(np.sqrt(asked * variance / energy)) if visible else float("nan")
         share = strength * float(np.sqrt(np.mean(column**2))) / friction
         beyond = not visible or strength > max(float(term.high[0]), -float(term.low[0]))

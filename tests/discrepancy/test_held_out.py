@@ -123,7 +123,8 @@ def test_what_is_hidden_is_found_again_in_half_of_a_recording_and_gains_on_the_r
     assert again.effects == ("stribeck",)
     assert again.rmse_extended_Nm < again.rmse_base_Nm
     assert again.log_score_extended > again.log_score_base + 0.02  # nats a sample, of 4,000
-    assert SearchedAgainMessage.model_validate(again.to_json()).effects == ["stribeck"]
+    in_message = found.result.to_json()["gain"]["searched_again"]
+    assert SearchedAgainMessage.model_validate(in_message).effects == ["stribeck"]
     by_speed = found.result.gain.searched_again_by_speed
     assert by_speed is not None
     assert by_speed.effects == ("stribeck",)

@@ -44,8 +44,6 @@ def test_noise_of_a_central_difference_is_not_taken_as_white() -> None:
     e = rng.normal(size=N + 2)
     noise = estimate_noise([(e[2:] - e[:-2]) / np.sqrt(2)])
     assert noise.autocovariance[2] / noise.std**2 == pytest.approx(-0.5, abs=0.05)
-    # A slow column meets next to none of it: sums of a difference telescope.
-    assert noise.variance_along(np.sin(np.arange(N) / 500)) < 0.1 * noise.std**2
 
 
 def test_student_noise_has_the_variance_that_means_scatter_by() -> None:
