@@ -26,6 +26,7 @@ from typing import IO
 import numpy as np
 import psutil
 import zenoh
+from mcap.writer import MCAP0_MAGIC
 
 from benchmarks.beside import Beside
 from benchmarks.machine import describe_machine
@@ -36,7 +37,7 @@ from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import SamplesPublisher
-from rwa_monitor.monitor.recording.reader import last_settings, recordings_of
+from rwa_monitor.monitor.recording.reader import recordings_of
 from rwa_monitor.monitor.recording.recorder import Recorder
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
@@ -94,8 +95,9 @@ class Rotation:
     def _look(self) -> None:
         began_s: float | None = None
         while not self._ended.wait(0.25):
-            last = recordings_of(self.folder)[-1]
-            if last_settings(last)["checkpoints"] == "some":
+            *before, last = recordings_of(self.folder)
+            # The one before has no end yet: wheels are left in it.
+            if before and not _is_ended(before[-1]):
                 began_s = began_s or time.monotonic()
             elif began_s is not None and not self.took_s:
                 self.took_s, self.file_MB = time.monotonic() - began_s, last.stat().st_size / 1e6
@@ -104,6 +106,12 @@ class Rotation:
         """Look no more."""
         self._ended.set()
         self._thread.join()
+
+
+def _is_ended(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(-len(MCAP0_MAGIC), os.SEEK_END)
+        return file.read() == MCAP0_MAGIC
 
 
 def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:

@@ -31,7 +31,6 @@ for number, diagnosis in enumerate(diagnoses, start=1):
     jumps = [f"{jump.fss} {1e3 * jump.jump_Nm:+.2f} mN m" for jump in diagnosis.changepoints[:4]]
     print(f"  {len(diagnosis.changepoints)} jumps, the first: {', '.join(jumps)}")
 
-# 3. The pictures.
+# 3. The picture.
 rwa.plot.window(samples, diagnoses[-1], wheel).savefig("last_window.png", dpi=110)
-rwa.plot.trend(diagnoses).savefig("trend.png", dpi=110)
-print("\ndrawn: last_window.png, trend.png")
+print("\ndrawn: last_window.png")

@@ -6,7 +6,6 @@ what it is given. Colours are apart for colour-blind eyes, and no picture relies
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -15,25 +14,20 @@ from matplotlib.figure import Figure
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.monitor.trends import CoefficientTrend, wheel_trends, window_friction
 from rwa_monitor.reporting.figures import gains_picture as gains
 from rwa_monitor.reporting.figures import overlay as discrepancy
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.torque_balance import friction_of
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
-__all__ = ["discrepancy", "gains", "trend", "window"]
+__all__ = ["discrepancy", "gains", "window"]
 
 SECONDS_PER_MINUTE: Final = 60.0
-LOOK_AHEAD: Final = 1.0  # of a trend that reaches no limit soon, in lengths of what was seen
 MILLI: Final = 1e3  # N m to mN m
 MAX_DOTS: Final = 4_000  # of the measured friction in a picture; a screen shows no more
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")  # Okabe and Ito, of the switching systems
 NOT_OF_A_SYSTEM: Final = "#555555"
 GROUND: Final = "0.6"
-
-
-# ---- one window ------------------------------------------------------------------------------------------------------
 
 
 def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -> Figure:
@@ -109,67 +103,3 @@ def _draw_systems(axis: Axes, diagnosis: Diagnosis, colours: dict[str, str]) -> 
             axis.axhline(bound, ls=":", lw=0.9, color=colours.get(name), label=f"nominal bound of {name}")
     if axis.get_legend_handles_labels()[0]:
         axis.legend(fontsize=7, loc="upper right")
-
-
-# ---- many windows ----------------------------------------------------------------------------------------------------
-
-
-def trend(diagnoses: Sequence[Diagnosis], limits: Mapping[str, float] | None = None) -> Figure:
-    """Draw base dry and viscous friction of a wheel over its windows, with the trend where there is one.
-
-    Shown are estimates with two standard deviations, the nominal range, and, where `wheel_trends` finds a trend, its
-    line, carried on to the limit that it leads to, with a 95 % band and the interval in which the limit is reached.
-
-    Parameters
-    ----------
-    diagnoses
-        Of one wheel.
-    limits
-        As for `rwa_monitor.wheel_trends`.
-
-    Raises
-    ------
-    InputError
-        If there is no diagnosis.
-    """
-    if not diagnoses:
-        raise InputError("diagnoses", "none given; one window is needed")
-    diagnoses = sorted(diagnoses, key=lambda diagnosis: diagnosis.window_start_ns)
-    trends = wheel_trends(diagnoses, limits)
-    first_ns = diagnoses[0].window_start_ns
-    hours = np.array([(d.window_end_ns - first_ns) / NANOSECONDS_PER_SECOND / SECONDS_PER_HOUR for d in diagnoses])
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    axes = figure.subplots(2, 1, sharex=True)
-    for axis, name, label in zip(axes, ("dry", "viscous"), ("base dry", "viscous"), strict=True):
-        estimates = [window_friction(diagnosis)[name] for diagnosis in diagnoses]
-        values = np.array([np.nan if e.value is None else e.value for e in estimates])
-        std = np.array([np.nan if e.std is None else e.std for e in estimates])
-        axis.errorbar(hours, values, 2.0 * std, fmt="o", ms=3, lw=1, color=COLOURS[0], label="estimate, ± 2 std")
-        flagged = np.array([d.anomalies[name].active for d in diagnoses])
-        axis.plot(hours[flagged], values[flagged], "D", ms=7, mfc="none", color=COLOURS[1], label="anomalous")
-        low, high = estimates[-1].nominal_low, estimates[-1].nominal_high
-        if low is not None and high is not None:
-            axis.axhspan(low, high, color=COLOURS[2], alpha=0.15, label="nominal range")
-        if name in trends and trends[name].trend.present:
-            _draw_trend(axis, trends[name])
-        axis.set_ylabel(f"{label}\n[{estimates[-1].unit}]")
-        axis.grid(alpha=0.25)
-    axes[0].legend(fontsize=7, loc="best")
-    axes[1].set_xlabel("time since the first window began [h]")
-    return figure
-
-
-def _draw_trend(axis: Axes, found: CoefficientTrend) -> None:
-    """Draw the line of a trend with its 95 % band, and when it reaches its limit."""
-    lines, reach = found.trend.lines, found.reach
-    ends = lines.now_s + LOOK_AHEAD * lines.span_s
-    time_s = np.linspace(0.0, ends if reach is None else float(np.clip(reach.high_s, lines.now_s, ends)), 200)
-    mean, std = lines.at(time_s)
-    hours = time_s / SECONDS_PER_HOUR
-    axis.plot(hours, mean, "-", lw=1.2, color=COLOURS[3], label="trend, 95 % band")
-    axis.fill_between(hours, mean - 1.96 * std, mean + 1.96 * std, color=COLOURS[3], alpha=0.2, lw=0)
-    if reach is not None:
-        axis.axhline(reach.limit, ls=":", lw=0.9, color=COLOURS[1], label="limit")
-        if reach.time_s > lines.now_s:
-            span = np.clip([reach.low_s, reach.high_s], 0.0, ends) / SECONDS_PER_HOUR
-            axis.plot(span, [reach.limit] * 2, "-|", lw=3, ms=10, color=COLOURS[1], label="limit reached, 95 %")

@@ -6,12 +6,15 @@ other channels are float64 with NaN where a value was not measured. A channel th
 
 from __future__ import annotations
 
+from base64 import b64decode, b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final, Literal, get_args, overload
+from functools import partial
+from typing import Annotated, Any, Final, Literal, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator
 
 from rwa_monitor.errors import InputError
 
@@ -19,8 +22,23 @@ NANOSECONDS_PER_SECOND: Final = 1_000_000_000
 SECONDS_PER_HOUR: Final = 3_600.0
 SECONDS_PER_DAY: Final = 86_400.0
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+
+def _encoded(array: NDArray[Any]) -> str:
+    return b64encode(array.astype(array.dtype.newbyteorder("<"), copy=False).tobytes()).decode("ascii")
+
+
+def _decoded(kind: str, value: object) -> NDArray[Any]:
+    if isinstance(value, np.ndarray):
+        return value
+    if not isinstance(value, str):
+        raise ValueError("must be text in base64")
+    array = np.frombuffer(b64decode(value, validate=True), dtype=f"<{kind}")
+    return array.astype(kind)
+
+
+# In JSON, where a state is kept and nobody reads the numbers: little-endian bytes in base64.
+FloatArray = Annotated[NDArray[np.float64], PlainValidator(partial(_decoded, "f8")), PlainSerializer(_encoded)]
+IntArray = Annotated[NDArray[np.int64], PlainValidator(partial(_decoded, "i8")), PlainSerializer(_encoded)]
 BoolArray = NDArray[np.bool_]
 
 

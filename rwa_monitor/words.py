@@ -39,11 +39,6 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def is_or_are(count: int) -> str:
-    """Return the verb that goes with `counted`."""
-    return "is" if count == 1 else "are"
-
-
 def first_few(names: Sequence[str], most: int) -> str:
     """Return a list of names in one line, with the number of those beyond the first `most`.
 

@@ -15,7 +15,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 PROMISED = {
     "first_diagnosis.py": (
         r"window 4: anomalous\. Friction of switching system fss_2",
-        ["last_window.png", "trend.png"],
+        ["last_window.png"],
     ),
     "hidden_effect.py": (r"cause: viscous_asymmetry.*\n(.*\n)+.*on a later record: adequate", ["extended_wheel.toml"]),
     "replay_bad_day.py": (r"replayed: .*compared: equal", []),  # byte for byte on the processor that made it

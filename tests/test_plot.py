@@ -71,39 +71,3 @@ def test_friction_is_derived_where_it_is_not_given(
 def test_a_window_without_samples_is_refused(telemetry: rwa.Telemetry, diagnoses: list[rwa.Diagnosis]) -> None:
     with pytest.raises(InputError, match="none lies in the window"):
         plot.window(telemetry.samples[:100], diagnoses[1])
-
-
-def test_a_trend_shows_each_window(diagnoses: list[rwa.Diagnosis]) -> None:
-    figure = plot.trend(diagnoses)
-    for axis, part in zip(figure.axes, ("base_dry", "viscous"), strict=True):
-        values = [getattr(diagnosis.friction, part).value for diagnosis in diagnoses]
-        np.testing.assert_array_equal(axis.lines[0].get_ydata(), values)
-    assert drawn(figure).startswith(b"\x89PNG")
-    with pytest.raises(InputError, match="none given"):
-        plot.trend([])
-
-
-def test_a_trend_is_drawn_to_its_limit(diagnoses: list[rwa.Diagnosis]) -> None:
-    # One diagnosis, repeated with a viscous friction that grows by a tenth of the nominal range a window.
-    first = diagnoses[0]
-    low, high = first.anomalies["viscous"].nominal_low, first.anomalies["viscous"].nominal_high
-    step, length_ns = (high - low) / 10, first.window_end_ns - first.window_start_ns
-
-    def later(k: int) -> rwa.Diagnosis:
-        viscous = first.friction.viscous.model_copy(update={"value": low + k * step, "std": step / 10})
-        friction = first.friction.model_copy(update={"viscous": viscous})
-        times = {"window_start_ns": k * length_ns, "window_end_ns": (k + 1) * length_ns}
-        return first.model_copy(update={"friction": friction, **times})
-
-    course = [later(k) for k in range(12)]
-    far = low + 20 * step
-    figure = plot.trend(course, {"viscous": far})
-    dry, viscous = figure.axes
-    lines = {line.get_label(): line for line in viscous.lines}
-    assert "trend, 95 % band" not in {line.get_label() for line in dry.lines}
-    hours = length_ns / 3600e9
-    begin, end = lines["limit reached, 95 %"].get_xdata()
-    assert begin < 20.5 * hours < end
-    assert lines["trend, 95 % band"].get_xdata()[-1] == pytest.approx(end)
-    assert lines["limit"].get_ydata()[0] == far
-    assert drawn(figure).startswith(b"\x89PNG")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rwa_monitor.words import counted, first_few, is_or_are, time_text
+from rwa_monitor.words import counted, first_few, time_text
 
 
 @pytest.mark.parametrize(
@@ -25,10 +25,6 @@ def test_a_time_is_utc_where_the_clock_tells_it(time_ns: int, text: str) -> None
 
 def test_one_of_a_thing_is_said_in_the_singular() -> None:
     assert [counted(count, "wheel") for count in (0, 1, 2)] == ["0 wheels", "1 wheel", "2 wheels"]
-
-
-def test_the_verb_agrees_with_the_count() -> None:
-    assert [is_or_are(count) for count in (0, 1, 2)] == ["are", "is", "are"]
 
 
 def test_of_a_long_list_the_rest_is_counted() -> None:

@@ -10,10 +10,9 @@ import numpy as np
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.race import Lap, Runner, laps
 from benchmarks.window import Window
-from rwa_monitor.changepoints.candidates import PeakList, ScanState
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.segmentation import five_sums
-from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, scan, wglr
+from rwa_monitor.kernels.wglr import Detector, wglr
 from rwa_monitor.paper.detection import SCALE, WEIGHT, Signal, detect
 from rwa_monitor.paper.detection import wglr as plain_wglr
 from rwa_monitor.samples import FloatArray
@@ -63,20 +62,13 @@ def seven_scales(window: Window) -> Callable[[], object]:
     scales = np.array(SEVEN_SCALES, dtype=np.int64)
     variances = np.full(scales.size, window.noise_std**2)
     floors = KEPT_STATISTIC * variances
-    settings = (scales, WEIGHT, NOMINAL_SLOPE, floors, floors)
+    settings = (WEIGHT, NOMINAL_SLOPE, variances, floors, floors)
     x, z, used = window.x, window.z, window.good
 
     def run() -> object:
         """Scan the whole window afresh."""
-        peaks = PeakList(scales)
-        state = ScanState(
-            prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),
-            histogram=np.zeros((scales.size, BINS), dtype=np.int64),
-        )
-        done = 0
-        while done < x.size:
-            peaks.make_room(variances)
-            done = scan(x, z, used, done, x.size, True, settings, state, peaks.arrays, peaks.chunk_peaks)
-        return peaks
+        detector = Detector(scales)
+        detector.scan(x, z, used, 0, x.size, True, settings)
+        return detector
 
     return run

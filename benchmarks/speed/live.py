@@ -8,6 +8,7 @@ import socket
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
@@ -203,7 +204,7 @@ def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     recorded, begin, busy = 0, 0.0, 0.0
     with (
         open_session(BusOptions(mode="peer", listen=(endpoint,))) as session,
-        MonitorBus(session, inbox) as bus,
+        closing(MonitorBus(session, inbox)) as bus,
         (folder / f"bare{RECORDING_SUFFIX}").open("wb") as file,
     ):
         bus.subscribe("rwa/*/*/samples")
@@ -236,7 +237,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
         wall_ns=clock.wall_ns,
     )
     begin, busy = 0.0, 0.0
-    with open_session(options.bus) as session, MonitorBus(session, Inbox()) as bus:
+    with open_session(options.bus) as session, closing(MonitorBus(session, Inbox())) as bus:
         said: list[str] = []
         monitor = Monitor(options, bus, recorder, said.append, clock)
         monitor.begin(RecoveredState())

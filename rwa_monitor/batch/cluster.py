@@ -130,7 +130,7 @@ def _parallel(task: Callable[[Path], Result], files: Sequence[Path], workers: in
 
 @contextmanager
 def _client(scheduler: str) -> Iterator[Client]:
-    """Connect to the scheduler."""
+    """Connect to a scheduler, whose workers must run this release: others would give other numbers."""
     with needs_extra("fleet"):
         from distributed import Client
 
@@ -139,18 +139,11 @@ def _client(scheduler: str) -> Iterator[Client]:
     except (OSError, ValueError) as error:
         raise RwaMonitorError(f"{scheduler}: no Dask scheduler answers: {error}") from error
     with client:
-        _check_release(client, scheduler)
+        releases = client.run(_release)
+        if set(releases.values()) != {SOFTWARE}:
+            found = ", ".join(f"{address} runs {release}" for address, release in releases.items()) or "nobody works"
+            raise RwaMonitorError(f"{scheduler}: this is {SOFTWARE}, but {found}")
         yield client
-
-
-def _check_release(client: Client, scheduler: str) -> None:
-    """Refuse workers that would give other numbers."""
-    releases = client.run(_release)
-    if not releases:
-        raise RwaMonitorError(f"{scheduler}: the scheduler has no workers")
-    others = {f"{address} runs {release}" for address, release in releases.items() if release != SOFTWARE}
-    if others:
-        raise RwaMonitorError(f"{scheduler}: this is {SOFTWARE}, but {', '.join(sorted(others))}")
 
 
 def _release() -> str:

@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import special
 
-from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanState, choose, threshold_for
+from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshold_for
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
 from rwa_monitor.changepoints.noise import (
     NORMAL_MEDIAN,
@@ -28,29 +28,16 @@ from rwa_monitor.changepoints.noise import (
     median_size,
 )
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
-from rwa_monitor.changepoints.stage_results import Evidence
-from rwa_monitor.kernels.evidence import (
-    ALL_DONE,
-    COUNTED,
-    FIRST_CHUNK,
-    KEPT_STATISTIC,
-    NO_ROOM,
-    OUTLIER,
-    SMALLEST_WEIGHT,
-    VARIANCE,
-    WEIGHT,
-    Window,
-    gather,
-)
-from rwa_monitor.kernels.noise import BLOCK, LAGS, SMALLEST_STD, learn_noise
-from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP
+from rwa_monitor.changepoints.stage_results import Candidates, Evidence
+from rwa_monitor.kernels.evidence import ALL_DONE, FIRST_CHUNK, KEPT_STATISTIC, SMALLEST_WEIGHT, Window
+from rwa_monitor.kernels.noise import BLOCK, SMALLEST_STD
+from rwa_monitor.kernels.wglr import CHUNK
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
 SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [slots] (errata 5)
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
-FAR_AWAY: Final = -(2**40)  # a slot that lies near none
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: sure signs of ω beyond
 _NO_VALUES: Final[FloatArray] = np.empty(0)
@@ -94,27 +81,6 @@ class Gathered:
     turns: IntArray
 
 
-class Learned(NamedTuple):
-    """What a window has learned of itself so far, brought up to date in place.
-
-    Attributes
-    ----------
-    thresholds
-        float64 (3, S), of each scale: the variance of its contrast, NaN where not known; and the statistics [torque²]
-        from which a peak is kept, and is sure, infinite where not known.
-    announced
-        int64 (STEP + 1,): the last indices announced, in turns, and how many there were.
-    numbers
-        float64 (8,): centre and weight of the slope's prior, dead band, and speed from which its sign is certain, all
-        normalised; the three of `quantiles_of`; and the largest outlier of heavy tails where `gather` asked for it.
-        What is not known yet is NaN: all but the first until the first chunk is there.
-    """
-
-    thresholds: FloatArray
-    announced: IntArray
-    numbers: FloatArray
-
-
 class WindowSettings(NamedTuple):
     """How a window's slots are taken, as kernels take it. What is not known is NaN.
 
@@ -134,8 +100,6 @@ class WindowSettings(NamedTuple):
         0 where there is none.
     outlier
         Largest outlier by chance of Gaussian noise, in standard deviations.
-    chunk_peaks
-        As for `scan`.
     """
 
     speed_unit: float
@@ -148,7 +112,6 @@ class WindowSettings(NamedTuple):
     prior_std: float
     nominal_slope: float
     outlier: float
-    chunk_peaks: int
 
 
 class WindowAccumulator:
@@ -195,56 +158,24 @@ class WindowAccumulator:
         self._closed = False
 
         # Without any idea of the slope, two neighbouring samples show nothing of a jump.
-        scales = SCALES if self.slope_prior is not None else SCALES[1:]
-        self._scales: IntArray = np.array(scales, dtype=np.int64)
-        self._peaks = PeakList(self._scales)
-        announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
-        announced[STEP] = 0
-        slope = 0.0 if self.slope_prior is None else self.slope_prior.mean
-        self._learned = Learned(
-            thresholds=np.repeat([[np.nan], [np.inf], [np.inf]], len(scales), axis=1),
-            announced=announced,
-            numbers=np.array([slope, *[np.nan] * 7]),
-        )
-        self._state = ScanState(
-            prefix=np.empty((PREFIXES, HISTORY + CHUNK + 1)),
-            histogram=np.zeros((self._scales.size, BINS), dtype=np.int64),
-        )
-
-        # Short windows let the blocks of the noise estimate overlap.
-        self._hop = BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK
-        blocks = max(0, (self.slots - BLOCK - LAGS) // self._hop + 1)
-        self._block_sums: FloatArray = np.empty((blocks, LAGS))
-        self._block_pairs: FloatArray = np.empty((blocks, LAGS))
-        self._arrays = (
-            self._x,
-            self._z,
-            self._good,
-            used,
-            self._sums.arrays,
-            self._sums.running,
-            self._structure.arrays,
-            self._block_sums,
-            self._block_pairs,
-            self._state,
-            self._scales,
-            self._learned,
-        )
         prior = self.slope_prior
-        self._settings = WindowSettings(
+        self._scales: IntArray = np.array(SCALES if prior else SCALES[1:], dtype=np.int64)
+        settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
             angle_per_x=self._structure.angle_per_x,
-            block_hop=self._hop,
+            # Short windows let the blocks of the noise estimate overlap.
+            block_hop=BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK,
             stretch_hop=self._structure.hop,
             start_std=math.nan if self._start_std is None else self._start_std,
             prior_mean=prior.mean if prior else math.nan,
             prior_std=prior.std if prior else math.nan,
-            nominal_slope=slope,
+            nominal_slope=prior.mean if prior else 0.0,
             outlier=gaussian_outlier(self.slots),
-            chunk_peaks=self._peaks.chunk_peaks,
         )
-        self._window = Window(self._arrays, self._settings, self._peaks.arrays)
+        sums, structure = self._sums, self._structure.arrays
+        arrays = (self._x, self._z, self._good, used, sums.arrays, sums.running, structure)
+        self._window = Window(arrays, settings, self._scales)
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 
@@ -306,22 +237,14 @@ class WindowAccumulator:
             raise ValueError("the window is closed already")
         self._gather(last=True)
         self._closed = True
-        blocks = max(0, min((self._done - BLOCK - LAGS) // self._hop + 1, self._block_sums.shape[0]))
-        start_variance = math.nan if self._start_std is None else self._start_std**2
-        levels, counts, variances, quantiles = learn_noise(
-            self._block_sums[:blocks],
-            self._block_pairs[:blocks],
-            self._state.histogram,
-            self._scales,
-            start_variance,
-        )
+        levels, counts, variances, quantiles = self._window.noise(self._done)
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
         threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         evidence = Evidence(
             slots=self._done,
             good=self.good,
             used=self._sums.count,
-            candidates=self._peaks.above(threshold, variances),
+            candidates=Candidates(*self._window.peaks_above(threshold, variances)),
             sums=self._sums,
             noise=noise,
             threshold=threshold,
@@ -343,26 +266,21 @@ class WindowAccumulator:
         """Take new slots and detect in all that are there; return the jumps that became certain."""
         events: list[ConfirmedCandidate] = []
         while True:
-            count, self._done, reported, why = gather(
-                self._window, speed_rad_s, torque_Nm, good, self.filled, self._done, last
+            count, self._done, reported, why = self._window.gather(
+                speed_rad_s, torque_Nm, good, self.filled, self._done, last
             )
             self.good += count
             self.filled += speed_rad_s.size
             self._sums.slots = self._done
             if reported:
-                events += self._announced(reported)
+                events += self._announced()
             if why == ALL_DONE:
                 return events
             if why == FIRST_CHUNK:
-                self._learned.numbers[WEIGHT:COUNTED] = self._first_learned(min(self.filled, CHUNK))
-            elif why == NO_ROOM:
-                self._peaks.make_room(self._learned.thresholds[VARIANCE])
-                self._window = Window(self._arrays, self._settings, self._peaks.arrays)
+                self._window.begin(*self._first_learned(min(self.filled, CHUNK)))
             else:
-                numbers = self._learned.numbers
-                counted, median, far = numbers[COUNTED:OUTLIER].tolist()
-                outliers = self._outliers(self._learned.thresholds[VARIANCE], (counted, median, far))
-                numbers[OUTLIER] = outliers.largest_outlier
+                outliers = self._outliers(self._window.variances, self._window.quantiles)
+                self._window.set_outlier(outliers.largest_outlier)
             speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
 
     def _first_learned(self, stop: int) -> tuple[float, float, float]:
@@ -388,10 +306,9 @@ class WindowAccumulator:
             return OutlierModel(math.inf, 0.0)
         return estimate_outliers(quantiles, variance, self.slots)
 
-    def _announced(self, reported: int) -> list[ConfirmedCandidate]:
+    def _announced(self) -> list[ConfirmedCandidate]:
         """Return the reported peaks as events."""
-        peaks = self._peaks.arrays
-        index, (jump, std, normalised) = peaks.reported[:reported], peaks.reported_values[:, :reported]
+        index, jump, std, normalised = self._window.reported
         chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
         columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
         return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor.cli.console import log, stop_on_signals
-from rwa_monitor.cli.options import Whole, bus_options, is_loopback, map_option, warn_if_alone, xtce_option
+from rwa_monitor.cli.options import Whole, bus_options, decoding_options, is_loopback, warn_if_alone
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.telemetry.reader import Decoding
 
 
 @click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     metavar="[HOST:]PORT",
     help="Where packets come in.  [HOST: 127.0.0.1 where none is given]",
 )
-@map_option
-@xtce_option
+@decoding_options
 @click.option(
     "--batch",
     type=Whole(1, 10_000),
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     help="Samples of one message at most.",
 )
 @bus_options
-def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int, bus: BusOptions) -> None:
+def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     """Bring CCSDS space packets from UDP onto the bus, as samples of the wheels that the map names.
 
     A datagram holds one packet or several. What cannot be read, is unknown or missing is logged on stderr as it comes;
@@ -44,10 +43,9 @@ def command(udp: str, map_file: Path | None, xtce_file: Path | None, batch: int,
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
-    from rwa_monitor.telemetry.reader import read_decoding
 
     address = UdpAddress.parse(udp, "--udp")
-    decoder = PacketDecoder(read_decoding(map_file, xtce_file), "bridge")
+    decoder = PacketDecoder(decoding, "bridge")
     warn_if_alone(bus)
     if not is_loopback(address.host):
         log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")

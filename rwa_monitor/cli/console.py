@@ -43,15 +43,13 @@ def console_of_stdout() -> Console:
     return console
 
 
-def track(items: Iterable[Item], total: int, description: str) -> Iterator[Item]:
+def track(items: Iterable[Item], total: int, description: str) -> Iterable[Item]:
     """Pass items on while a bar on stderr shows how many of `total` are done; nothing where stderr is no terminal."""
-    if not sys.stderr.isatty():
-        yield from items
-        return
     from rich.console import Console
     from rich.progress import track as rich_track
 
-    yield from rich_track(items, description, total=total, console=Console(stderr=True), transient=True)
+    console = Console(stderr=True)
+    return rich_track(items, description, total=total, console=console, transient=True, disable=not console.is_terminal)
 
 
 @contextmanager

@@ -32,16 +32,15 @@ if TYPE_CHECKING:
 @record_option
 @click.option(
     "--history",
-    envvar="RWA_MONITOR_HISTORY",
     metavar="URL",
     help="Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
 )
 @click.option(
     "--silence",
-    "silent_s",
     type=Real(min=0),
     metavar="S",
-    help="A monitor that has been silent for so many seconds is an alarm; 0 for none.  [default: 30]",
+    default=30.0,
+    help="A monitor that has been silent for so many seconds is an alarm; 0 for none.",
 )
 @click.option(
     "--foxglove",
@@ -51,7 +50,6 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--token",
-    envvar="RWA_MONITOR_TOKEN",
     metavar="T",
     help="Who has it may acknowledge and shelve.  [default: a random one]",
 )
@@ -66,6 +64,7 @@ if TYPE_CHECKING:
 def command(
     record: Path,
     wheel: Path | None,
+    silence: float,
     no_browser: bool,
     bus: BusOptions,
     **page: Any,
@@ -86,7 +85,8 @@ def command(
         record=record,
         wheel=read_wheel(wheel) if wheel else None,
         connect=endpoints(bus),
-        **{name: value for name, value in page.items() if value is not None},
+        silent_s=silence,
+        **page,
     )
     if record.is_dir() and any(record.glob("*.mcap")):
         with History(options.history_place) as kept:

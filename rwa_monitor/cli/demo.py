@@ -11,11 +11,10 @@ from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
 from threading import Event
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -26,7 +25,7 @@ from rwa_monitor.errors import MissingExtraError, needs_extra
 if TYPE_CHECKING:
     import zenoh
 
-    from rwa_monitor.messages import Diagnosis, Discrepancy, Message
+    from rwa_monitor.messages import Diagnosis, Discrepancy
     from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.simulation.demo_satellite import Satellite
 
@@ -90,7 +89,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     ):
         log(f"four simulated wheels, {satellite.speed:.0f} times faster than real time; recording in {record}")
         served = _serve_page(page, session, record, port, satellite, no_browser=no_browser)
-        view = DemoView(session, spacecraft, satellite.start_ns)
+        view = DemoView(session, satellite, spacecraft)
         ended = Event()
         monitor = workers.submit(run, options, ended, session=session, log=log)
         publishers = {key: SamplesPublisher(session, key) for key in satellite.telemetry}
@@ -105,7 +104,6 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
             ended.set()
         sender.result()
         monitor.result()
-        view.close()
     _print_findings(satellite, view, record)
     _print_truth(satellite, view, record)
     if served:
@@ -136,132 +134,75 @@ def _serve_page(
 # ---- while it runs ---------------------------------------------------------------------------------------------------
 
 
-@dataclass(slots=True)
-class WheelRow:
-    """What is known of one wheel.
-
-    Attributes
-    ----------
-    diagnoses
-        All of them, in order.
-    anomalous_s
-        Wall-clock time of the first anomalous verdict since the demo began [s]; None while there is none.
-    misfits
-        Windows in a row whose friction model did not fit.
-    searched
-        Whether there were once so many that the monitor began a search.
-    discrepancy, discrepancy_s
-        What the search found, and its wall-clock time since the demo began [s]; None while there is none.
-    """
-
-    diagnoses: list[Diagnosis] = field(default_factory=list)
-    anomalous_s: float | None = None
-    misfits: int = 0
-    searched: bool = False
-    discrepancy: Discrepancy | None = None
-    discrepancy_s: float | None = None
-
-    def take(self, message: Message, elapsed_s: float) -> None:
-        """Take a message that came so long after the demo began [s]."""
-        from rwa_monitor.messages import Diagnosis, Discrepancy
-        from rwa_monitor.monitor.searches import PATIENCE
-
-        if isinstance(message, Diagnosis):
-            self.diagnoses.append(message)
-            self.misfits = 0 if message.model_adequate else self.misfits + 1
-            self.searched = self.searched or self.misfits >= PATIENCE
-            if message.verdict == "anomalous" and self.anomalous_s is None:
-                self.anomalous_s = elapsed_s
-        elif isinstance(message, Discrepancy):
-            self.discrepancy, self.discrepancy_s = message, elapsed_s
-
-    @property
-    def model(self) -> str:
-        """What is known of the wheel's friction model, in a few words."""
-        from rwa_monitor.monitor.searches import PATIENCE
-
-        if self.discrepancy is not None:
-            return _in_words(self.discrepancy)
-        if self.misfits:
-            return "does not fit, searching…" if self.misfits >= PATIENCE else "does not fit"
-        return "fits" if self.diagnoses else ""
-
-
 class DemoView:
-    """Subscribes to the bus, keeps a row for each wheel, and prints a line for each diagnosis.
+    """Subscribes to the bus, keeps what comes of each wheel with its time [s], and prints a line for each diagnosis.
 
     Parameters
     ----------
     session
         The Zenoh session.
-    spacecraft
+    satellite
         Whose wheels to show.
-    start_ns
-        Where the wheels' clock begins, to show times from there.
+    spacecraft
+        Its name on the bus.
+
+    Attributes
+    ----------
+    diagnoses, found
+        By wheel: all diagnoses in order, and what the search for a missing effect found; each after its time since the
+        demo began [s].
     """
 
-    def __init__(self, session: Any, spacecraft: str, start_ns: int) -> None:
+    def __init__(self, session: zenoh.Session, satellite: Satellite, spacecraft: str) -> None:
         from rwa_monitor.monitor.ingest.backfill import Inbox
 
-        self.rows: dict[str, WheelRow] = {}
-        self._start_ns = start_ns
-        self._began = time.monotonic()
+        self.diagnoses: dict[str, list[tuple[float, Diagnosis]]] = {}
+        self.found: dict[str, tuple[float, Discrepancy]] = {}
+        self._satellite = satellite
+        self._began_s = time.monotonic()
         self._inbox = Inbox()
         # The bus calls from a thread of its own, where nothing but this may happen.
         self._subscriber = session.declare_subscriber(
-            f"rwa/{spacecraft}/**", lambda sample: self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
+            f"rwa/{spacecraft}/*/*", lambda sample: self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
         )
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
         """Print what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
         end = time.monotonic() + seconds
-        while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching else 0.0):
+        while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching() else 0.0):
             self._take_messages()
+        self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._take_messages()
 
-    @property
+    def searched(self, wheel: str) -> bool:
+        """Return whether the model of a wheel did not fit for as many windows in a row as begin a search."""
+        from rwa_monitor.monitor.searches import PATIENCE
+
+        misfits = "".join("-+"[diagnosis.model_adequate] for _, diagnosis in self.diagnoses.get(wheel, ()))
+        return "-" * PATIENCE in misfits
+
     def _searching(self) -> bool:
-        """Whether the monitor searches for what a wheel's model lacks."""
-        return any(row.searched and row.discrepancy is None for row in self.rows.values())
-
-    def close(self) -> None:
-        """Unsubscribe, and take what still waits."""
-        self._subscriber.undeclare()
-        self._take_messages()
+        return any(self.searched(wheel) and wheel not in self.found for wheel in self.diagnoses)
 
     def _take_messages(self) -> None:
-        """Bring what has come into the rows; print each diagnosis, and each change of what is known of a model."""
         from rwa_monitor.messages import Diagnosis, Discrepancy
 
-        kinds = {kind.kind: kind for kind in (Diagnosis, Discrepancy)}
         while (message := self._inbox.take()) is not None:
             _, _, wheel, kind = message.key.split("/")
-            if kind not in kinds:
-                continue
-            row, new = self.rows.setdefault(wheel, WheelRow()), kinds[kind].parse(message.payload, message.key)
-            head, model = f"{self._elapsed_s():6.1f} s  {wheel}", row.model or "fits"
-            row.take(new, self._elapsed_s())
-            if isinstance(new, Diagnosis):
-                click.echo(f"{head}  {self.hours(new.window_end_ns):5.1f} h  {new.verdict:12}  {new.reason}")
-            if row.model != model:
-                click.echo(f"{head}  model {row.model}")
-
-    def _elapsed_s(self) -> float:
-        """Return how long the demo has been running [s]."""
-        return time.monotonic() - self._began
+            elapsed_s = time.monotonic() - self._began_s
+            if kind == Discrepancy.kind:
+                self.found[wheel] = elapsed_s, Discrepancy.parse(message.payload, message.key)
+            elif kind == Diagnosis.kind:
+                new = Diagnosis.parse(message.payload, message.key)
+                self.diagnoses.setdefault(wheel, []).append((elapsed_s, new))
+                hours = self.hours(new.window_end_ns)
+                click.echo(f"{elapsed_s:6.1f} s  {wheel}  {hours:5.1f} h  {new.verdict:12}  {new.reason}")
 
     def hours(self, time_ns: int) -> float:
         """Return a time of the wheels' clock as hours since the demo's first sample."""
         from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR
 
-        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND / SECONDS_PER_HOUR
-
-
-def _in_words(found: Discrepancy) -> str:
-    """Return what a search found, in a few words."""
-    if not found.effects:
-        return f"{found.verdict}, no known effect explains it" if found.unexplained else found.verdict
-    return f"lacks {', '.join(effect.name for effect in found.effects)}"
+        return (time_ns - self._satellite.start_ns) / NANOSECONDS_PER_SECOND / SECONDS_PER_HOUR
 
 
 # ---- at the end ------------------------------------------------------------------------------------------------------
@@ -269,10 +210,9 @@ def _in_words(found: Discrepancy) -> str:
 
 def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
     """Print what the searches found missing in the wheels' model, what that gains, and where it is written."""
-    found_in = {wheel: row.discrepancy for wheel, row in sorted(view.rows.items()) if row.discrepancy is not None}
-    for wheel, found in found_in.items():
-        row, folder = view.rows[wheel], record / "discrepancy" / found.spacecraft / wheel
-        click.echo(f"\nWhat the monitor found in {wheel}, {row.discrepancy_s:.0f} s into the demo:")
+    for wheel, (found_s, found) in sorted(view.found.items()):
+        folder = record / "discrepancy" / found.spacecraft / wheel
+        click.echo(f"\nWhat the monitor found in {wheel}, {found_s:.0f} s into the demo:")
         for effect in found.effects:
             others = f", or, equivalent in these data, {', '.join(effect.equivalent)}" if effect.equivalent else ""
             click.echo(f"  missing in its model: {effect.name}{others}")
@@ -282,13 +222,13 @@ def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
         if found.unexplained is not None:
             click.echo(f"  left unexplained: {found.unexplained.signature}")
         if wheel == satellite.hiding and (folder / "extended_wheel.toml").exists():
-            after = _diagnose_again(satellite, folder / "extended_wheel.toml")[: len(row.diagnoses)]
-            click.echo(f"  its windows as they were diagnosed: {_counts(d.verdict for d in row.diagnoses)}")
+            before = [diagnosis.verdict for _, diagnosis in view.diagnoses[wheel]]
+            after = _diagnose_again(satellite, folder / "extended_wheel.toml")[: len(before)]
+            click.echo(f"  its windows as they were diagnosed: {_counts(before)}")
             click.echo(f"  and once more, with the augmented model: {_counts(after)}")
         click.echo(f"  report: {folder / 'report.html'}\n  augmented model: {folder / 'extended_wheel.toml'}")
-    if satellite.hiding not in found_in:
-        hiding = view.rows.get(satellite.hiding)
-        what = "the search for it ended" if hiding and hiding.searched else "two windows in a row had shown it"
+    if satellite.hiding not in view.found:
+        what = "the search for it ended" if view.searched(satellite.hiding) else "two windows in a row had shown it"
         click.echo(
             f"\nThe model of {satellite.hiding} lacks an effect. The demo ended before {what};"
             " a longer --duration gives it time."
@@ -297,13 +237,10 @@ def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
 
 def _diagnose_again(satellite: Satellite, extended: Path) -> list[str]:
     """Return the verdicts on the full windows of the wheel that hides an effect, with its augmented model."""
-    from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.monitor.core import diagnose_samples
-    from rwa_monitor.wheel.wheel import Wheel
+    import rwa_monitor as rwa
 
-    wheel = Wheel.from_toml(extended.read_text(encoding="utf-8"), str(extended))
-    windows = diagnose_samples(satellite.hidden.samples, wheel, built_in_model())
-    return [window.diagnosis.verdict for window in windows if not window.partial]
+    diagnoses = rwa.diagnose(satellite.hidden.samples, rwa.read_wheel(extended))
+    return [diagnosis.verdict for diagnosis in diagnoses if not diagnosis.partial]
 
 
 def _counts(verdicts: Iterable[str]) -> str:
@@ -312,7 +249,7 @@ def _counts(verdicts: Iterable[str]) -> str:
 
 def _print_truth(satellite: Satellite, view: DemoView, record: Path) -> None:
     """Print what happened, what the monitor diagnosed, and how to check the recording."""
-    from rwa_monitor.simulation.demo_satellite import ANOMALY, FACTOR, FAILING
+    from rwa_monitor.simulation.demo_satellite import ANOMALY, FACTOR, FAILING, WHEELS
     from rwa_monitor.words import counted
 
     effect = satellite.hidden.effect
@@ -322,18 +259,17 @@ def _print_truth(satellite: Satellite, view: DemoView, record: Path) -> None:
         f" from {view.hours(satellite.onset_ns):.1f} h on; the other wheels were healthy.\n"
         f"{satellite.hiding} has {effect.name} ({values}), which the monitor's wheel file lacks."
     )
-    for wheel, row in sorted(view.rows.items()):
-        verdicts = _counts(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"
-        click.echo(f"  {wheel}  {counted(len(row.diagnoses), 'window')}: {verdicts}")
-        first = next((diagnosis for diagnosis in row.diagnoses if diagnosis.verdict == "anomalous"), None)
-        if first is not None:
+    for wheel in WHEELS:
+        diagnoses = view.diagnoses.get(wheel, [])
+        verdicts = _counts(diagnosis.verdict for _, diagnosis in diagnoses) or "no window was full yet"
+        click.echo(f"  {wheel}  {counted(len(diagnoses), 'window')}: {verdicts}")
+        anomalous = [each for each in diagnoses if each[1].verdict == "anomalous"]
+        if anomalous:
             click.echo(
-                f"           first called anomalous {row.anomalous_s:.0f} s into the demo, for the window from"
-                f" {view.hours(first.window_start_ns):.1f} h to {view.hours(first.window_end_ns):.1f} h: {first.reason}"
+                f"           first called anomalous {anomalous[0][0]:.0f} s into the demo: {anomalous[0][1].reason}"
             )
-    failing = view.rows.get(FAILING)
-    if failing is None or failing.anomalous_s is None:
-        click.echo(f"The demo ended before {FAILING} was called anomalous; a longer --duration shows it.")
+        elif wheel == FAILING:
+            click.echo(f"The demo ended before {FAILING} was called anomalous; a longer --duration shows it.")
     click.echo(
         f"\nThe recording is in {record}. To check that it replays: rwa-monitor replay --verify {quote(str(record))}"
     )

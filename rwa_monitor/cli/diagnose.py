@@ -59,15 +59,15 @@ at_once_options = as_one(
 @wheel_option
 @model_option
 @method_option
-@click.option("--json", "as_json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
+@click.option("--json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
 @click.option("--carry", is_flag=True, help="Start each file with what the ones before it showed of the wheel.")
 @at_once_options
 @recordings_options
 def command(
-    wheel_file: Path | None,
-    model_file: Path | None,
+    wheel: Path | None,
+    model: Path | None,
     method: Method,
-    as_json: bool,
+    json: bool,
     carry: bool,
     many: AtOnce,
     recordings: Recordings,
@@ -96,9 +96,10 @@ def command(
     if many.scheduler is not None and many.workers is not None:
         raise click.UsageError("--workers is for this machine; the cluster of --scheduler has its own")
     # Read before any file is: a wrong option costs nothing then.
-    wheel, model = read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None
-    task = Diagnose(wheel, recordings.decoding, model, method)
-    console = None if as_json else console_of_stdout()
+    task = Diagnose(
+        read_wheel(wheel) if wheel else None, recordings.decoding, read_model(model) if model else None, method
+    )
+    console = None if json else console_of_stdout()
     by_wheel: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)
     not_judged: list[str] = []
     windows = 0

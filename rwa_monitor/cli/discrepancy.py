@@ -42,7 +42,7 @@ class ReportOptions:
     held_out: tuple[Path, ...] = ()
     search_again: bool = False
     no_diagnosis: bool = False
-    show_plan: bool = False
+    plan: bool = False
 
 
 report_options = as_one(
@@ -75,22 +75,20 @@ report_options = as_one(
         is_flag=True,
         help="Leave out what the extension does to the diagnosis (16 simulated windows: some 6 s of processor time).",
     ),
-    click.option(
-        "--plan", "show_plan", is_flag=True, help="Rank the manoeuvres that would separate the leading causes."
-    ),
+    click.option("--plan", is_flag=True, help="Rank the manoeuvres that would separate the leading causes."),
 )
 
 
 @click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
 @wheel_option
 @motor_off_option
-@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
+@click.option("--json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
 @recordings_options
 def command(
-    wheel_file: Path | None,
+    wheel: Path | None,
     motor_off: bool,
-    as_json: bool,
+    json: bool,
     wanted: ReportOptions,
     recordings: Recordings,
 ) -> int:
@@ -103,7 +101,6 @@ def command(
     recordings of the wheel. The names are those of all data; --search-again shows which are found, and what they gain,
     without the data that they are judged on.
     """
-    wheel = known_wheel(wheel_file, motor_off=motor_off)
     from rwa_monitor.discrepancy.plan import plan
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.threads import cores, on_threads
@@ -111,13 +108,14 @@ def command(
 
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
-    samples, known = recordings.of_one_wheel(wheel)
-    held_out, _ = recordings.of_one_wheel(wheel, wanted.held_out)
+    given = known_wheel(wheel, motor_off=motor_off)
+    samples, known = recordings.of_one_wheel(given)
+    held_out, _ = recordings.of_one_wheel(given, wanted.held_out)
     found = _search(samples, held_out, known or built_in_wheel(), wanted, on_threads(cores()))
-    planned = plan(found) if wanted.show_plan else None
+    planned = plan(found) if wanted.plan else None
     if wanted.out is not None:
         _write_report(found, [str(file) for file in recordings.files], wanted.out)
-    _print(found, planned, as_json)
+    _print(found, planned, json)
     if wanted.out is not None:
         log(f"report written to {wanted.out}")
     return recordings.status
@@ -146,8 +144,7 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
 
 
 def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
-    from rwa_monitor.reporting.discrepancy_report import sentence
-    from rwa_monitor.reporting.discrepancy_text import details, plan_lines
+    from rwa_monitor.reporting.discrepancy_report import details, plan_lines, sentence
 
     if as_json:
         report = found.result.to_json()

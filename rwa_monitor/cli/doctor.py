@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -19,7 +21,6 @@ if TYPE_CHECKING:
     import zenoh
 
     from rwa_monitor.monitor.bus import BusOptions
-    from rwa_monitor.monitor.setup import WheelKey
 
 CONNECT_S: Final = 3.0  # how long a router or peer has to answer
 LISTEN_S: Final = 2.0  # how long the doctor subscribes to the bus: a monitor publishes every second
@@ -33,8 +34,8 @@ NAMED: Final = 8  # wheels that a line names, of many
 @click.option("--record", type=FILE, metavar="DIR", help="The folder in which `run` shall record.")
 @bus_options
 def command(
-    wheel_file: Path | None,
-    model_file: Path | None,
+    wheel: Path | None,
+    model: Path | None,
     wheel_folder: Path | None,
     record: Path | None,
     bus: BusOptions,
@@ -57,10 +58,9 @@ def command(
 
     check("python", lambda: f"{'.'.join(map(str, sys.version_info[:3]))}, rwa-monitor {__version__}")
     check("packages", _packages)
-    check("extras", _extras)
     check("kernels", _kernels)
-    check("wheel", lambda: _wheel(wheel_file))
-    check("model", lambda: _model(model_file))
+    check("wheel", lambda: _wheel(wheel))
+    check("model", lambda: _model(model))
     if wheel_folder is not None:
         check("wheels", lambda: look_at_wheel_folder(wheel_folder))
     if record is not None:
@@ -77,41 +77,22 @@ NOT_ON_BOARD: Final = frozenset({"jinja2", "joblib", "scikit-learn"})
 
 
 def _packages() -> str:
-    """Check that every package that the program needs is there."""
-    from importlib.metadata import version
+    """Check that every package that the program needs is there, and return which are, and what which extra lacks."""
+    from importlib.metadata import requires, version
 
-    needed = _required()[""]
-    missing = _missing(needed)
-    if not NOT_ON_BOARD.issuperset(missing):
-        raise RwaMonitorError(f"{', '.join(missing)} missing; run `pip install .` again")
-    there = [f"{name} {version(name)}" for name in needed if name not in missing]
-    without = [f"no {', '.join(missing)} (a monitor alone needs none)"] if missing else []
-    return ", ".join(there + without)
-
-
-def _extras() -> str:
-    """Return which extras are there; a missing one is no fault, it only leaves something out."""
-    return ", ".join(
-        f"no {extra} (pip install 'rwa-monitor[{extra}]')" if _missing(names) else extra
-        for extra, names in _required().items()
-        if extra not in {"", "build", "dev"}
-    )
-
-
-def _required() -> dict[str, list[str]]:
-    """Return the packages that the program needs ("") and that each extra does."""
-    from importlib.metadata import PackageNotFoundError, requires
-
-    try:
-        requirements = requires("rwa-monitor") or []
-    except PackageNotFoundError as error:
-        raise RwaMonitorError("rwa-monitor itself is not installed; run `pip install .` in its folder") from error
-    found: dict[str, list[str]] = {"": []}
-    for line in requirements:
+    needed: defaultdict[str, list[str]] = defaultdict(list)  # by extra, "" for what the program needs
+    for line in requires("rwa-monitor") or ():
         extra = re.search(r"extra == ['\"]([^'\"]+)['\"]", line)
-        name = re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
-        found.setdefault(extra[1] if extra else "", []).append(name)
-    return found
+        needed[extra[1] if extra else ""].append(re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0])
+    missing = {extra: _missing(names) for extra, names in needed.items() if extra not in {"build", "dev"}}
+    without = missing.pop("")
+    if not NOT_ON_BOARD.issuperset(without):
+        raise RwaMonitorError(f"{', '.join(without)} missing; run `pip install .` again")
+    there = [f"{name} {version(name)}" for name in needed[""] if name not in without]
+    if without:
+        there.append(f"no {', '.join(without)} (a monitor alone needs none)")
+    extras = [f"no {extra} (pip install 'rwa-monitor[{extra}]')" for extra, lacking in missing.items() if lacking]
+    return f"{', '.join(there)}; extras: {', '.join(extras) or 'all'}"
 
 
 def _missing(names: Iterable[str]) -> list[str]:
@@ -125,20 +106,13 @@ def _kernels() -> str:
     """Diagnose a small simulated window: the kernels, and all rooms that use them, do their work."""
     import time
 
-    import numpy as np
+    import rwa_monitor as rwa
 
-    from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.monitor.core import diagnose_samples
-    from rwa_monitor.simulation.record import simulate
-    from rwa_monitor.simulation.scenario import Scenario
-    from rwa_monitor.wheel.wheel import built_in_wheel
-
-    wheel, model = built_in_wheel(), built_in_model()
-    telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
+    samples = rwa.simulate(rwa.Scenario(duration_s=250.0)).samples
     began = time.perf_counter()
-    (window,) = diagnose_samples(telemetry.samples, wheel, model)
+    (diagnosis,) = rwa.diagnose(samples)
     elapsed = time.perf_counter() - began
-    return f"{window.diagnosis.slots} simulated slots diagnosed in {elapsed:.2f} s"
+    return f"{diagnosis.samples} simulated slots diagnosed in {elapsed:.2f} s"
 
 
 def _wheel(wheel_file: Path | None) -> str:
@@ -172,8 +146,8 @@ def look_at_wheel_folder(folder: Path) -> str:
     from rwa_monitor.words import counted, first_few
 
     wheels = read_wheel_folder(folder)
-    lacking = [f"{_name(key)}: {note}" for key, wheel in wheels.items() for note in wheel.missing()]
-    found = f"{counted(len(wheels), 'wheel')} ({first_few([_name(key) for key in wheels], NAMED)})"
+    lacking = [f"{'/'.join(key)}: {note}" for key, wheel in wheels.items() for note in wheel.missing()]
+    found = f"{counted(len(wheels), 'wheel')} ({first_few(['/'.join(key) for key in wheels], NAMED)})"
     return f"{found}; {'; '.join(lacking[:NAMED]) or 'complete'}"
 
 
@@ -187,11 +161,11 @@ def look_at_recordings(folder: Path) -> str:
     """
     import shutil
 
-    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, FolderLock, last_recording
+    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, last_recording, locked
 
     if not folder.exists():
         return f"{folder} is not there yet"
-    with FolderLock(folder):
+    with locked(folder):
         pass
     free = shutil.disk_usage(folder).free
     found = f"{folder}: {free / BYTES_PER_GB:.3g} GB of the disk are free"
@@ -215,10 +189,6 @@ def look_at_bus(bus: BusOptions) -> str:
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.words import counted, first_few
 
-    def listed(wheels: set[WheelKey]) -> str:
-        names = sorted(map(_name, wheels))
-        return f"{counted(len(names), 'wheel')} ({first_few(names, NAMED)})" if names else "no wheel"
-
     with open_session(bus) as session:
         watch = BusWatch(session, endpoints(bus))
         patient_until_s = time.monotonic() + CONNECT_S
@@ -228,39 +198,36 @@ def look_at_bus(bus: BusOptions) -> str:
             raise RwaMonitorError(
                 f"nothing answers at {', '.join(bus.connect) or bus.config}; is a router or peer there?"
             )
-        sending, monitored = _publishers(session)
+        found = _publishers(session)
         routers, peers = len(list(session.info.routers_zid())), len(list(session.info.peers_zid()))
     if not routers + peers:
         return f"open, but nobody has connected in {LISTEN_S:.0f} s"
-    found = (
+    sending, monitored = found["samples"], found["status"]
+    listed = [
+        f"{counted(len(one), 'wheel')} ({first_few(sorted(one), NAMED) or 'none'})" for one in (sending, monitored)
+    ]
+    unserved = sorted(sending - monitored)
+    return (
         f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {LISTEN_S:.0f} s received"
+        f" telemetry of {listed[0]}, monitors of {listed[1]}"
+        + (f"; nobody monitors {first_few(unserved, NAMED)}" if unserved else "")
     )
-    found += f" telemetry of {listed(sending)}, monitors of {listed(monitored)}"
-    unserved = sorted(_name(key) for key in sending - monitored)
-    return f"{found}; nobody monitors {first_few(unserved, NAMED)}" if unserved else found
 
 
-def _publishers(session: zenoh.Session) -> tuple[set[WheelKey], set[WheelKey]]:
-    """Return the wheels whose samples, and those whose monitor's status came within a while."""
+def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
+    """Return the wheels of which a message came within a while, by the kind of the message."""
     from threading import Event
 
-    from rwa_monitor.messages import SamplesMessage, Status, split_key
+    from rwa_monitor.messages import split_key
 
-    found: dict[str, set[WheelKey]] = {SamplesMessage.kind: set(), Status.kind: set()}
+    found: defaultdict[str, set[str]] = defaultdict(set)
 
     def take(sample: zenoh.Sample) -> None:
-        try:
+        with suppress(InputError):  # somebody else's
             spacecraft, wheel, kind = split_key(str(sample.key_expr))
-        except InputError:  # somebody else's
-            return
-        if kind in found:
-            found[kind].add((spacecraft, wheel))
+            found[kind].add(f"{spacecraft}/{wheel}")
 
     subscriber = session.declare_subscriber("rwa/*/*/*", take)
     Event().wait(LISTEN_S)
     subscriber.undeclare()  # type: ignore[no-untyped-call]
-    return found[SamplesMessage.kind], found[Status.kind]
-
-
-def _name(key: WheelKey) -> str:
-    return "/".join(key)
+    return found

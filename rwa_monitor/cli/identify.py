@@ -14,7 +14,6 @@ from rwa_monitor.cli.options import FILE, Recordings, known_wheel, motor_off_opt
 @click.option("-o", "--output", required=True, type=FILE, metavar="W.toml", help="Wheel file to write.")
 @click.option(
     "--wheel",
-    "wheel_file",
     type=FILE,
     metavar="START.toml",
     help="What is known already: name, motor constants, limits.  [default: name and sample period from the data]",
@@ -24,7 +23,7 @@ from rwa_monitor.cli.options import FILE, Recordings, known_wheel, motor_off_opt
 @recordings_options
 def command(
     output: Path,
-    wheel_file: Path | None,
+    wheel: Path | None,
     motor_off: bool,
     no_systems: bool,
     recordings: Recordings,
@@ -41,7 +40,7 @@ def command(
     from rwa_monitor.identification.identify import bare_wheel, identify
     from rwa_monitor.telemetry.files import write_text
 
-    start = known_wheel(wheel_file, motor_off=motor_off)
+    start = known_wheel(wheel, motor_off=motor_off)
     samples, start = recordings.of_one_wheel(start)
     bench = as_measured(samples, start or bare_wheel(recordings.files[0].stem, samples[0][1]))
     log(*bench.notes)

@@ -62,9 +62,8 @@ class Program(click.Group):
         if cmd_name in self.commands or cmd_name not in COMMANDS:
             return super().get_command(ctx, cmd_name)
         module = import_module(f"rwa_monitor.cli.{MODULES.get(cmd_name, cmd_name)}")
-        command: click.Command = getattr(module, cmd_name if cmd_name in MODULES else "command")
-        _name_variables(command, cmd_name)
-        return command
+        found: click.Command = getattr(module, cmd_name if cmd_name in MODULES else "command")
+        return found
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -125,12 +124,16 @@ def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
     name=PROGRAM,
     cls=Program,
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
+    context_settings={
+        "help_option_names": ["-h", "--help"],
+        "max_content_width": 100,
+        "show_default": True,
+        "auto_envvar_prefix": "RWA_MONITOR",
+    },
 )
 @click.option(
     "--settings",
     type=FILE,
-    envvar="RWA_MONITOR_SETTINGS",
     metavar="S.toml",
     help="Options from a file, a table for each command; RWA_MONITOR_<COMMAND>_<OPTION> goes before it.",
 )
@@ -161,55 +164,30 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         ctx.default_map = _defaults(tables, main, ctx, source, "")
 
 
-# ---- options from the environment and from a file --------------------------------------------------------------------
-
-
-def _name_variables(command: click.Command, path: str) -> None:
-    """Let the environment set each option of a command: RWA_MONITOR_<COMMAND>_<OPTION>."""
-    if isinstance(command, click.Group):
-        for name, inner in command.commands.items():
-            _name_variables(inner, f"{path}_{name}")
-    for name, option in _options(command).items():
-        option.envvar = option.envvar or f"RWA_MONITOR_{path}_{name}".upper().replace("-", "_")
-
-
-def _options(command: click.Command) -> dict[str, click.Option]:
-    """Return the options of a command by their long names."""
-    return {
-        max(option.opts, key=len).removeprefix("--"): option
-        for option in command.params
-        if isinstance(option, click.Option)
-    }
+# ---- options from a file ---------------------------------------------------------------------------------------------
 
 
 def _defaults(table: Any, command: click.Command, ctx: click.Context, source: str, place: str) -> dict[str, Any]:
-    """Return a table of a settings file as click takes its default map.
+    """Return a table of a settings file as click takes its default map, values as they are on the command line.
 
     Raises
     ------
     InputError
-        If it names a command or an option that does not exist, or gives an option a value that it cannot have.
+        If it names a command or an option that does not exist.
     """
     if not isinstance(table, dict):
         raise InputError(source, f"is no table of options, such as [{place}]", place)
-    options = _options(command)
-    known = command.list_commands(ctx) if isinstance(command, click.Group) else list(options)
+    group = command if isinstance(command, click.Group) else None
+    options = {str(one.name).replace("_", "-"): one for one in command.params if isinstance(one, click.Option)}
+    known = group.list_commands(ctx) if group else list(options)
     found: dict[str, Any] = {}
     for name, value in table.items():
         here = f"{place}.{name}" if place else name
         if name not in known:
             raise InputError(source, f"is no command and no option{did_you_mean(name, known)}", here)
-        if isinstance(command, click.Group):
-            inner = command.get_command(ctx, name)
-            assert inner is not None, "it is known"
+        if group and (inner := group.get_command(ctx, name)):
             found[name] = _defaults(value, inner, ctx, source, here)
-            continue
-        option = options[name]
-        if option.multiple and not isinstance(value, list):
-            raise InputError(source, "write a list: [ … ]", here)
-        try:
-            option.type_cast_value(ctx, value)
-        except (click.BadParameter, TypeError) as error:
-            raise InputError(source, getattr(error, "message", str(error)), here) from error
-        found[str(option.name)] = value
+        else:
+            values = [str(one) for one in (value if isinstance(value, list) else [value])]
+            found[str(options[name].name)] = values if options[name].multiple else " ".join(values)
     return found

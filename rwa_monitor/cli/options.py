@@ -17,6 +17,7 @@ from rwa_monitor.errors import InputError
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.samples import Samples
+    from rwa_monitor.telemetry.reader import Decoding
     from rwa_monitor.wheel.wheel import Wheel
 
 # Transports whose other end shows who it is.
@@ -84,7 +85,7 @@ speed_option = click.option(
     help="Times real time when publishing; inf: as fast as it goes.",
 )
 wheel_option = click.option(
-    "--wheel", "wheel_file", type=FILE, metavar="W.toml", help="Constants of the wheel.  [default: the built-in wheel]"
+    "--wheel", type=FILE, metavar="W.toml", help="Constants of the wheel.  [default: the built-in wheel]"
 )
 wheel_folder_option = click.option(
     "--wheel-folder",
@@ -93,7 +94,7 @@ wheel_folder_option = click.option(
     help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are that of --wheel.",
 )
 model_option = click.option(
-    "--model", "model_file", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"
+    "--model", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"
 )
 motor_off_option = click.option(
     "--motor-off",
@@ -121,16 +122,22 @@ workers_option = click.option(
 )
 
 
-map_option = click.option(
-    "--map",
-    "map_file",
-    type=FILE,
-    metavar="MAP.toml",
-    help="For space packets and ROS 2 bags: which parameter or topic is which channel.",
+def _decoding(**files: Path | None) -> Decoding:
+    from rwa_monitor.telemetry.reader import read_decoding
+
+    return read_decoding(files["map"], files["xtce"])
+
+
+_DECODING: Final = (
+    click.option(
+        "--map",
+        type=FILE,
+        metavar="MAP.toml",
+        help="For space packets and ROS 2 bags: which parameter or topic is which channel.",
+    ),
+    click.option("--xtce", type=FILE, metavar="X.xml", help="For space packets: what is in them."),
 )
-xtce_option = click.option(
-    "--xtce", "xtce_file", type=FILE, metavar="X.xml", help="For space packets: what is in them."
-)
+decoding_options = as_one("decoding", _decoding, *_DECODING)
 
 
 def _bus(**options: Any) -> BusOptions:
@@ -194,11 +201,9 @@ class Recordings:
         Those that cannot be used, and why.
     """
 
-    def __init__(self, files: tuple[Path, ...], map_file: Path | None, xtce_file: Path | None) -> None:
-        from rwa_monitor.telemetry.reader import read_decoding
-
+    def __init__(self, files: tuple[Path, ...], decoding: Decoding) -> None:
         self.files = files
-        self.decoding = read_decoding(map_file, xtce_file)
+        self.decoding = decoding
         self.failures: list[tuple[Path, str]] = []
         self._logged: set[str] = set()
         self._unreadable = False
@@ -256,10 +261,9 @@ class Recordings:
 
 recordings_options = as_one(
     "recordings",
-    Recordings,
+    lambda files, **decoding: Recordings(files, _decoding(**decoding)),
     click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE..."),
-    map_option,
-    xtce_option,
+    *_DECODING,
 )
 
 

@@ -63,9 +63,9 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 @bus_options
 def command(
     wheels: str,
-    wheel_file: Path | None,
+    wheel: Path | None,
     wheel_folder: Path | None,
-    model_file: Path | None,
+    model: Path | None,
     method: Method,
     record: Path | None,
     record_limit: float | None,
@@ -82,18 +82,18 @@ def command(
     from rwa_monitor.monitor.service import Supervisor, run
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
-    wheel = read_wheel(wheel_file)
+    common = read_wheel(wheel)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
-    for name, one in [(wheel.name, wheel), *(("/".join(key), own) for key, own in own_wheels.items())]:
+    for name, one in [(common.name, common), *(("/".join(key), own) for key, own in own_wheels.items())]:
         log(*(f"{name}: {note}" for note in one.missing()))
     warn_if_alone(bus)
     if record is None:
         log("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
         wheels=wheels,
-        wheel=wheel,
+        wheel=common,
         own_wheels=own_wheels,
-        model=read_model(model_file),
+        model=read_model(model),
         method=method,
         record=record,
         max_record_bytes=None if record_limit is None else int(record_limit * BYTES_PER_GB),

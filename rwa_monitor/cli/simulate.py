@@ -18,7 +18,6 @@ DEFAULT_KEY: Final = "rwa/simulated/wheel_{n}/samples"
 
 scenario_option = click.option(
     "--scenario",
-    "scenario_file",
     type=FILE,
     metavar="S.toml",
     help="What happens to the wheel.  [default: a healthy wheel in orbit]",
@@ -37,7 +36,7 @@ def command() -> None:
 @wheel_option
 @seed_option
 @output_option
-def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, output: Path) -> None:
+def recording(scenario: Path | None, wheel: Path | None, seed: int, output: Path) -> None:
     """Write one recording: CSV or Parquet by the suffix of -o FILE (.csv, .parquet).
 
     The truth lies beside it: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so
@@ -47,7 +46,7 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     from rwa_monitor.telemetry.table import table_writer
 
     write = table_writer(output)
-    window = _simulate(scenario_file, wheel_file, seed, output.stem)
+    window = _simulate(scenario, wheel, seed, output.stem)
     write(window.telemetry.samples, output)
     log(write_truth(window, output, seed=seed))
     log(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
@@ -60,12 +59,11 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
 @output_option
 @click.option(
     "--format",
-    "suffix",
     type=click.Choice(["parquet", "csv"]),
     default="parquet",
     help="Of the sample tables.",
 )
-def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> None:
+def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> None:  # noqa: A002
     """Write labelled windows into the folder -o DIR: one sample table each, labels.csv, and the truth of each.
 
     The wheel of each window lies beside its table, for the recipes draw wheels too.
@@ -83,7 +81,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
         if not rows:
             # Only now: a recipe that does not exist leaves no empty folder behind.
             make_folder(output)
-        table = output / f"{window.name}.{suffix}"
+        table = output / f"{window.name}.{format}"
         table_writer(table)(window.telemetry.samples, table)
         left_out = write_truth(window, table, recipe=recipe, seed=seed)
         rows.append({"file": table.name, **{name: str(int(active)) for name, active in window.labels.items()}})
@@ -102,8 +100,8 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 @click.option("--batch", type=Whole(1, 100_000), default=256, metavar="N", help="Samples of one message.")
 @bus_options
 def publish(
-    scenario_file: Path | None,
-    wheel_file: Path | None,
+    scenario: Path | None,
+    wheel: Path | None,
     seed: int,
     speed: float,
     key: str,
@@ -124,8 +122,7 @@ def publish(
         raise click.BadParameter("with --count, KEY needs {n} where the number of the wheel stands", param_hint="--key")
     keys = [key.replace("{n}", str(number)) for number in range(1, count + 1)]
     telemetry = {
-        key: _simulate(scenario_file, wheel_file, seed + number, "published").telemetry.samples
-        for number, key in enumerate(keys)
+        key: _simulate(scenario, wheel, seed + number, "published").telemetry.samples for number, key in enumerate(keys)
     }
     with stop_on_signals() as stop, open_session(bus) as session:
         publishers = {key: SamplesPublisher(session, key) for key in keys}

@@ -14,11 +14,11 @@ from rwa_monitor.errors import InputError
 
 @click.command(name="train", short_help="Learn the classifiers from labelled recordings.")
 @click.argument("labels_file", type=FILE, metavar="LABELS.csv")
-@click.option("--wheel", "wheel_file", type=FILE, metavar="W.toml", required=True, help="Constants of the wheel.")
+@click.option("--wheel", type=FILE, metavar="W.toml", required=True, help="Constants of the wheel.")
 @click.option("-o", "--output", type=FILE, required=True, metavar="MODEL.json", help="Where to write the model.")
 @scheduler_option
 @workers_option
-def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | None, workers: int | None) -> None:
+def command(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, workers: int | None) -> None:
     """Learn the classifiers from labelled recordings.
 
     LABELS.csv has the columns file,dry,viscous,<switching systems>, with 0 or 1; file names are relative to it, and a
@@ -34,9 +34,9 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     from rwa_monitor.telemetry.labels import read_labels
     from rwa_monitor.words import counted
 
-    wheel = read_wheel(wheel_file)
+    constants = read_wheel(wheel)
     files = read_labels(labels_file)
-    reader = ReadFeatures(wheel)
+    reader = ReadFeatures(constants)
     outcomes = each(reader, [file.path for file in files], scheduler=scheduler, workers=workers)
     joint, paper, failed = [], [], 0
     for file, outcome in zip(files, track(outcomes, len(files), "reading windows"), strict=True):
@@ -51,8 +51,8 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
         raise InputError(
             display_name(labels_file), f"{failed} of {len(files)} files cannot be used; nothing is written"
         )
-    names = [display_name(path) for path in (labels_file, wheel_file, output)]
+    names = [display_name(path) for path in (labels_file, wheel, output)]
     again = shlex.join(["rwa-monitor", "train", names[0], "--wheel", names[1], "-o", names[2]])
-    model = with_classifiers(train(joint, wheel, source=labels_file.name, command=again), paper)
+    model = with_classifiers(train(joint, constants, source=labels_file.name, command=again), paper)
     write_model(model, output)
     log(f"{names[2]}: learned from {counted(len(joint), 'window')} of {counted(len(files), 'file')}")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
+from json import dumps
 
 import click
 
@@ -18,12 +18,12 @@ SEED = 20260126  # of the simulated check: the same wishes give the same figures
     "--run-length", type=float, required=True, metavar="N", help="Wanted mean number of samples between false alarms."
 )
 @click.option("--jump", type=float, required=True, metavar="SIGMAS", help="Size of the jump, in noise deviations.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.option("--json", is_flag=True, help="Print one JSON object.")
 def command(
     missed: float,
     run_length: float,
     jump: float,
-    as_json: bool,
+    json: bool,
 ) -> int:
     """Choose the smallest detection window that keeps both wanted rates, and check it by simulation.
 
@@ -38,8 +38,8 @@ def command(
     tuning = tune(missed, run_length, jump)
     counted = check(tuning, jump, 0.0, np.random.default_rng(SEED))
     kept = counted.keeps(missed, run_length)
-    if as_json:
-        click.echo(json.dumps({**asdict(tuning), "check": {**asdict(counted), "kept": kept}}))
+    if json:
+        click.echo(dumps({**asdict(tuning), "check": {**asdict(counted), "kept": kept}}))
         return 0 if kept else FAILED
     between, alarms = counted.run_length, counted.alarm_run_length
     click.echo(f"half window w   {tuning.half_width} slots on each side")

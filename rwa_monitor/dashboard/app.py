@@ -9,10 +9,10 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final
 
 from fastapi import Depends, FastAPI, Query, Request, Response, WebSocket, WebSocketDisconnect
 from fastapi.concurrency import run_in_threadpool
@@ -22,7 +22,7 @@ from fastapi.middleware.trustedhost import TrustedHostMiddleware
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.security import HTTPBearer
 from fastapi.staticfiles import StaticFiles
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -57,11 +57,11 @@ from rwa_monitor.version import RELEASE, SOFTWARE
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
+MAX_DIGITS: Final = 9  # of the size that a request states
 MAX_WINDOWS: Final = 1_000
 MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 DEFAULT_LIMIT: Final = 200
 MAX_WATCH: Final = 300  # characters of a wheel that a page asks for
-Wanted = TypeVar("Wanted", bound=BaseModel)
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -178,8 +178,11 @@ class Refusal(_Shown):
 # ---- the application -------------------------------------------------------------------------------------------------
 
 
-def create_app(api: Api) -> FastAPI:
-    """Return the application; the pages of FastAPI's documentation, which load scripts from elsewhere, are off."""
+def create_app(api: Api, token: str) -> FastAPI:
+    """Return the application, whose changes need a token.
+
+    The pages of FastAPI's documentation, which load scripts from elsewhere, are off.
+    """
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
@@ -198,7 +201,7 @@ def create_app(api: Api) -> FastAPI:
         lifespan=lifespan,
         middleware=[
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"]),
-            Middleware(SameOrigin),
+            Middleware(Guard, token=token),
         ],
         exception_handlers=dict.fromkeys((HTTPException, RequestValidationError, InputError, HistoryError), _refused),
         responses={422: {"model": Refusal}, 503: {"model": Refusal}},
@@ -225,47 +228,53 @@ def _add_routes(app: FastAPI, api: Api) -> None:
     get("/api/alarms", api.alarms, response_model=list[AlarmRecord])
     get("/api/recordings", api.recordings, response_model=list[RecordingFile])
     get("/api/recordings/{name}", api.recording, response_model=Replay)
-    token = Depends(HTTPBearer(scheme_name="token", auto_error=False))
-    for path, change, body, answer in (
-        (f"{wheel}/aside", api.retire, Retirement, RetirementEvent),
-        ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, Acknowledgement, AlarmRecord),
-        ("/api/alarms/{alarm:int}/shelve", api.shelve, Shelving, AlarmRecord),
+    token = Depends(HTTPBearer(scheme_name="token", auto_error=False))  # `Guard` has checked it
+    for path, change, answer in (
+        (f"{wheel}/aside", api.retire, RetirementEvent),
+        ("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, AlarmRecord),
+        ("/api/alarms/{alarm:int}/shelve", api.shelve, AlarmRecord),
     ):
-        content = {"application/json": {"schema": body.model_json_schema()}}
-        app.add_api_route(
-            path,
-            change,
-            methods=["POST"],
-            response_model=answer,
-            responses=refused,
-            dependencies=[token],
-            openapi_extra={"requestBody": {"required": True, "content": content}},
-        )
+        get(path, change, methods=["POST"], response_model=answer, responses=refused, dependencies=[token])
 
 
-class SameOrigin:
-    """Refuses what another web page's script asks for, and adds the headers that every answer has."""
+class Guard:
+    """Refuses what another web page's script asks for, and changes without the token, before anything of it is read.
 
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+    It adds the headers that every answer has.
+    """
+
+    def __init__(self, app: ASGIApp, token: str) -> None:
+        self.app, self._token = app, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
-        headers = dict(scope.get("headers", []))
-        origin, host = headers.get(b"origin"), headers.get(b"host", b"")
-        if origin is not None and origin != b"http://" + host:
-            if scope["type"] == "websocket":
-                await WebSocket(scope, receive, send).close(1008)
-            else:
-                await JSONResponse({"error": "another origin has no access"}, 403)(scope, receive, send)
-            return
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] += [(name.encode(), value.encode()) for name, value in HEADERS.items()]
             await send(message)
 
-        await self.app(scope, receive, with_headers)
+        status, reason = self._refusal(scope)
+        if not reason:
+            await self.app(scope, receive, with_headers)
+        elif scope["type"] == "websocket":
+            await WebSocket(scope, receive, send).close(1008)
+        else:
+            await JSONResponse({"error": reason}, status)(scope, receive, with_headers)
+
+    def _refusal(self, scope: Scope) -> tuple[int, str]:
+        """Return the status and reason of a refusal, "" for none."""
+        headers = dict(scope.get("headers", []))
+        if headers.get(b"origin") not in (None, b"http://" + headers.get(b"host", b"")):
+            return 403, "another origin has no access"
+        if scope.get("method", "GET") in {"GET", "HEAD"}:
+            return 200, ""
+        if not secrets.compare_digest(headers.get(b"authorization", b""), f"Bearer {self._token}".encode()):
+            return 401, "the token is missing or wrong; it is printed where the dashboard was started"
+        size = headers.get(b"content-length", b"")
+        if not size.isdigit() or len(size) > MAX_DIGITS or int(size) > MAX_BODY_BYTES:
+            return 413, f"more than {MAX_BODY_BYTES} bytes, or not stated how many"
+        return 200, ""
 
 
 class Api:
@@ -279,15 +288,10 @@ class Api:
         What is shown and changed.
     recordings
         Folder of the recordings, or None.
-    token
-        That whoever changes something must name.
     """
 
-    def __init__(
-        self, fleet: Fleet, history: History, notifier: AlarmNotifier, recordings: Path | None, token: str
-    ) -> None:
-        self._fleet, self._history, self.notifier = fleet, history, notifier
-        self._folder, self._token = recordings, token
+    def __init__(self, fleet: Fleet, history: History, notifier: AlarmNotifier, recordings: Path | None) -> None:
+        self._fleet, self._history, self.notifier, self._folder = fleet, history, notifier, recordings
 
     def _first_frame(self) -> str:
         first = [Received("dashboard/software", dump_json({"software": SOFTWARE}), None)]
@@ -312,24 +316,17 @@ class Api:
 
     def wheel(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
+        parts = dict.fromkeys(WheelNow.model_fields, b"null") | {"changepoints": b"[]"}
         known = self._fleet.wheel(spacecraft, wheel)
-        samples = discrepancy = status = None
-        jumps: list[bytes] = []
         if known is not None:
             with self._fleet.lock:
-                samples, jumps = known.decimated.message(), [entry.payload for entry in known.provisional]
-                discrepancy, status = (
-                    known.latest[kind].payload if kind in known.latest else None
-                    for kind in (Discrepancy.kind, Status.kind)
-                )
+                parts["samples"] = known.decimated.message()
+                parts["changepoints"] = array_json(entry.payload for entry in known.provisional)
+                parts |= {kind: known.latest[kind].payload for kind in parts if kind in known.latest}
         elif (spacecraft, wheel) not in self._history.wheels():
             raise HTTPException(404, "no such wheel")
-        parts = {
-            "samples": samples or b"null",
-            "changepoints": array_json(jumps),
-            "discrepancy": discrepancy or self._history.discrepancy(spacecraft, wheel) or b"null",
-            "status": status or b"null",
-        }
+        if parts["discrepancy"] == b"null":
+            parts["discrepancy"] = self._history.discrepancy(spacecraft, wheel) or b"null"
         return _json(b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}")
 
     def windows(
@@ -353,18 +350,11 @@ class Api:
         """Answer with who has retired a wheel and brought it back, the oldest event first."""
         return _list(self._history.retired.events(spacecraft, wheel))
 
-    async def retire(self, request: Request, spacecraft: str, wheel: str) -> Response:
+    def retire(self, spacecraft: str, wheel: str, who: Retirement) -> Response:
         """Retire a wheel that sends no telemetry, or bring it back; needs the token."""
-        who = await self._allowed(request, Retirement)
-        retired = self._history.retired
-
-        def change() -> RetirementEvent:
-            if not who.aside:
-                return retired.restore(spacecraft, wheel, who.name, who.note)
+        if who.aside:
             self._check_quiet(spacecraft, wheel)
-            return retired.retire(spacecraft, wheel, who.name, who.note)
-
-        event = await run_in_threadpool(change)
+        event = self._history.retired.change(spacecraft, wheel, who.name, who.note, retire=who.aside)
         self.notifier.hub.post(record_entry(event, "aside"))
         return _json(event.to_json())
 
@@ -385,43 +375,17 @@ class Api:
         """Answer with all open alarms and the latest closed ones."""
         return _list(self._history.alarms())
 
-    async def acknowledge(self, request: Request, alarm: int) -> Response:
+    def acknowledge(self, alarm: int, who: Acknowledgement) -> Response:
         """Acknowledge an alarm; needs the token."""
-        who = await self._allowed(request, Acknowledgement)
-        return await self._change(lambda: self._history.acknowledge(alarm, who.name, who.note))
+        return self._changed(self._history.acknowledge(alarm, who.name, who.note))
 
-    async def shelve(self, request: Request, alarm: int) -> Response:
+    def shelve(self, alarm: int, who: Shelving) -> Response:
         """Shelve an alarm for a while; needs the token."""
-        who = await self._allowed(request, Shelving)
-        return await self._change(lambda: self._history.shelve(alarm, who.name, who.seconds, who.note))
+        return self._changed(self._history.shelve(alarm, who.name, who.seconds, who.note))
 
-    async def _allowed(self, request: Request, wanted: type[Wanted]) -> Wanted:
-        """Return what a request is to change; refuses it without the token, or where it cannot be read.
-
-        The body is read here: FastAPI would read it whole, however large, before it checks the token.
-        """
-        given = request.headers.get("authorization", "")
-        if not secrets.compare_digest(given.encode(), f"Bearer {self._token}".encode()):
-            raise HTTPException(401, "the token is missing or wrong; it is printed where the dashboard was started")
-        body = b""
-        async for piece in request.stream():
-            body += piece
-            if len(body) > MAX_BODY_BYTES:
-                raise HTTPException(413, f"more than {MAX_BODY_BYTES} bytes")
-        try:
-            return wanted.model_validate_json(body)
-        except ValidationError as error:
-            raise RequestValidationError(error.errors(include_url=False)) from error
-
-    async def _change(self, work: Callable[[], AlarmRecord]) -> Response:
-        """Change an alarm, and report it to pages and bus."""
-
-        def change() -> AlarmRecord:
-            alarm = work()
-            self.notifier.publish(alarm)
-            return alarm
-
-        alarm = await run_in_threadpool(change)
+    def _changed(self, alarm: AlarmRecord) -> Response:
+        """Report a change of an alarm to pages and bus, and answer with the alarm."""
+        self.notifier.publish(alarm)
         return _json(alarm.to_json())
 
     def metrics(self, request: Request) -> Response:
@@ -448,35 +412,28 @@ class Api:
         await socket.accept()
         client = Client()
         self.notifier.hub.clients.add(client)
+        sending: asyncio.Task[None] | None = None
         try:
             await socket.send_text(await run_in_threadpool(self._first_frame))
-            await _until_first(_send(socket, client), _listen(socket, client))
+            sending = asyncio.create_task(_send(socket, client))
+            # The page asks for what it shows: {"watch": "spacecraft/wheel"}, of which it gets the samples.
+            async for asked in socket.iter_json():
+                if isinstance(asked, dict):
+                    client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
+        except ValueError:
+            await socket.close(1003, "no JSON")
         finally:
             self.notifier.hub.clients.discard(client)
+            if sending is not None:
+                sending.cancel()
 
 
 async def _send(socket: WebSocket, client: Client) -> None:
-    while (text := await client.frames.get()) is not None:
-        await socket.send_text(text)
-    await socket.close(1013, "too slow")
-
-
-async def _listen(socket: WebSocket, client: Client) -> None:
-    """Receive what the page asks for: {"watch": "spacecraft/wheel"}, of which it gets the samples."""
-    while True:
-        asked = await socket.receive_json()
-        if isinstance(asked, dict):
-            client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
-
-
-async def _until_first(*works: Any) -> None:
-    """Run works until one of them ends; a page that has left is no error."""
-    tasks = [asyncio.ensure_future(work) for work in works]
-    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-    for task in tasks:
-        task.cancel()
-        with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError, ValueError):
-            await task
+    """Send what waits for a page until it has left, or is too slow."""
+    with suppress(WebSocketDisconnect, RuntimeError):
+        while (text := await client.frames.get()) is not None:
+            await socket.send_text(text)
+        await socket.close(1013, "too slow")
 
 
 def _json(content: bytes) -> Response:

@@ -102,16 +102,15 @@ class Hub:
             else:
                 entries.append(received)
         entries += pulse(statuses.values())
-        shared = b",".join(entry.to_json() for entry in entries)
         frames: dict[str, str] = {}  # pages that show the same get the same
         for client in tuple(self.clients):
-            if client.watches not in frames:
-                own = [statuses[client.watches]] if client.watches in statuses else []
-                own += [entry for entry in close_up if entry.wheel == client.watches]
-                body = b",".join([*([shared] if shared else []), *(entry.to_json() for entry in own)])
-                frames[client.watches] = f"[{body.decode()}]" if body else ""
-            if frames[client.watches]:
-                client.put(frames[client.watches])
+            watches = client.watches
+            if watches not in frames:
+                own = [entry for entry in close_up if entry.wheel == watches]
+                shown = [*entries, *([statuses[watches]] if watches in statuses else ()), *own]
+                frames[watches] = frame(shown) if shown else ""
+            if frames[watches]:
+                client.put(frames[watches])
 
 
 def pulse(statuses: Iterable[Received]) -> list[Received]:

@@ -13,13 +13,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwa_monitor.history.records import AlarmRecord, RetirementEvent
-from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json
+from rwa_monitor.messages import (
+    REPORTS,
+    Changepoints,
+    Diagnosis,
+    Discrepancy,
+    Message,
+    SamplesMessage,
+    Status,
+    dump_json,
+)
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
 from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_torque
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 from rwa_monitor.wheel.wheel import built_in_wheel
 
+# What is shown of what goes over the bus.
+SHOWN: Final[tuple[type[Message], ...]] = (SamplesMessage, *REPORTS)
+KINDS: Final = {message.kind: message for message in SHOWN}
 MAX_WHEELS: Final = 5_000
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history is begun with

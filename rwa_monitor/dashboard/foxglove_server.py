@@ -21,7 +21,7 @@ MAX_TOPICS: Final = 50_000  # of a thousand wheels some ten thousand; those of m
 BACKLOG: Final = 16_384  # messages that wait for a client that is slow; a batch of telemetry is some hundred
 
 
-class FoxgloveServer:
+class FoxgloveServer(ServerListener):
     """Serves Foxglove on loopback; use it with `with`. It only sends: nothing from a client is used.
 
     Whoever subscribes to a topic gets its latest message at once, as a diagnosis comes every few minutes only.
@@ -47,13 +47,14 @@ class FoxgloveServer:
         self._schemas = {
             name: Schema(name=name, encoding="jsonschema", data=dump_json(schema)) for name, schema in schemas().items()
         }
-        self._latest = _Latest()
+        self._lock = Lock()
+        self._latest: dict[str, tuple[Channel, View]] = {}  # by topic; used from several threads
         try:
             self._server = foxglove.start_server(
                 name=SOFTWARE,
                 host=HOST,
                 port=port,
-                server_listener=self._latest,
+                server_listener=self,
                 context=self._context,
                 message_backlog_size=BACKLOG,
             )
@@ -85,36 +86,16 @@ class FoxgloveServer:
             self._show(view)
 
     def _show(self, view: View) -> None:
-        channel = self._latest.channel(view.topic)
-        if channel is None:
-            if len(self._latest) >= MAX_TOPICS:
-                return
-            channel = Channel(
-                view.topic, schema=self._schemas[view.schema], message_encoding="json", context=self._context
-            )
-        self._latest.keep(channel, view)
-        channel.log(view.payload, log_time=view.time_ns)
-
-
-class _Latest(ServerListener):
-    """The latest message of every topic, for whoever subscribes to it later; used from several threads."""
-
-    def __init__(self) -> None:
-        self._lock = Lock()
-        self._kept: dict[str, tuple[Channel, View]] = {}
-
-    def __len__(self) -> int:
-        return len(self._kept)
-
-    def channel(self, topic: str) -> Channel | None:
-        """Return a topic's channel, None of one that is new."""
-        kept = self._kept.get(topic)
-        return None if kept is None else kept[0]
-
-    def keep(self, channel: Channel, view: View) -> None:
-        """Keep a message."""
+        if view.topic in self._latest:
+            channel, _ = self._latest[view.topic]
+        elif len(self._latest) < MAX_TOPICS:
+            schema = self._schemas[view.schema]
+            channel = Channel(view.topic, schema=schema, message_encoding="json", context=self._context)
+        else:
+            return
         with self._lock:
-            self._kept[view.topic] = channel, view
+            self._latest[view.topic] = channel, view
+        channel.log(view.payload, log_time=view.time_ns)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """Send a topic's latest message again; called in the server's threads.
@@ -124,6 +105,6 @@ class _Latest(ServerListener):
         """
         del client
         with self._lock:
-            kept = self._kept.get(channel.topic)
+            kept = self._latest.get(channel.topic)
         if kept is not None and kept[1].schema != LOG_SCHEMA:
             kept[0].log(kept[1].payload, log_time=kept[1].time_ns)

@@ -17,17 +17,16 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.feed import AlarmNotifier
-from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.dashboard.fleet import KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, SamplesMessage, Status, split_key
+from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, Status, split_key
 from rwa_monitor.monitor.bus import BusThread, BusWatch
 from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
 
-KINDS: Final = {report.kind: report for report in REPORTS}
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
@@ -150,9 +149,6 @@ class Listener:
         """Pass on one message; one that is none of ours is counted and dropped."""
         try:
             spacecraft, wheel, kind = split_key(key)
-            if kind == SamplesMessage.kind:
-                self._receive_samples(key, payload, spacecraft, wheel)
-                return
             if kind not in KINDS:
                 return
             message = KINDS[kind].parse(payload, key)
@@ -163,14 +159,22 @@ class Listener:
         if known is None:
             self.refused += 1
             return
+        wall_ns = time.time_ns()
+        if isinstance(message, SamplesMessage):
+            self._telemetry_arrived(spacecraft, wheel)
+            self._monitors.expect(spacecraft, wheel)
+            picked = self.fleet.take_samples(known, message.samples(), wall_ns)
+            if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
+                self.hub.post(Received(key, thinned_json(picked), wall_ns))
+            return
         if isinstance(message, Diagnosis):
             self._telemetry_arrived(spacecraft, wheel, message.window_end_ns)
         elif isinstance(message, Status):
             self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
-            if _got_samples(known.status, message):
+            # The first status does not show how old its sample is.
+            if known.status is not None and message.last_sample_ns not in {None, known.status.last_sample_ns}:
                 self._telemetry_arrived(spacecraft, wheel)
-        received = Received(key, message.model_dump_json().encode(), time.time_ns())
-        self.hub.post(self.fleet.take(known, message, received))
+        self.hub.post(self.fleet.take(known, message, Received(key, message.model_dump_json().encode(), wall_ns)))
         if isinstance(message, Diagnosis | Discrepancy):
             self._waiting.append(message)
 
@@ -191,19 +195,6 @@ class Listener:
             earlier = self.history.windows(spacecraft, wheel, REMEMBERED)
         return self.fleet.begin(spacecraft, wheel, earlier)
 
-    def _receive_samples(self, key: str, payload: bytes, spacecraft: str, wheel: str) -> None:
-        samples = SamplesMessage.parse(payload, key).samples()
-        known = self._wheel(spacecraft, wheel)
-        if known is None:
-            self.refused += 1
-            return
-        self._telemetry_arrived(spacecraft, wheel)
-        self._monitors.expect(spacecraft, wheel)
-        wall_ns = time.time_ns()
-        picked = self.fleet.take_samples(known, samples, wall_ns)
-        if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
-            self.hub.post(Received(key, thinned_json(picked), wall_ns))
-
     def _store(self) -> None:
         """Write what waits into the history, and report alarms that changed."""
         while self._waiting and self._use_history(self._store_some):
@@ -223,11 +214,6 @@ class Listener:
             self.notifier.show(alarm)
         for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in changed):
             self.notifier.publish_health(*name)
-
-
-def _got_samples(before: Status | None, now: Status) -> bool:
-    """Return whether a monitor got samples since its status before; the first one does not show how old they are."""
-    return before is not None and now.last_sample_ns not in {None, before.last_sample_ns}
 
 
 # ---- which monitors report -------------------------------------------------------------------------------------------

@@ -24,10 +24,6 @@ from rwa_monitor.version import SOFTWARE
 CONTENT_TYPE: Final = CONTENT_TYPE_PLAIN_0_0_4
 SAMPLES: Final = ("used", "masked", "late", "duplicate", "rejected")
 MESSAGES: Final = ("missed", "dropped", "rejected")
-WHEEL: Final = ("spacecraft", "wheel")
-
-Family = GaugeMetricFamily | CounterMetricFamily
-Labels = tuple[str, ...]
 
 
 def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: Container[tuple[str, str]] = ()) -> str:
@@ -48,100 +44,85 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
     with fleet.lock:
         for spacecraft, wheel, known in fleet.wheels():
             if (spacecraft, wheel) not in retired:
-                _add_wheel(found, known, (spacecraft, wheel))
+                _add_wheel(found, known, {"spacecraft": spacecraft, "wheel": wheel})
     alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in retired]
     for level in get_args(AlarmLevel):
         for phase in ("active", "acknowledged", "returned"):
             count = sum(alarm.level == level and alarm.phase == phase for alarm in alarms)
-            found.alarms.add_metric((level, phase), count)
-    found.pages.add_metric((), clients)
-    found.info.add_metric((SOFTWARE, build()), 1)
+            about = "Open alarms by level, and whether they are acknowledged."
+            found.add("rwa_alarms", about, count, level=level, phase=phase)
+    found.add("rwa_dashboard_pages", "Pages that are open.", clients)
+    found.add("rwa_dashboard_info", "Always 1; the labels name what runs.", 1, software=SOFTWARE, build=build())
     return generate_latest(found).decode()
 
 
-def _gauge(name: str, about: str, *labels: str) -> GaugeMetricFamily:
-    return GaugeMetricFamily(name, about, labels=(*WHEEL, *labels))
-
-
-def _counter(name: str, about: str, *labels: str) -> CounterMetricFamily:
-    return CounterMetricFamily(name, about, labels=(*WHEEL, *labels))
-
-
-def _add(family: Family, labels: Labels, value: float | None) -> None:
-    """Add a sample; None adds none."""
-    if value is not None:
-        family.add_metric(labels, value)
-
-
 class _Metrics(Collector):
-    """All metrics, in the order in which they are written."""
+    """All metrics, in the order in which they are added first."""
 
     def __init__(self) -> None:
-        self.verdict = _gauge(
-            "rwa_wheel_verdict", "1 for the verdict of the latest window, 0 for the others.", "verdict"
-        )
-        self.adequate = _gauge("rwa_wheel_model_adequate", "1 where the friction model fits the wheel.")
-        self.coverage = _gauge("rwa_wheel_coverage_ratio", "Share of the latest window with a good sample.")
-        self.end = _gauge("rwa_wheel_window_end_seconds", "End of the latest window on the wheel's own clock.")
-        self.probability = _gauge("rwa_wheel_anomaly_probability", "Probability that a part is anomalous.", "part")
-        self.severity = _gauge(
-            "rwa_wheel_severity", "0 at the nominal bound, 1 at the median of the learned anomaly.", "part"
-        )
-        self.estimate = _gauge(
-            "rwa_wheel_estimate", "Estimate of a part, in the unit that is its label.", "part", "unit"
-        )
-        self.bound = _gauge("rwa_wheel_nominal_high", "Upper nominal bound of a part, in its unit.", "part", "unit")
-        self.age = _gauge("rwa_wheel_telemetry_age_seconds", "Time since samples of the wheel came last.")
-        self.late = _gauge("rwa_wheel_telemetry_stale_after_seconds", "Age at which its samples are stale.")
-        self.reported = _gauge("rwa_monitor_status_age_seconds", "Time since the wheel's monitor reported last.")
-        self.fill = _gauge("rwa_monitor_window_fill_ratio", "Share of the running window that has passed.")
-        self.queue = _gauge("rwa_monitor_queue_messages", "Messages that wait in the wheel's monitor.")
-        self.samples = _counter("rwa_monitor_samples_total", "Samples of the wheel by what became of them.", "outcome")
-        self.slots = _counter("rwa_monitor_slots_missed_total", "Slots of the wheel that no sample came for.")
-        self.messages = _counter("rwa_monitor_messages_total", "Messages that were of no use, and why.", "outcome")
-        self.windows = _counter("rwa_monitor_windows_total", "Windows of the wheel that were diagnosed.")
-        about = "Open alarms by level, and whether they are acknowledged."
-        self.alarms = GaugeMetricFamily("rwa_alarms", about, labels=("level", "phase"))
-        self.pages = GaugeMetricFamily("rwa_dashboard_pages", "Pages that are open.")
-        about = "Always 1; the labels name what runs."
-        self.info = GaugeMetricFamily("rwa_dashboard_info", about, labels=("software", "build"))
+        self._families: dict[str, GaugeMetricFamily | CounterMetricFamily] = {}
+
+    def add(self, name: str, about: str, value: float | None, **labels: str) -> None:
+        """Add a sample to the metric of a name, which is a counter where that ends in "_total"; None adds none."""
+        if value is None:
+            return
+        if name not in self._families:
+            family = CounterMetricFamily if name.endswith("_total") else GaugeMetricFamily
+            self._families[name] = family(name, about, labels=list(labels))
+        self._families[name].add_metric(list(labels.values()), value)
 
     def collect(self) -> Iterable[Metric]:
-        return vars(self).values()
+        return self._families.values()
 
 
-def _add_wheel(families: _Metrics, known: Wheel, wheel: Labels) -> None:
-    now_ns = time.time_ns()
+def _add_wheel(found: _Metrics, known: Wheel, of: dict[str, str]) -> None:
     if known.diagnosis is not None:
-        _add_diagnosis(families, known.diagnosis, wheel)
+        _add_diagnosis(found, known.diagnosis, of)
     if known.rhythm.wall_ns is not None:
-        _add(families.age, wheel, (now_ns - known.rhythm.wall_ns) / NANOSECONDS_PER_SECOND)
-        _add(families.late, wheel, known.rhythm.stale_after_s)
+        about = "Time since samples of the wheel came last."
+        found.add("rwa_wheel_telemetry_age_seconds", about, _age_s(known.rhythm.wall_ns), **of)
+        about = "Age at which its samples are stale."
+        found.add("rwa_wheel_telemetry_stale_after_seconds", about, known.rhythm.stale_after_s, **of)
     if known.status is not None:
-        last_ns = known.latest[Status.kind].wall_ns
-        _add(families.reported, wheel, None if last_ns is None else (now_ns - last_ns) / NANOSECONDS_PER_SECOND)
-        _add_status(families, known.status, wheel)
+        about = "Time since the wheel's monitor reported last."
+        found.add("rwa_monitor_status_age_seconds", about, _age_s(known.latest[Status.kind].wall_ns), **of)
+        _add_status(found, known.status, of)
 
 
-def _add_diagnosis(families: _Metrics, window: Diagnosis, wheel: Labels) -> None:
+def _age_s(wall_ns: int | None) -> float | None:
+    return None if wall_ns is None else (time.time_ns() - wall_ns) / NANOSECONDS_PER_SECOND
+
+
+def _add_diagnosis(found: _Metrics, window: Diagnosis, of: dict[str, str]) -> None:
     for verdict in get_args(Verdict):
-        _add(families.verdict, (*wheel, verdict), window.verdict == verdict)
-    _add(families.adequate, wheel, window.model_adequate)
-    _add(families.coverage, wheel, window.coverage)
-    _add(families.end, wheel, window.window_end_ns / NANOSECONDS_PER_SECOND)
-    for part, one in window.anomalies.items():
-        _add(families.probability, (*wheel, part), one.probability)
-        _add(families.severity, (*wheel, part), one.severity)
-        _add(families.estimate, (*wheel, part, one.unit), one.estimate)
-        _add(families.bound, (*wheel, part, one.unit), one.nominal_high)
+        about = "1 for the verdict of the latest window, 0 for the others."
+        found.add("rwa_wheel_verdict", about, window.verdict == verdict, **of, verdict=verdict)
+    found.add("rwa_wheel_model_adequate", "1 where the friction model fits the wheel.", window.model_adequate, **of)
+    found.add("rwa_wheel_coverage_ratio", "Share of the latest window with a good sample.", window.coverage, **of)
+    end_s = window.window_end_ns / NANOSECONDS_PER_SECOND
+    found.add("rwa_wheel_window_end_seconds", "End of the latest window on the wheel's own clock.", end_s, **of)
+    for name, one in window.anomalies.items():
+        part, with_unit = of | {"part": name}, of | {"part": name, "unit": one.unit}
+        found.add("rwa_wheel_anomaly_probability", "Probability that a part is anomalous.", one.probability, **part)
+        about = "0 at the nominal bound, 1 at the median of the learned anomaly."
+        found.add("rwa_wheel_severity", about, one.severity, **part)
+        found.add("rwa_wheel_estimate", "Estimate of a part, in the unit that is its label.", one.estimate, **with_unit)
+        found.add(
+            "rwa_wheel_nominal_high", "Upper nominal bound of a part, in its unit.", one.nominal_high, **with_unit
+        )
 
 
-def _add_status(families: _Metrics, status: Status, wheel: Labels) -> None:
-    _add(families.fill, wheel, status.window_fill)
-    _add(families.queue, wheel, status.queue_depth)
-    _add(families.slots, wheel, status.slots_missed)
-    _add(families.windows, wheel, status.windows)
-    for outcome in SAMPLES:
-        _add(families.samples, (*wheel, outcome), getattr(status, f"samples_{outcome}"))
-    for outcome in MESSAGES:
-        _add(families.messages, (*wheel, outcome), getattr(status, f"messages_{outcome}"))
+def _add_status(found: _Metrics, status: Status, of: dict[str, str]) -> None:
+    about = "Share of the running window that has passed."
+    found.add("rwa_monitor_window_fill_ratio", about, status.window_fill, **of)
+    found.add("rwa_monitor_queue_messages", "Messages that wait in the wheel's monitor.", status.queue_depth, **of)
+    about = "Slots of the wheel that no sample came for."
+    found.add("rwa_monitor_slots_missed_total", about, status.slots_missed, **of)
+    found.add("rwa_monitor_windows_total", "Windows of the wheel that were diagnosed.", status.windows, **of)
+    for what, about, outcomes in (
+        ("samples", "Samples of the wheel by what became of them.", SAMPLES),
+        ("messages", "Messages that were of no use, and why.", MESSAGES),
+    ):
+        for outcome in outcomes:
+            count = getattr(status, f"{what}_{outcome}")
+            found.add(f"rwa_monitor_{what}_total", about, count, **of, outcome=outcome)

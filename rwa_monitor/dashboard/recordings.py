@@ -5,29 +5,28 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.fleet import DerivedFriction, Received, VerdictHistory, thinned_json
+from rwa_monitor.dashboard.feed import array_json
+from rwa_monitor.dashboard.fleet import KINDS, Fleet, Received, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import REPORTS, Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, split_key
+from rwa_monitor.messages import Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, split_key
 from rwa_monitor.monitor.recording.reader import (
     RECORDING_SUFFIX,
-    RecordedMessage,
     Recording,
     read_chain,
     read_recording,
     time_span,
 )
 from rwa_monitor.monitor.setup import COMMON, WheelSet
-from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
-SHOWN: Final = {report.schema_name(): report for report in REPORTS}
+SHOWN: Final = {kind.schema_name(): kind for kind in KINDS.values()}
 
 
 class RecordingFile(Message):
@@ -85,10 +84,10 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     if path.stat().st_size > MAX_REPLAY_BYTES:
         raise InputError(name, f"is larger than {MAX_REPLAY_BYTES} bytes")
     recording = read_recording(path)
-    entries = list(_Replay(recording).entries())
+    entries = list(_entries(recording))
     # Reading stops at what is damaged; the page shows it.
     problems = dump_json(recording.problems)
-    return b'{"problems":' + problems + b',"entries":[' + b",".join(entries) + b"]}"
+    return b'{"problems":' + problems + b',"entries":' + array_json(entries) + b"}"
 
 
 def latest_wheels(folder: Path | None) -> WheelSet | None:
@@ -101,55 +100,29 @@ def latest_wheels(folder: Path | None) -> WheelSet | None:
     return None
 
 
-class _Replay:
-    """Turns a recording's messages into the entries that a page would have had, samples thinned."""
-
-    def __init__(self, recording: Recording) -> None:
-        self.recording = recording
-        made_with = COMMON in recording.attachments
-        self.wheels = WheelSet.of_recording(recording) if made_with else WheelSet(built_in_wheel())
-        self._counts: Counter[str] = Counter()
-        for message in recording.messages:
-            if message.schema == SamplesMessage.schema_name():
-                known = len(SamplesMessage.parse(message.data, message.topic).time_ns)
-                self._counts[message.topic] += known
-        self._phases: dict[str, int] = dict.fromkeys(self._counts, 0)
-        self._derived = {topic: DerivedFriction(self.wheels.of(*split_key(topic)[:2])) for topic in self._counts}
-        self._verdicts: dict[str, VerdictHistory] = {}
-
-    def entries(self) -> Iterator[bytes]:
-        """Yield the entries {time_ns, key, message} in the recording's order."""
-        for message in self.recording.messages:
-            if message.schema == SamplesMessage.schema_name():
-                payload = self._samples(message)
-                if payload is not None:
-                    yield _entry(message, message.topic, payload)
-            elif message.schema in SHOWN:
-                if message.schema == Diagnosis.schema_name():
-                    yield self._diagnosis(message)
-                else:
-                    split_key(message.topic)
-                    shown = SHOWN[message.schema].parse(message.data, f"{self.recording.path.name}: {message.topic}")
-                    yield _entry(message, message.topic, shown.to_json())
-
-    def _samples(self, message: RecordedMessage) -> bytes | None:
-        topic = message.topic
-        samples = self._derived[topic].add(SamplesMessage.parse(message.data, topic).samples())
-        stride = -(-self._counts[topic] // POINTS_PER_WHEEL)
-        picked = samples[self._phases[topic] :: stride]
-        self._phases[topic] = (self._phases[topic] - len(samples)) % stride
-        return thinned_json(picked) if len(picked) else None
-
-    def _diagnosis(self, message: RecordedMessage) -> bytes:
-        window = Diagnosis.parse(message.data, f"{self.recording.path.name}: {message.topic}")
-        verdicts = self._verdicts.setdefault(message.topic, VerdictHistory())
-        verdicts.extend([window])
-        return _entry(message, message.topic, window.to_json(), verdicts.to_json())
-
-
-def _entry(message: RecordedMessage, key: str, payload: bytes, beside: bytes = b"null") -> bytes:
-    entry = Received(key, payload, message.publish_time, beside).to_json()
-    return b'{"time_ns":' + str(message.log_time).encode() + b"," + entry[1:]
+def _entries(recording: Recording) -> Iterator[bytes]:
+    """Yield the entries {time_ns, key, message} that a page would have had, in the recording's order."""
+    fleet = Fleet(WheelSet.of_recording(recording) if COMMON in recording.attachments else None)
+    counts: Counter[str] = Counter()
+    for message in recording.messages:
+        if message.schema == SamplesMessage.schema_name():
+            counts[message.topic] += len(SamplesMessage.parse(message.data, message.topic).time_ns)
+    for message in recording.messages:
+        if message.schema not in SHOWN:
+            continue
+        shown = SHOWN[message.schema].parse(message.data, f"{recording.path.name}: {message.topic}")
+        name = split_key(message.topic)[:2]
+        wheel = fleet.wheel(*name) or fleet.begin(*name, [])
+        entry = Received(message.topic, shown.to_json(), message.publish_time)
+        if wheel is not None and isinstance(shown, SamplesMessage):
+            wheel.decimated.stride = max(wheel.decimated.stride, -(-counts[message.topic] // POINTS_PER_WHEEL))
+            picked = fleet.take_samples(wheel, shown.samples(), message.publish_time)
+            if not len(picked):
+                continue
+            entry = replace(entry, payload=thinned_json(picked))
+        elif wheel is not None and isinstance(shown, Diagnosis):
+            entry = fleet.take(wheel, shown, entry)
+        yield b'{"time_ns":%d,%b' % (message.log_time, entry.to_json()[1:])
 
 
 # ---- into the history ------------------------------------------------------------------------------------------------

@@ -104,7 +104,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
         fleet = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record))
         listening = stack.enter_context(_socket(options.port))
         notifier = stack.enter_context(AlarmNotifier(session, history, Hub()))
-        app = create_app(Api(fleet, history, notifier, options.record, token))
+        app = create_app(Api(fleet, history, notifier, options.record), token)
         config = uvicorn.Config(
             app,
             log_level="error",

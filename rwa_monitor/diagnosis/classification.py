@@ -40,8 +40,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
-from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, system_evidence
-from rwa_monitor.kernels.laws import strays
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, stray_probabilities, system_evidence
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before, rate_after_change
 
@@ -487,7 +486,7 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
         found = np.array([q]), np.array([value]), np.array([std])
     else:
         found = features.systems[a - 2].active()
-    stray, relative_std = strays(*found, model.numbers)
+    stray, relative_std = stray_probabilities(model, *found)
     if stray.size == 0:
         return False, False
     return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > UNLIKE_SHARE

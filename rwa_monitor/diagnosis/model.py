@@ -17,8 +17,8 @@ from pydantic import Field, model_validator
 
 from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.kernels.laws import LEVEL_NUMBERS, densities
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Range, Rounded, Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
@@ -45,8 +45,9 @@ class Band(Range):
 
     def density(self, value: ArrayLike, std: ArrayLike) -> FloatArray:
         """Return the density of measuring `value` with standard deviation `std`; arrays of one shape."""
-        at, sigma = np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64)
-        return np.asarray(band_densities(at.ravel(), sigma.ravel(), self.low, self.high, self.soft)).reshape(at.shape)
+        alone = np.array([self.low, self.high, self.soft, np.nan, np.nan, np.nan, 0.0, 1.0])  # without strays
+        nominal, _ = _densities(np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64), alone)
+        return np.asarray(nominal)
 
 
 class Levels(Strict):
@@ -282,6 +283,8 @@ def built_in_model() -> Model:
 
 # ---- likelihoods of what a window shows, each value with its own standard deviation ----------------------------------
 
+_NO_OFFSET: Final[FloatArray] = np.zeros(1)
+
 
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
     """Return the log density of measured values (n,) under nominal (row 0) and anomalous (row 1), float64 (2, n).
@@ -289,7 +292,14 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     Both classes share the stray values of earlier stages' errors: heavy tails (Lomax, shape 1) around the nominal
     band. The anomalous class also has values beyond the nominal bound that are no learned anomaly's.
     """
-    return np.log(level_densities(value, std, levels.numbers)[:2])
+    return np.log(_densities(value, std, levels.numbers))
+
+
+def _densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Return the densities of measured values of one level, float64 (2, …)."""
+    level = np.zeros(value.size, dtype=np.int64)
+    found = densities(level, value.ravel(), std.ravel(), _NO_OFFSET, numbers[np.newaxis])
+    return found[:2].reshape(2, *value.shape)
 
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: FloatArray) -> FloatArray:
@@ -297,6 +307,23 @@ def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: 
     configuration, friction, std = system.active()
     if model is None or friction.size == 0:
         return np.zeros((2, offset.size))
-    log_density = np.log(sojourn_densities(configuration, friction, std, offset, model.numbers))
+    log_density = np.log(densities(configuration, friction, std, offset, model.numbers)[:2])
     # One after the other: the sum's last bit must not depend on how many there are.
     return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
+
+
+def stray_probabilities(
+    model: AnomalyModel, configuration: IntArray, value: FloatArray, std: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the probability that each value lies in none of the learned bands, and its standard deviation over reach.
+
+    Parameters
+    ----------
+    model
+        What was learned.
+    configuration, value, std
+        (n,); values of configurations that were not learned, and those that are not finite, are left out.
+    """
+    stray = densities(configuration, value, std, _NO_OFFSET, model.numbers)[2, :, 0]
+    known = np.isfinite(stray)
+    return stray[known], std[known] / model.numbers[configuration[known], LEVEL_NUMBERS - 1]

@@ -33,12 +33,16 @@ from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.wheel import Wheel
 
 DURATION_S: Final = 2400.0  # of a manoeuvre: less than half an orbit
+UNINFORMATIVE: Final = 0.1  # nats: odds of 1.1 to 1
 DECIDES: Final = 5.0  # nats: one cause is then 150 times as likely as the other
 UNTESTED_SHARE: Final = 0.02  # of all friction (rms): the size at which an effect not tested yet is looked for
 MAX_SLOTS: Final = 20_000  # longer ones are laid out with longer slots
 RAMP_S: Final = 20.0  # over which a wheel can change its speed by a good part of its range
 IMITATION_SHARE: Final = 0.01  # of the found effect's energy that an alternative must be able to make to be one
 THERMAL_SWING_K: Final = 3.0  # of the bearing over an orbit; 1–5 K are common
+
+
+Pair = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +68,7 @@ class PlannedManoeuvre:
     description: str
     duration_s: float
     separation: float
-    worst_pair: tuple[str, str]
+    worst_pair: Pair
     shows: tuple[str, ...] = ()
 
     @property
@@ -99,7 +103,7 @@ class Manoeuvre:
 def rank_manoeuvres(
     problem: Problem, model: Model, alternatives: Sequence[str], wheel: Wheel
 ) -> list[PlannedManoeuvre]:
-    """Rank the library's manoeuvres by how well they separate the leading causes, best first.
+    """Rank the library's manoeuvres by how well they separate the leading causes, as far as any does, best first.
 
     Parameters
     ----------
@@ -112,25 +116,35 @@ def rank_manoeuvres(
         For sample period and limits.
     """
     top = float(problem.speed.max())
-    planned = []
+    worth: dict[Manoeuvre, dict[Pair, float]] = {}
     for manoeuvre in MANOEUVRES:
         flown = _fly(problem, model, manoeuvre, top, wheel)
-        if flown is None:
-            continue
-        laid_out, level = flown
-        torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in alternatives}
-        pairs = [
-            (_separation(laid_out, torque, other, level), (cause, other))
-            for cause, torque in torques.items()
-            for other in (torques if len(torques) > 1 else ("",))
-            if other != cause and torque is not None
-        ]
-        if pairs:
-            separation, pair = min(pairs)
-            planned.append(
-                PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, separation, pair)
-            )
+        if flown is not None:
+            worth[manoeuvre] = _separations(problem, model, *flown, alternatives)
+    pairs = {pair for of_pairs in worth.values() for pair in of_pairs}
+    # What no manoeuvre separates, as two that are one from these channels, says nothing of which is the best.
+    separable = {pair for pair in pairs if any(one.get(pair, 0.0) >= UNINFORMATIVE for one in worth.values())}
+    planned = []
+    for manoeuvre, of_pairs in worth.items():
+        left = [(separation, pair) for pair, separation in of_pairs.items() if pair in separable]
+        if left:
+            planned.append(PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, *min(left)))
     return sorted(planned, key=lambda entry: -entry.separation)
+
+
+def _separations(
+    problem: Problem, model: Model, laid_out: Problem, level: FloatArray, alternatives: Sequence[str]
+) -> dict[Pair, float]:
+    """Return the least separation of each two causes, or of one from the simulation without it [nats]."""
+    torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in alternatives}
+    separations: dict[Pair, float] = {}
+    for cause, torque in torques.items():
+        for other in torques if len(torques) > 1 else ("",):
+            if other != cause and torque is not None:
+                pair = (cause, other) if (other, cause) not in separations else (other, cause)
+                least = separations.get(pair, np.inf)
+                separations[pair] = min(least, _separation(laid_out, torque, other, level))
+    return separations
 
 
 def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
@@ -335,7 +349,6 @@ MANOEUVRES: Final = (
 # ---- what to fly next: the questions that a search leaves open, and the manoeuvres that would answer them ------------
 
 
-UNINFORMATIVE: Final = 0.1  # nats: odds of 1.1 to 1
 CERTAIN: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no confirmation
 # What would show the shape of something that no effect explains, by a word of its signature.
 SHAPE_SHOWN_BY: Final = (

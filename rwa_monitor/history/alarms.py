@@ -9,7 +9,6 @@ The silence of a wheel's monitor goes through the same machine, its reports in t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 from typing import Final
@@ -129,8 +128,12 @@ class Policy:
         severity = anomaly.severity or 0.0
         if not model_adequate:
             severity -= anomaly.severity_std or 0.0
-        steps = ((self.critical, Level.CRITICAL), (self.distress, Level.DISTRESS), (self.warning, Level.WARNING))
-        return next((level for bound, level in steps if severity >= bound), Level.WATCH)
+        return max((level for bound, level in self.bounds if severity >= bound), default=Level.WATCH)
+
+    @property
+    def bounds(self) -> tuple[tuple[float, Level], ...]:
+        """The severities from which on levels are reached, ascending."""
+        return (self.warning, Level.WARNING), (self.distress, Level.DISTRESS), (self.critical, Level.CRITICAL)
 
 
 MONITOR_POLICY: Final = Policy(k=1, n=1)  # how long the silence must be is decided where the status is received
@@ -200,14 +203,38 @@ def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
 def advance(alarm: Alarm, observation: Observation, policy: Policy) -> tuple[Alarm, list[AlarmEvent]]:
     """Take one window into an alarm; returns the alarm after it and the events to report."""
     recent = (*alarm.recent, observation.level)[-policy.n :]
-    level = _level(recent, policy)
+    level, time_ns = _level(recent, policy), observation.time_ns
     if level == Level.NORMAL and alarm.phase != Phase.QUIET and any(recent):
         level = min(alarm.level, Level.WATCH)  # still a bad window among the last n: it has not settled
-    events = list(_events(alarm, level, observation.time_ns))
-    after = replace(alarm, recent=recent, level=level, peak=max(alarm.peak, level))
-    for event in events:
-        after = _enter(after, event)
-    return after, events
+    phase, kinds = _transition(alarm, level)
+    events = [AlarmEvent(kind, level, time_ns) for kind in kinds]
+    if phase == Phase.QUIET:
+        return Alarm(recent), events
+    return Alarm(
+        recent,
+        phase,
+        level,
+        max(alarm.peak, level),
+        alarm.acknowledged_level,
+        time_ns if alarm.phase == Phase.QUIET else alarm.raised_ns,
+        time_ns if events else alarm.changed_ns,
+    ), events
+
+
+def _transition(alarm: Alarm, level: Level) -> tuple[Phase, list[EventKind]]:
+    """Return where a new level brings an alarm, and the events of it."""
+    if alarm.phase in {Phase.QUIET, Phase.RETURNED}:
+        if level == Level.NORMAL:
+            return alarm.phase, []
+        return Phase.ACTIVE, [EventKind.RAISED if alarm.phase == Phase.QUIET else EventKind.RELAPSED]
+    if level == Level.NORMAL:
+        if alarm.phase == Phase.ACKNOWLEDGED:
+            return Phase.QUIET, [EventKind.RETURNED, EventKind.CLEARED]
+        return Phase.RETURNED, [EventKind.RETURNED]
+    if level > alarm.level:
+        seen = alarm.phase == Phase.ACKNOWLEDGED and level <= alarm.acknowledged_level
+        return Phase.ACKNOWLEDGED if seen else Phase.ACTIVE, [EventKind.ESCALATED]
+    return alarm.phase, [EventKind.EASED] if level < alarm.level else []
 
 
 def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
@@ -220,56 +247,16 @@ def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
     time_ns
         The wheel's clock then: the end of the latest window.
     """
-    if alarm.phase not in {Phase.ACTIVE, Phase.RETURNED}:
-        return alarm, []
-    events = [AlarmEvent(EventKind.ACKNOWLEDGED, alarm.level, time_ns)]
+    seen = AlarmEvent(EventKind.ACKNOWLEDGED, alarm.level, time_ns)
+    if alarm.phase == Phase.ACTIVE:
+        after = replace(alarm, phase=Phase.ACKNOWLEDGED, acknowledged_level=alarm.peak, changed_ns=time_ns)
+        return after, [seen]
     if alarm.phase == Phase.RETURNED:
-        events.append(AlarmEvent(EventKind.CLEARED, Level.NORMAL, time_ns))
-    for event in events:
-        alarm = _enter(alarm, event)
-    return alarm, events
+        return Alarm(alarm.recent), [seen, AlarmEvent(EventKind.CLEARED, Level.NORMAL, time_ns)]
+    return alarm, []
 
 
 def _level(recent: tuple[Level, ...], policy: Policy) -> Level:
     """Return the highest level that at least k of the last windows reach."""
     descending = sorted(recent, reverse=True)
     return descending[policy.k - 1] if len(descending) >= policy.k else Level.NORMAL
-
-
-def _events(alarm: Alarm, level: Level, time_ns: int) -> Iterator[AlarmEvent]:
-    """Yield what a new level means for an alarm."""
-    if alarm.phase == Phase.QUIET:
-        if level > Level.NORMAL:
-            yield AlarmEvent(EventKind.RAISED, level, time_ns)
-    elif alarm.phase == Phase.RETURNED:
-        if level > Level.NORMAL:
-            yield AlarmEvent(EventKind.RELAPSED, level, time_ns)
-    elif level == Level.NORMAL:
-        yield AlarmEvent(EventKind.RETURNED, level, time_ns)
-        if alarm.phase == Phase.ACKNOWLEDGED:
-            yield AlarmEvent(EventKind.CLEARED, level, time_ns)
-    elif level > alarm.level:
-        yield AlarmEvent(EventKind.ESCALATED, level, time_ns)
-    elif level < alarm.level:
-        yield AlarmEvent(EventKind.EASED, level, time_ns)
-
-
-def _enter(alarm: Alarm, event: AlarmEvent) -> Alarm:
-    """Return the alarm after an event."""
-    alarm = replace(alarm, changed_ns=event.time_ns)
-    match event.kind:
-        case EventKind.RAISED:
-            return replace(alarm, phase=Phase.ACTIVE, raised_ns=event.time_ns)
-        case EventKind.RELAPSED:
-            return replace(alarm, phase=Phase.ACTIVE)
-        case EventKind.ESCALATED:
-            seen = alarm.phase == Phase.ACKNOWLEDGED and event.level <= alarm.acknowledged_level
-            return alarm if seen else replace(alarm, phase=Phase.ACTIVE)
-        case EventKind.RETURNED:
-            return replace(alarm, phase=Phase.RETURNED)
-        case EventKind.ACKNOWLEDGED:
-            return replace(alarm, phase=Phase.ACKNOWLEDGED, acknowledged_level=max(alarm.peak, event.level))
-        case EventKind.CLEARED:
-            return Alarm(recent=alarm.recent)
-        case EventKind.EASED | EventKind.SHELVED | EventKind.UNSHELVED:
-            return alarm

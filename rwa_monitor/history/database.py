@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, Final
 from urllib.parse import quote
 
 from sqlalchemy import (
@@ -190,8 +190,10 @@ def make_tables(engine: Engine) -> None:
 # ---- the tables ------------------------------------------------------------------------------------------------------
 
 
+_Key = Annotated[str, mapped_column(primary_key=True)]
+_IntKey = Annotated[int, mapped_column(primary_key=True, autoincrement=False)]
 # SQLite counts rows by itself only in a column of this very type.
-_RowId = BigInteger().with_variant(Integer, "sqlite")
+_RowId = Annotated[int, mapped_column(BigInteger().with_variant(Integer, "sqlite"), primary_key=True)]
 
 
 REVISION: Final = 1  # of all tables; a change of one raises it, and brings a migration along
@@ -208,7 +210,7 @@ class RevisionRow(Table):
 
     __tablename__ = "revision"
 
-    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    number: Mapped[_IntKey]
 
 
 class DiagnosisRow(Table):
@@ -220,7 +222,7 @@ class DiagnosisRow(Table):
         Index("diagnoses_by_end", "spacecraft", "wheel", "window_end_ns"),
     )
 
-    id: Mapped[int] = mapped_column(_RowId, primary_key=True)
+    id: Mapped[_RowId]
     spacecraft: Mapped[str]
     wheel: Mapped[str]
     window_start_ns: Mapped[int]
@@ -235,10 +237,10 @@ class EstimateRow(Table):
 
     __tablename__ = "estimates"
 
-    spacecraft: Mapped[str] = mapped_column(primary_key=True)
-    wheel: Mapped[str] = mapped_column(primary_key=True)
-    window_start_ns: Mapped[int] = mapped_column(primary_key=True)
-    name: Mapped[str] = mapped_column(primary_key=True)
+    spacecraft: Mapped[_Key]
+    wheel: Mapped[_Key]
+    window_start_ns: Mapped[_IntKey]
+    name: Mapped[_Key]
     window_end_ns: Mapped[int]
     value: Mapped[float | None]
     std: Mapped[float | None]
@@ -255,8 +257,8 @@ class DiscrepancyRow(Table):
 
     __tablename__ = "discrepancies"
 
-    spacecraft: Mapped[str] = mapped_column(primary_key=True)
-    wheel: Mapped[str] = mapped_column(primary_key=True)
+    spacecraft: Mapped[_Key]
+    wheel: Mapped[_Key]
     end_ns: Mapped[int]
     message: Mapped[str]
     stored_wall_ns: Mapped[int]
@@ -268,7 +270,7 @@ class WheelEventRow(Table):
     __tablename__ = "wheel_events"
     __table_args__ = (Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
 
-    id: Mapped[int] = mapped_column(_RowId, primary_key=True)
+    id: Mapped[_RowId]
     spacecraft: Mapped[str]
     wheel: Mapped[str]
     event: Mapped[str]
@@ -283,9 +285,9 @@ class AlarmStateRow(Table):
 
     __tablename__ = "alarm_states"
 
-    spacecraft: Mapped[str] = mapped_column(primary_key=True)
-    wheel: Mapped[str] = mapped_column(primary_key=True)
-    name: Mapped[str] = mapped_column(primary_key=True)
+    spacecraft: Mapped[_Key]
+    wheel: Mapped[_Key]
+    name: Mapped[_Key]
     recent: Mapped[str]  # levels as digits, the oldest first
     last_window_ns: Mapped[int]  # end of the last window taken in
     alarm_id: Mapped[int | None] = mapped_column(ForeignKey("alarms.id", ondelete="SET NULL"))
@@ -297,7 +299,7 @@ class AlarmRow(Table):
     __tablename__ = "alarms"
     __table_args__ = (Index("alarms_open", "closed_ns"),)
 
-    id: Mapped[int] = mapped_column(_RowId, primary_key=True)
+    id: Mapped[_RowId]
     spacecraft: Mapped[str]
     wheel: Mapped[str]
     name: Mapped[str]
@@ -323,7 +325,7 @@ class AlarmEventRow(Table):
 
     __tablename__ = "alarm_events"
 
-    id: Mapped[int] = mapped_column(_RowId, primary_key=True)
+    id: Mapped[_RowId]
     alarm_id: Mapped[int] = mapped_column(ForeignKey("alarms.id", ondelete="CASCADE"), index=True)
     event: Mapped[str] = mapped_column("kind")
     level: Mapped[int]

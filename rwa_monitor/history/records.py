@@ -213,7 +213,6 @@ def _limits(own: Sequence[EstimateRecord], policy: Policy) -> list[tuple[float, 
     for one in reversed(own):
         if one.severity and one.value is not None and one.nominal_high == bound:
             step = (one.value - bound) / one.severity
-            levels = ((policy.warning, "warning"), (policy.distress, "distress"), (policy.critical, "critical"))
-            limits += [(bound + severity * step, level) for severity, level in levels]
+            limits += [(bound + severity * step, level.word) for severity, level in policy.bounds]
             break
     return limits

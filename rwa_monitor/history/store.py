@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, Final, Self
 
-from sqlalchemy import Delete, delete, func, select
+from sqlalchemy import delete, func, select, tuple_
 from sqlalchemy.orm import Session, selectinload
 
 from rwa_monitor.errors import InputError
@@ -197,21 +197,24 @@ class History:
         after, events = advance(_alarm(state, row), observation, policy)
         state.recent = "".join(str(int(level)) for level in after.recent)
         state.last_window_ns = observation.time_ns
+        if row is None:
+            if not events:
+                return
+            row = AlarmRow(spacecraft=state.spacecraft, wheel=state.wheel, name=state.name, reason=reason)
+            session.add(row)
         for happened in events:
-            if happened.kind == EventKind.RAISED:
-                row = _raise(session, state, happened, reason)
-            assert row is not None  # every other event is of an alarm that was raised
             if happened.kind in {EventKind.ESCALATED, EventKind.RELAPSED}:
                 row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
                     self._log(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
             self._log(session, row, happened)
-        if row is not None:
-            _write(row, state, after, observation.time_ns)
+        _write(row, after, observation.time_ns)
+        session.flush()
+        state.alarm_id = row.id if row.closed_ns is None else None
 
     def _log(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
-        session.info.setdefault(CHANGED, set()).add(row.id)
+        session.info.setdefault(CHANGED, set()).add(row)
         row.trail.append(
             AlarmEventRow(
                 event=happened.kind.value,
@@ -242,7 +245,9 @@ class History:
             for happened in events:
                 by_person = (person, note) if happened.kind == EventKind.ACKNOWLEDGED else ("", "")
                 self._log(session, row, happened, *by_person)
-            _write(row, state, after, state.last_window_ns)
+            _write(row, after, state.last_window_ns)
+            if row.closed_ns is not None:
+                state.alarm_id = None
             return _records([row])[0]
 
     def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
@@ -274,7 +279,7 @@ class History:
         return row, state
 
     def prune(self) -> int:
-        """Remove what is older than is kept; returns the number of diagnoses removed."""
+        """Remove what is older than is kept; returns the number of rows removed."""
         with self._database.session() as session:
             return prune(session)
 
@@ -292,25 +297,15 @@ class History:
 
     def latest(self) -> dict[tuple[str, str], bytes]:
         """Return the latest diagnosis of every wheel, as JSON, by spacecraft and wheel."""
-        ends = (
-            select(DiagnosisRow.spacecraft, DiagnosisRow.wheel, func.max(DiagnosisRow.window_end_ns).label("end_ns"))
-            .group_by(DiagnosisRow.spacecraft, DiagnosisRow.wheel)
-            .subquery()
-        )
-        same = (
-            (DiagnosisRow.spacecraft == ends.c.spacecraft)
-            & (DiagnosisRow.wheel == ends.c.wheel)
-            & (DiagnosisRow.window_end_ns == ends.c.end_ns)
-        )
-        wanted = select(DiagnosisRow.spacecraft, DiagnosisRow.wheel, DiagnosisRow.message).join(ends, same)
+        row = DiagnosisRow
+        ends = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
+        wanted = select(row).where(tuple_(row.spacecraft, row.wheel, row.window_end_ns).in_(ends))
         with self._database.session() as session:
-            return {(spacecraft, wheel): text.encode() for spacecraft, wheel, text in session.execute(wanted)}
+            return {(found.spacecraft, found.wheel): found.message.encode() for found in session.scalars(wanted)}
 
-    def windows(self, spacecraft: str, wheel: str, limit: int = 200, before_ns: int | None = None) -> list[Diagnosis]:
-        """Return the latest diagnoses of a wheel, the oldest first; only those that end before `before_ns`."""
+    def windows(self, spacecraft: str, wheel: str, limit: int = 200) -> list[Diagnosis]:
+        """Return the latest diagnoses of a wheel, the oldest first."""
         wanted = select(DiagnosisRow.message).filter_by(spacecraft=spacecraft, wheel=wheel)
-        if before_ns is not None:
-            wanted = wanted.where(DiagnosisRow.window_end_ns < before_ns)
         wanted = wanted.order_by(DiagnosisRow.window_end_ns.desc()).limit(limit)
         with self._database.session() as session:
             texts = session.scalars(wanted).all()
@@ -369,28 +364,6 @@ def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
     return state
 
 
-def _raise(session: Session, state: AlarmStateRow, happened: AlarmEvent, reason: str) -> AlarmRow:
-    """Open the row of an alarm that rises."""
-    row = AlarmRow(
-        spacecraft=state.spacecraft,
-        wheel=state.wheel,
-        name=state.name,
-        phase=Phase.ACTIVE.value,
-        level=happened.level,
-        peak=happened.level,
-        acknowledged_level=0,
-        reason=reason,
-        raised_ns=happened.time_ns,
-        changed_ns=happened.time_ns,
-        closed_ns=None,
-        shelved_until_wall_ns=None,
-    )
-    session.add(row)
-    session.flush()
-    state.alarm_id = row.id
-    return row
-
-
 def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
     """Return an alarm as the state machine has it."""
     recent = tuple(Level(int(digit)) for digit in state.recent)
@@ -407,22 +380,20 @@ def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
     )
 
 
-def _write(row: AlarmRow, state: AlarmStateRow, alarm: Alarm, time_ns: int) -> None:
-    """Bring the alarm's row up to date; one that has cleared is closed."""
-    row.phase = alarm.phase.value
-    row.level = int(alarm.level)
-    if alarm.phase == Phase.QUIET:
+def _write(row: AlarmRow, alarm: Alarm, time_ns: int) -> None:
+    """Bring the alarm's row up to date; one that has cleared is closed, and keeps what it came to."""
+    row.phase, row.level = alarm.phase.value, int(alarm.level)
+    if alarm.raised_ns is None or alarm.changed_ns is None:
         row.closed_ns = row.changed_ns = time_ns
-        state.alarm_id = None
         return
-    row.peak = int(alarm.peak)
-    row.acknowledged_level = int(alarm.acknowledged_level)
-    row.changed_ns = alarm.changed_ns or row.changed_ns
+    row.peak, row.acknowledged_level = int(alarm.peak), int(alarm.acknowledged_level)
+    row.raised_ns, row.changed_ns = alarm.raised_ns, alarm.changed_ns
 
 
 def _changed(session: Session) -> list[AlarmRecord]:
     """Return the alarms that a session has changed."""
-    return _records(session.get_one(AlarmRow, alarm) for alarm in sorted(session.info.get(CHANGED, ())))
+    session.flush()
+    return _records(sorted(session.info.get(CHANGED, ()), key=lambda row: row.id))
 
 
 def _records(rows: Iterable[AlarmRow]) -> list[AlarmRecord]:
@@ -467,29 +438,21 @@ def oldest_ns(end_ns: int, days: float) -> int:
 
 
 def prune(session: Session) -> int:
-    """Remove what is older than is kept; returns the number of diagnoses removed."""
+    """Remove what is older than is kept; returns the number of rows removed."""
     latest = select(EstimateRow.spacecraft, EstimateRow.wheel, func.max(EstimateRow.window_end_ns)).group_by(
         EstimateRow.spacecraft, EstimateRow.wheel
     )
     removed = 0
     for spacecraft, wheel, end_ns in session.execute(latest).all():
-        alarms_end = oldest_ns(end_ns, ALARMS_DAYS)
-        removed += _run(session, _older(DiagnosisRow, spacecraft, wheel, oldest_ns(end_ns, DIAGNOSES_DAYS)))
-        _run(session, _older(EstimateRow, spacecraft, wheel, oldest_ns(end_ns, ESTIMATES_DAYS)))
-        _run(
-            session,
-            delete(AlarmRow).filter_by(spacecraft=spacecraft, wheel=wheel).where(AlarmRow.closed_ns < alarms_end),
-        )
+        for table, end, days in (
+            (DiagnosisRow, DiagnosisRow.window_end_ns, DIAGNOSES_DAYS),
+            (EstimateRow, EstimateRow.window_end_ns, ESTIMATES_DAYS),
+            (AlarmRow, AlarmRow.closed_ns, ALARMS_DAYS),
+        ):
+            old = delete(table).filter_by(spacecraft=spacecraft, wheel=wheel).where(end < oldest_ns(end_ns, days))
+            result: Any = session.execute(old, execution_options={"synchronize_session": False})
+            removed += int(result.rowcount)
     return removed
-
-
-def _older(table: type[DiagnosisRow | EstimateRow], spacecraft: str, wheel: str, before_ns: int) -> Delete:
-    return delete(table).filter_by(spacecraft=spacecraft, wheel=wheel).where(table.window_end_ns < before_ns)
-
-
-def _run(session: Session, statement: Delete) -> int:
-    result: Any = session.execute(statement, execution_options={"synchronize_session": False})
-    return int(result.rowcount)
 
 
 # ---- retired wheels --------------------------------------------------------------------------------------------------
@@ -555,51 +518,36 @@ class RetiredWheels:
             self._last |= {(event.spacecraft, event.wheel): event for event in new}
         return new
 
-    def retire(self, spacecraft: str, wheel: str, person: str, note: str = "") -> RetirementEvent:
-        """Retire a wheel; returns the audit event.
+    def change(self, spacecraft: str, wheel: str, person: str, note: str = "", *, retire: bool) -> RetirementEvent:
+        """Retire a wheel, or bring a retired one back to the list; returns the audit event.
 
         Raises
         ------
         InputError
-            If the wheel is retired already, an alarm of it waits to be acknowledged, or the name is missing or too
-            long.
+            If the wheel is so already, an alarm of one to be retired waits to be acknowledged, or the name is missing
+            or too long.
         HistoryError
             If the database cannot be written; nothing is changed then.
         """
         person, note = signed(person, note)
+        source, name = f"{spacecraft}/{wheel}", {"spacecraft": spacecraft, "wheel": wheel}
         with self._database.session() as session:
             last = _last(session, spacecraft, wheel)
             if last is not None and last.retired:
-                raise InputError(f"{spacecraft}/{wheel}", f"is retired already, by {last.person}")
-            alarms = select(AlarmRow.name).filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None)
-            waiting = session.scalars(alarms.where(AlarmRow.phase != "acknowledged")).all()
-            if waiting:
-                raise InputError(f"{spacecraft}/{wheel}", f"has alarms to acknowledge first: {', '.join(waiting)}")
-            windows = select(func.max(DiagnosisRow.window_end_ns)).filter_by(spacecraft=spacecraft, wheel=wheel)
+                if retire:
+                    raise InputError(source, f"is retired already, by {last.person}")
+                time_ns = last.time_ns
+            else:
+                if not retire:
+                    raise InputError(source, "is not retired")
+                alarms = select(AlarmRow.name).filter_by(**name, closed_ns=None).where(AlarmRow.phase != "acknowledged")
+                if waiting := session.scalars(alarms).all():
+                    raise InputError(source, f"has alarms to acknowledge first: {', '.join(waiting)}")
+                time_ns = session.scalar(select(func.max(DiagnosisRow.window_end_ns)).filter_by(**name))
             event = RetirementEvent(
-                spacecraft=spacecraft, wheel=wheel, event="put_aside", time_ns=session.scalar(windows),
+                **name, event="put_aside" if retire else "brought_back", time_ns=time_ns,
                 wall_ns=self._wall_ns(), person=person, note=note,
             )  # fmt: skip
-            session.add(WheelEventRow(**event.model_dump()))
-        return self._keep(event)
-
-    def restore(self, spacecraft: str, wheel: str, person: str, note: str = "") -> RetirementEvent:
-        """Bring a retired wheel back to the list; returns the audit event.
-
-        Raises
-        ------
-        InputError
-            If the wheel is not retired, or the name is missing or too long.
-        HistoryError
-            If the database cannot be written; nothing is changed then.
-        """
-        person, note = signed(person, note)
-        with self._database.session() as session:
-            last = _last(session, spacecraft, wheel)
-            if last is None or not last.retired:
-                raise InputError(f"{spacecraft}/{wheel}", "is not retired")
-            changes = {"event": "brought_back", "wall_ns": self._wall_ns(), "person": person, "note": note}
-            event = last.model_copy(update=changes)
             session.add(WheelEventRow(**event.model_dump()))
         return self._keep(event)
 

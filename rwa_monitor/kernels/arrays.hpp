@@ -2,11 +2,12 @@
 //
 // Array<T, N>   a view of a NumPy array that Python owns; const T is only read. It must be contiguous and of just this
 //               type: anything else is a TypeError, never a silent copy.
-// Table<T, N>   an array that a kernel makes; it becomes a NumPy array when it is returned.
-// A struct with a member `fields()` that ties its members in their order is taken from the NamedTuple of that shape.
+// Table<T, N>   an array that a kernel makes; like a std::vector, it becomes a NumPy array when it is returned.
+// A struct with a member `fields()` that ties its members in their order is taken from the NamedTuple of that shape,
+// and returned as a tuple.
 //
-// Kernels run without the interpreter's lock (`kernel(module, "name", function)`) and check no index: what calls them
-// does. `make sanitize` runs the tests with every index checked, under AddressSanitizer.
+// Kernels run without the interpreter's lock and check no index: what calls them does. `make sanitize` runs the tests
+// with every index checked, under AddressSanitizer.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -18,6 +19,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -40,51 +42,56 @@
 #define REQUIRE(condition) void()
 #endif
 
+// In a stage's binding: a function, and a number, by their own names.
+#define KERNEL(name) module.def(#name, &name, nanobind::call_guard<nanobind::gil_scoped_release>())
+#define CONSTANT(name) module.attr(#name) = +name
+
 namespace rwa {
 using std::int64_t;
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 template <typename T, std::size_t N>
 struct Array {
     T* data = nullptr;
-    std::array<std::size_t, N> shape{};
+    std::array<int64_t, N> shape{};
+
+    Array() = default;
+    Array(T* first, const std::array<int64_t, N>& extents) : data(first), shape(extents) {}
+    // Of a std::vector.
+    template <typename Values, typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
+    Array(Values& values) : Array(values.data(), {static_cast<int64_t>(values.size())}) {
+        static_assert(N == 1, "a vector has one axis");
+    }
 
     int64_t size() const {
-        std::size_t product = 1;
+        int64_t product = 1;
         for (auto extent : shape) product *= extent;
-        return static_cast<int64_t>(product);
+        return product;
     }
-    int64_t extent(std::size_t axis) const { return static_cast<int64_t>(shape[axis]); }
     T* begin() const { return data; }
     T* end() const { return data + size(); }
 
     template <typename... Index>
     T& operator()(Index... index) const {
         static_assert(sizeof...(Index) == N, "one index for each axis");
-        std::size_t place = 0, axis = 0;
-        ((REQUIRE(static_cast<std::size_t>(index) < shape[axis]),
-          place = place * shape[axis++] + static_cast<std::size_t>(index)), ...);
+        int64_t place = 0;
+        std::size_t axis = 0;
+        ((REQUIRE(index >= 0 && index < shape[axis]), place = place * shape[axis++] + index), ...);
         return data[place];
     }
-    T& operator[](int64_t index) const {
-        static_assert(N == 1, "use (i, j)");
-        REQUIRE(static_cast<std::size_t>(index) < shape[0]);
-        return data[index];
-    }
+    T& operator[](int64_t index) const { return (*this)(index); }
     // The sub-array at the first index: a row of a table.
     Array<T, N - 1> row(int64_t index) const {
-        static_assert(N > 1, "a vector has no rows");
-        REQUIRE(static_cast<std::size_t>(index) < shape[0]);
+        REQUIRE(index >= 0 && index < shape[0]);
         Array<T, N - 1> part;
-        std::size_t product = 1;
-        for (std::size_t axis = 1; axis < N; ++axis) product *= part.shape[axis - 1] = shape[axis];
-        part.data = data + static_cast<std::size_t>(index) * product;
+        std::copy(shape.begin() + 1, shape.end(), part.shape.begin());
+        part.data = data + index * part.size();
         return part;
     }
     // The elements [start, stop) of a vector.
     Array slice(int64_t start, int64_t stop) const {
-        static_assert(N == 1, "only of a vector");
-        REQUIRE(start >= 0 && (stop <= start || static_cast<std::size_t>(stop) <= shape[0]));
-        return {data + start, {static_cast<std::size_t>(stop > start ? stop - start : 0)}};
+        REQUIRE(start >= 0 && (stop <= start || stop <= shape[0]));
+        return {data + start, {std::max<int64_t>(stop - start, 0)}};
     }
     operator Array<const T, N>() const { return {data, shape}; }
 };
@@ -96,50 +103,22 @@ using Matrix = Array<T, 2>;
 using Floats = Vector<const double>;
 using Integers = Vector<const int64_t>;
 using Flags = Vector<const bool>;
-template <typename T>
-Vector<const T> view(const std::vector<T>& values) {
-    return {values.data(), {values.size()}};
-}
+using NewFloats = std::vector<double>;
+using NewIntegers = std::vector<int64_t>;
 
 template <typename T, std::size_t N>
-struct Table {
+struct Table : Array<T, N> {
     std::vector<T> values;
-    std::array<std::size_t, N> shape{};
 
     Table() = default;
-    // Filled with `value`, as numpy.full.
-    template <typename... Extent>
-    static Table full(T value, Extent... extents) {
-        static_assert(sizeof...(Extent) == N, "one extent for each axis");
-        Table table;
-        table.shape = {static_cast<std::size_t>(extents)...};
-        std::size_t product = 1;
-        for (auto extent : table.shape) product *= extent;
-        table.values.assign(product, value);
-        return table;
+    explicit Table(const std::array<int64_t, N>& extents, T value = T{}) : Array<T, N>(nullptr, extents) {
+        values.assign(this->size(), value);
+        this->data = values.data();
     }
-    template <typename... Extent>
-    static Table zeros(Extent... extents) {
-        return full(T{}, extents...);
-    }
-    static Table from(std::vector<T> values) {
-        static_assert(N == 1, "only a vector");
-        Table table;
-        table.shape = {values.size()};
-        table.values = std::move(values);
-        return table;
-    }
-    Array<T, N> view() { return {values.data(), shape}; }
-    Array<const T, N> view() const { return {values.data(), shape}; }
-    template <typename... Index>
-    T& operator()(Index... index) {
-        return view()(index...);
-    }
-    T& operator[](int64_t index) { return values[static_cast<std::size_t>(index)]; }
+    Table(const Table& other) : Array<T, N>(other), values(other.values) { this->data = values.data(); }
+    Table(Table&& other) = default;
+    Table& operator=(Table&& other) = default;
 };
-
-using NewFloats = Table<double, 1>;
-using NewIntegers = Table<int64_t, 1>;
 
 // Python's // and % for whole numbers: rounded down, also below zero.
 inline int64_t floor_divide(int64_t a, int64_t b) {
@@ -154,11 +133,6 @@ inline double median_in_place(std::vector<double>& values) {
     std::nth_element(values.begin(), values.begin() + half, values.end());
     const double above = values[half];
     return n % 2 == 1 ? above : 0.5 * (*std::max_element(values.begin(), values.begin() + half) + above);
-}
-
-template <typename Function, typename... Extra>
-void kernel(nanobind::module_& module, const char* name, Function&& function, const Extra&... extra) {
-    module.def(name, std::forward<Function>(function), nanobind::call_guard<nanobind::gil_scoped_release>(), extra...);
 }
 
 }  // namespace rwa
@@ -185,14 +159,25 @@ struct type_caster<rwa::Array<T, N>> {
 
 template <typename T, std::size_t N>
 struct type_caster<rwa::Table<T, N>> {
-    using Made = rwa::Table<T, N>;
-    using Array = nanobind::ndarray<nanobind::numpy, T, nanobind::ndim<N>>;
-    static constexpr auto Name = make_caster<Array>::Name;
+    using Made = nanobind::ndarray<nanobind::numpy, T, nanobind::ndim<N>>;
+    static constexpr auto Name = make_caster<Made>::Name;
 
-    static handle from_cpp(Made&& table, rv_policy, cleanup_list* cleanup) noexcept {
+    static handle from_cpp(rwa::Table<T, N>&& table, rv_policy, cleanup_list* cleanup) noexcept {
         auto* owned = new std::vector<T>(std::move(table.values));
         capsule owner(owned, [](void* memory) noexcept { delete static_cast<std::vector<T>*>(memory); });
-        return make_caster<Array>::from_cpp(Array(owned->data(), N, table.shape.data(), owner), rv_policy::reference, cleanup);
+        std::size_t extents[N];
+        std::copy(table.shape.begin(), table.shape.end(), extents);
+        return make_caster<Made>::from_cpp(Made(owned->data(), N, extents, owner), rv_policy::reference, cleanup);
+    }
+};
+
+template <typename T>
+struct type_caster<std::vector<T>> : type_caster<rwa::Table<T, 1>> {
+    static handle from_cpp(std::vector<T>&& values, rv_policy policy, cleanup_list* cleanup) noexcept {
+        rwa::Table<T, 1> table;
+        table.shape[0] = values.size();
+        table.values = std::move(values);
+        return type_caster<rwa::Table<T, 1>>::from_cpp(std::move(table), policy, cleanup);
     }
 };
 
@@ -201,40 +186,28 @@ struct is_named_tuple : std::false_type {};
 template <typename T>
 struct is_named_tuple<T, decltype((void)std::declval<T&>().fields(), 0)> : std::true_type {};
 
+template <typename... Field>
+std::tuple<Field...> values_of(const std::tuple<Field&...>&);
+
 template <typename T>
 struct type_caster<T, enable_if_t<is_named_tuple<T>::value>> {
-    NB_TYPE_CASTER(T, const_name("tuple"))
-
-    using Fields = decltype(std::declval<T&>().fields());
-    template <std::size_t I>
-    using Field = std::remove_reference_t<std::tuple_element_t<I, Fields>>;
-    static constexpr std::size_t Count = std::tuple_size_v<Fields>;
+    using Values = decltype(values_of(std::declval<T&>().fields()));
+    NB_TYPE_CASTER(T, make_caster<Values>::Name)
 
     bool from_python(handle source, std::uint8_t flags, cleanup_list* cleanup) noexcept {
-        if (!PyTuple_Check(source.ptr()) || PyTuple_GET_SIZE(source.ptr()) != Count) return false;
-        return each(source, flags, cleanup, std::make_index_sequence<Count>());
-    }
-
-   private:
-    template <std::size_t... I>
-    bool each(handle source, std::uint8_t flags, cleanup_list* cleanup, std::index_sequence<I...>) noexcept {
-        auto fields = value.fields();
-        return (one<I>(PyTuple_GET_ITEM(source.ptr(), I), flags, cleanup, std::get<I>(fields)) && ...);
-    }
-    template <std::size_t I>
-    bool one(handle source, std::uint8_t flags, cleanup_list* cleanup, Field<I>& field) noexcept {
-        auto& caster = std::get<I>(casters);
-        if (!caster.from_python(source, flags, cleanup)) return false;
-        field = caster.operator Field<I>&();
+        if (!held.from_python(source, flags, cleanup)) return false;
+        value.fields() = static_cast<Values>(held);
         return true;
     }
-    template <typename Sequence>
-    struct Casters;
-    template <std::size_t... I>
-    struct Casters<std::index_sequence<I...>> {
-        using type = std::tuple<make_caster<Field<I>>...>;
-    };
-    typename Casters<std::make_index_sequence<Count>>::type casters;
+
+    static handle from_cpp(T&& made, rv_policy policy, cleanup_list* cleanup) noexcept {
+        const auto converted = [&](auto&... field) {
+            return make_caster<Values>::from_cpp(Values(std::move(field)...), policy, cleanup);
+        };
+        return std::apply(converted, made.fields());
+    }
+
+    make_caster<Values> held;
 };
 
 }  // namespace nanobind::detail

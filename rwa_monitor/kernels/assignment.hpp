@@ -4,11 +4,9 @@
 #include "arrays.hpp"
 
 #include <cmath>
-#include <limits>
 
 namespace rwa {
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr int64_t REJECT = 0, NO_SYSTEM = 1;         // the first two rows of every table of actions
 constexpr int64_t STEPS = 6;                         // that a system can take at a candidate, see `step_from`
 constexpr int64_t REJECTED = -1, UNATTRIBUTED = -2;  // in place of a system: no changepoint; one that none made
@@ -20,8 +18,8 @@ Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes);
 
 // ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----
 
-// See results.FlatStory.
-struct FlatStory {
+// See stage_results.FlatPath.
+struct FlatPath {
     Integers configurations, starts, sojourns, unattributed;
     auto fields() { return std::tie(configurations, starts, sojourns, unattributed); }
 };
@@ -36,7 +34,7 @@ struct Cases {
 
 // The log evidence of `solve_cases` alone, without the posterior.
 double evidence_of_cases(
-    const FlatStory& story, Integers borders, Array<const double, 3> table, Matrix<const double> moments,
+    const FlatPath& path, Integers borders, Array<const double, 3> table, Matrix<const double> statistics,
     const Cases& cases, double variance, double scatter);
 
 // ---- the scores of paths, and what bounds them (assignment_bounds.cpp) ----
@@ -63,26 +61,18 @@ struct Scores {
 
 // Upper bounds of what can follow: the lower of `rest`, and of `rest_fit` with the `own` of all systems.
 struct Bounds {
-    Matrix<const double> rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
-    Matrix<const double> rest_fit;  // without laws, less the prices of the jumps
-    Array<const double, 4> own;     // (S, Q, m + 1, m + 1): a system's laws, with what it earns; sojourn begun at i
-    auto fields() { return std::tie(rest, rest_fit, own); }
+    Table<double, 2> rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
+    Table<double, 2> rest_fit;  // without laws, less the prices of the jumps
+    Table<double, 4> own;       // (S, Q, m + 1, m + 1): a system's laws, with what it earns; sojourn begun at i
 };
 
 // The most that a jump at each node can be worth [log density over the flat one that the fits assume].
 struct Worth {
-    Array<const double, 4> single;  // (S, Q, 2, m + 1): by its size, down or up from q; -inf where there is none
-    Floats twice;     // by its size, of one that two systems make at once
-    Floats alone;     // by its size, of one that no system makes
-    Floats with_law;  // of any, by its size and the best law
-    auto fields() { return std::tie(single, twice, alone, with_law); }
+    Table<double, 4> single;  // (S, Q, 2, m + 1): by its size, down or up from q; -inf where there is none
+    NewFloats twice;          // by its size, of one that two systems make at once
+    NewFloats alone;          // by its size, of one that no system makes
+    NewFloats with_law;       // of any, by its size and the best law
 };
-
-// A struct of views of tables.
-template <typename Views, typename... Tables>
-Views view_of(const std::tuple<Tables...>& tables) {
-    return std::apply([](const auto&... table) { return Views{table.view()...}; }, tables);
-}
 
 struct Step {
     int64_t direction;      // 0 down, 1 up
@@ -98,6 +88,21 @@ inline bool possible(const Step& step, int64_t configurations) {
     return std::min(step.before, step.after) >= 0 && std::max(step.before, step.after) < configurations;
 }
 
+// Call `visit(system, step number)` for each system that steps in an action.
+template <typename Visit>
+void each_step(Matrix<const int64_t> actions, int64_t action, Visit visit) {
+    for (int place : {0, 2}) {
+        if (actions(action, place) >= 0) visit(actions(action, place), actions(action, place + 1));
+    }
+}
+
+// Configurations of all systems at the window's begin, by their number; the last system counts fastest.
+inline NewIntegers start_of(int64_t number, Integers configurations) {
+    NewIntegers start(configurations.size());
+    for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) start[s] = number % configurations[s];
+    return start;
+}
+
 // log P of a sojourn of system s in q from one node to each other, and of the jump that was skipped at its end.
 inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, int64_t since, const Step& step) {
     return step.skipped == 0 ? &scores.jump(s, q, since, 0) : &scores.missed(s, q, step.skipped - 1, since, 0);
@@ -111,19 +116,20 @@ inline double size_term(const Scores& scores, int64_t k, double mean, double var
 }
 
 // The bounds without prices, and what jumps are worth; every law term must be ≤ 0.
-using MadeBounds = std::tuple<Table<double, 2>, Table<double, 2>, Table<double, 4>>;
-using MadeWorth = std::tuple<Table<double, 4>, NewFloats, NewFloats, NewFloats>;
-std::tuple<MadeBounds, MadeWorth> free_bounds(const Scores& scores);
+std::tuple<Bounds, Worth> free_bounds(const Scores& scores);
 
-// The bounds `rest_fit` and `own` with prices from a complete path: its start and the actions taken.
-std::tuple<Table<double, 2>, Table<double, 4>> priced_bounds(
-    const Scores& scores, const Worth& worth, Integers start, Integers taken);
+// Make the bounds `rest_fit` and `own` those with prices from a complete path: its start and the actions taken.
+void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds);
 
-// The entries kept as a tree (the entry before, and the action; at the root the start), and the complete paths (last
-// entry and score); how many entries were expanded, and the highest bound of what the budget cut.
+// The entries kept as a tree, and the complete paths (last entry and score); how many entries were expanded, and the
+// highest bound of what the budget cut.
 struct Expansion {
-    std::vector<std::int32_t> parent, action, last;
-    std::vector<double> score;
+    struct Node {
+        int64_t before, action;  // at the root the number of the start
+    };
+    std::vector<Node> tree;
+    NewIntegers last;
+    NewFloats score;
     int64_t expanded = 0;
     double lost = -INFINITE;
 };

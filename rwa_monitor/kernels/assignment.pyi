@@ -1,7 +1,8 @@
 from typing import Final
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.assignment import Knowns, Scores
+from rwa_monitor.switching.assignment import Scores
+from rwa_monitor.switching.friction_model import Cases
 
 REJECT: Final[int]
 NO_SYSTEM: Final[int]
@@ -9,13 +10,8 @@ STEPS: Final[int]
 REJECTED: Final[int]
 UNATTRIBUTED: Final[int]
 
-_Bounds = tuple[FloatArray, FloatArray, FloatArray]  # rest, rest_fit, own
-_Worth = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # single, twice, alone, with_law
 _FlatPath = tuple[IntArray, IntArray, IntArray, IntArray]
 
-def free_bounds(scores: Scores) -> tuple[_Bounds, _Worth]: ...
-def priced_bounds(scores: Scores, worth: _Worth, start: IntArray, taken: IntArray) -> tuple[FloatArray, FloatArray]: ...
-def expand(scores: Scores, bounds: _Bounds, cutoff: float, budget: int, kept: int) -> tuple[FloatArray, int]: ...
 def find_paths(
     scores: Scores, paths: int, margin: float, budget: int, quick_budget: int, kept: int
 ) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
@@ -37,8 +33,21 @@ def find_paths(
         narrow beam.
     """
 
+def scores_of_expanded(
+    scores: Scores, start: IntArray, taken: IntArray, priced: bool, cutoff: float, budget: int, kept: int
+) -> tuple[FloatArray, int]:
+    """Return the scores of all paths that one search finds, and the entries that it expanded.
+
+    Parameters
+    ----------
+    scores, cutoff, budget, kept
+        As for `find_paths`; bounds below the cutoff are dropped.
+    start, taken, priced
+        A path from which the prices come; whether they are used.
+    """
+
 def add_up_laws(scores: Scores, start: IntArray, taken: IntArray, /) -> float: ...
-def tell(
+def switching_path(
     actions: IntArray, index: IntArray, start: IntArray, taken: IntArray
 ) -> tuple[_FlatPath, IntArray, IntArray, IntArray]:
     """Turn a path into sojourns, and into systems and directions per candidate.
@@ -59,24 +68,37 @@ def tell(
     """
 
 def weigh(
-    scores: Scores, start: IntArray, taken: IntArray, index: IntArray, pairs: FloatArray, knowns: Knowns
+    scores: Scores,
+    start: IntArray,
+    taken: IntArray,
+    index: IntArray,
+    pairs: FloatArray,
+    slots: int,
+    table: FloatArray,
+    cases: Cases,
+    variance: float,
+    scatter: float,
 ) -> tuple[_FlatPath, IntArray, IntArray, IntArray, FloatArray, float, float]:
     """Weigh a path by its full likelihood.
 
     Parameters
     ----------
     scores, start, taken, index
-        As for `tell`.
+        As for `switching_path`.
     pairs
         The sufficient statistics between all pairs of nodes, see `segments.Level`.
-    knowns
-        What is known before the window.
+    slots
+        Length of the window.
+    table, cases
+        What is known before it, see `friction_model.prior_tables`.
+    variance, scatter
+        See `friction_model.solve`.
 
     Returns
     -------
     path, system, direction, borders, statistics, log_evidence, score
-        The first three as from `tell`; slots at which its segments begin and end, and their statistics; the samples'
-        log-likelihood, and the same with the laws'.
+        The first three as from `switching_path`; slots at which its segments begin and end, and their statistics; the
+        samples' log-likelihood, and the same with the laws'.
     """
 
 def add_agreement(

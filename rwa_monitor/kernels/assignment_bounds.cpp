@@ -18,93 +18,92 @@ double highest_size(const Scores& scores, int64_t k, double variance) {
     return size_term(scores, k, scores.size[k - 1], variance);
 }
 
-// What sizes are worth at most: `single`, `twice` and `alone` of Worth.
-std::tuple<Table<double, 4>, NewFloats, NewFloats> size_worth(const Scores& scores) {
-    const auto systems = scores.stay.extent(0), nodes = scores.stay.extent(2);
-    auto single = Table<double, 4>::full(-INFINITE, systems, scores.stay.extent(1), 2, nodes);
-    auto twice = NewFloats::zeros(nodes), alone = twice;
-    double smallest = INFINITE;  // variance of a friction that moves at all
-    for (int64_t s = 0; s < systems; ++s) {
-        for (int64_t q = 0; q < scores.configurations[s]; ++q) {
-            if (scores.law_variance(s, q) > 0.0) smallest = std::min(smallest, scores.law_variance(s, q));
+// Call `visit(q, direction, after)` for each jump that a system can make.
+template <typename Visit>
+void each_jump(int64_t configurations, Visit visit) {
+    for (int64_t q = 0; q < configurations; ++q) {
+        for (int64_t direction = 0; direction < 2; ++direction) {
+            const int64_t after = q + 2 * direction - 1;
+            if (after >= 0 && after < configurations) visit(q, direction, after);
         }
+    }
+}
+
+// What sizes are worth at most.
+Worth size_worth(const Scores& scores) {
+    const auto [systems, configurations, nodes] = scores.stay.shape;
+    Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITE), NewFloats(nodes), NewFloats(nodes),
+                NewFloats(nodes, scores.priors[1])};
+    double smallest = INFINITE;  // variance of a friction that moves at all
+    for (double variance : scores.law_variance) {
+        if (variance > 0.0) smallest = std::min(smallest, variance);
     }
     for (int64_t k = 1; k < nodes; ++k) {
-        alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
+        worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
         // Both of two may return to rest only where the level may fall; otherwise one of them takes up friction.
-        twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITE ? 0.0 : smallest);
+        worth.twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITE ? 0.0 : smallest);
         for (int64_t s = 0; s < systems; ++s) {
-            for (int64_t q = 0; q < scores.configurations[s]; ++q) {
-                for (int64_t direction = 0; direction < 2; ++direction) {
-                    const auto after = q + 2 * direction - 1;
-                    if (after < 0 || after >= scores.configurations[s]) continue;
-                    const double variance = scores.law_variance(s, after);
-                    single(s, q, direction, k) =
-                        scores.law_variance(s, q) == 0.0  // from rest the friction before is known
-                            ? size_term(scores, k, scores.law_mean(s, after) - scores.law_mean(s, q), variance)
-                            : highest_size(scores, k, variance);
-                }
-            }
+            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t after) {
+                const double variance = scores.law_variance(s, after);
+                worth.single(s, q, direction, k) =
+                    scores.law_variance(s, q) == 0.0  // from rest the friction before is known
+                        ? size_term(scores, k, scores.law_mean(s, after) - scores.law_mean(s, q), variance)
+                        : highest_size(scores, k, variance);
+            });
         }
     }
-    return {std::move(single), std::move(twice), std::move(alone)};
+    return worth;
 }
 
 // Raise `highest` to the highest entry of each column above the diagonal.
 void raise(Vector<double> highest, Matrix<const double> table) {
-    for (int64_t i = 0; i < table.extent(0); ++i) {
-        for (int64_t k = i + 1; k < table.extent(1); ++k) highest[k] = std::max(highest[k], table(i, k));
+    for (int64_t i = 0; i < table.shape[0]; ++i) {
+        for (int64_t k = i + 1; k < table.shape[1]; ++k) highest[k] = std::max(highest[k], table(i, k));
     }
 }
 
-// The most that a jump at each node can be worth by law and size, and by size alone.
-std::tuple<NewFloats, NewFloats> best_jump(
-    const Scores& scores, Array<const double, 4> single, Floats twice, Floats alone) {
-    const auto systems = scores.stay.extent(0), configurations = scores.stay.extent(1), nodes = scores.stay.extent(2);
-    auto law = Table<double, 3>::full(-INFINITE, systems, configurations, nodes);
+// Add the laws to the most that a jump at each node can be worth; return that by size alone.
+NewFloats add_best_laws(const Scores& scores, Worth& worth) {
+    const auto [systems, configurations, nodes] = scores.stay.shape;
+    Table<double, 3> law({systems, configurations, nodes}, -INFINITE);
     for (int64_t s = 0; s < systems; ++s) {
-        auto skips = NewFloats::full(-INFINITE, nodes);
+        NewFloats skips(nodes, -INFINITE);
         for (int64_t q = 0; q < configurations; ++q) {
-            for (int64_t skipped = 0; skipped < 2; ++skipped) {
-                raise(skips.view(), scores.missed.row(s).row(q).row(skipped));
-            }
+            for (int64_t skipped = 0; skipped < 2; ++skipped) raise(skips, scores.missed.row(s).row(q).row(skipped));
         }
         for (int64_t q = 0; q < scores.configurations[s]; ++q) {
-            const auto best = law.view().row(s).row(q);
-            std::copy(skips.values.begin(), skips.values.end(), best.begin());
+            const auto best = law.row(s).row(q);
+            std::copy(skips.begin(), skips.end(), best.begin());
             raise(best, scores.jump.row(s).row(q));
         }
     }
-    auto with_law = NewFloats::full(scores.priors[1], nodes), size_only = NewFloats::zeros(nodes);
+    NewFloats size_only(nodes);
     for (int64_t k = 1; k < nodes; ++k) {
-        with_law[k] += alone[k];
-        size_only[k] = std::max(0.0, alone[k]);
+        double& with_law = worth.with_law[k];
+        with_law += worth.alone[k];
+        size_only[k] = std::max(0.0, worth.alone[k]);
         double first = -INFINITE, second = -INFINITE;  // the best laws of any two systems
         for (int64_t s = 0; s < systems; ++s) {
             double plain = -INFINITE;
-            for (int64_t q = 0; q < scores.configurations[s]; ++q) {
-                for (int64_t direction = 0; direction < 2; ++direction) {
-                    const double size = single(s, q, direction, k);
-                    if (size == -INFINITE) continue;
-                    const double turned = law(s, q, k) + scores.turn(s, q, direction);
-                    plain = std::max(plain, turned);
-                    with_law[k] = std::max(with_law[k], turned + size);
-                    size_only[k] = std::max(size_only[k], size);
-                }
-            }
+            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
+                const double size = worth.single(s, q, direction, k), turned = law(s, q, k) + scores.turn(s, q, direction);
+                plain = std::max(plain, turned);
+                with_law = std::max(with_law, turned + size);
+                size_only[k] = std::max(size_only[k], size);
+            });
             second = std::max(second, std::min(first, plain));
             first = std::max(first, plain);
         }
-        with_law[k] = std::max(with_law[k], first + second + scores.priors[2] + twice[k]);
-        if (systems > 1) size_only[k] = std::max(size_only[k], twice[k]);
+        with_law = std::max(with_law, first + second + scores.priors[2] + worth.twice[k]);
+        if (systems > 1) size_only[k] = std::max(size_only[k], worth.twice[k]);
     }
-    return {std::move(with_law), std::move(size_only)};
+    return size_only;
 }
 
 // The best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k: (m + 1, m + 1).
 Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
-    const auto nodes = fit.extent(0) - 1;
-    auto rest = Table<double, 2>::full(-INFINITE, nodes, nodes);
+    const auto nodes = fit.shape[0] - 1;
+    Table<double, 2> rest({nodes, nodes}, -INFINITE);
     std::vector<double> from_node(nodes);
     for (int64_t i = nodes - 1; i >= 0; --i) {
         double best = rest(i, nodes - 1) = fit(i, nodes);
@@ -118,9 +117,9 @@ Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
 
 // `own` of Bounds; earned, (S, Q, 2, m + 1), is what a jump from a configuration down or up adds at each node.
 Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned) {
-    const auto systems = scores.stay.extent(0), configurations = scores.stay.extent(1), nodes = scores.stay.extent(2);
-    auto own = Table<double, 4>::full(-INFINITE, systems, configurations, nodes, nodes);
-    auto begun = Table<double, 2>::full(-INFINITE, configurations, nodes);  // of a sojourn that begins at the node
+    const auto [systems, configurations, nodes] = scores.stay.shape;
+    Table<double, 4> own({systems, configurations, nodes, nodes}, -INFINITE);
+    Table<double, 2> begun({configurations, nodes}, -INFINITE);  // of a sojourn that begins at the node
     for (int64_t s = 0; s < systems; ++s) {
         for (int64_t i = nodes - 1; i >= 0; --i) {
             for (int64_t q = 0; q < configurations; ++q) {
@@ -147,10 +146,10 @@ Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned
 
 // Prices under which the path's jumps cost their systems nothing on balance; where it rejects, no jump earns more than
 // it costs.
-std::vector<double> prices(const Scores& scores, const Worth& worth, Integers start, Integers taken) {
-    std::vector<double> price(worth.with_law.size());
-    for (std::size_t k = 0; k < price.size(); ++k) price[k] = -worth.with_law[k];
-    std::vector<int64_t> configuration(start.begin(), start.end()), since(start.size());
+NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integers taken) {
+    NewFloats price;
+    for (double most : worth.with_law) price.push_back(-most);
+    NewIntegers configuration(start.begin(), start.end()), since(start.size());
     for (int64_t node = 1; node <= taken.size(); ++node) {
         const auto action = taken[node - 1];
         if (action == REJECT) continue;
@@ -159,16 +158,14 @@ std::vector<double> prices(const Scores& scores, const Worth& worth, Integers st
             continue;
         }
         double cost = 0.0, systems = 0.0;
-        for (int place : {0, 2}) {
-            const auto s = scores.actions(action, place);
-            if (s < 0) continue;
-            const Step step = step_from(configuration[s], scores.actions(action, place + 1));
+        each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+            const Step step = step_from(configuration[s], number);
             cost -= sojourn_laws(scores, s, configuration[s], since[s], step)[node] +
                     scores.turn(s, step.before, step.direction) +
                     std::max(worth.single(s, step.before, step.direction, node), LEAST_WORTH);
             systems += 1.0;
             configuration[s] = step.after, since[s] = node;
-        }
+        });
         price[node] = cost / systems;
     }
     return price;
@@ -176,37 +173,32 @@ std::vector<double> prices(const Scores& scores, const Worth& worth, Integers st
 
 }  // namespace
 
-std::tuple<MadeBounds, MadeWorth> free_bounds(const Scores& scores) {
-    auto [single, twice, alone] = size_worth(scores);
-    auto [with_law, size_only] = best_jump(scores, single.view(), twice.view(), alone.view());
-    const auto nothing = Table<double, 4>::zeros(scores.stay.extent(0), scores.stay.extent(1), 2, scores.stay.extent(2));
-    return {{best_rest(scores.fit, with_law.view()), best_rest(scores.fit, size_only.view()),
-             best_chains(scores, nothing.view())},
-            {std::move(single), std::move(twice), std::move(alone), std::move(with_law)}};
+std::tuple<Bounds, Worth> free_bounds(const Scores& scores) {
+    Worth worth = size_worth(scores);
+    const NewFloats size_only = add_best_laws(scores, worth);
+    const Table<double, 4> nothing(worth.single.shape);
+    return {Bounds{best_rest(scores.fit, worth.with_law), best_rest(scores.fit, size_only), best_chains(scores, nothing)},
+            std::move(worth)};
 }
 
-std::tuple<Table<double, 2>, Table<double, 4>> priced_bounds(
-    const Scores& scores, const Worth& worth, Integers start, Integers taken) {
-    const auto price = prices(scores, worth, start, taken);
-    auto earned = Table<double, 4>::full(-INFINITE, worth.single.extent(0), worth.single.extent(1), 2, price.size());
-    std::vector<double> paid(price.size());
+void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds) {
+    const NewFloats price = prices(scores, worth, start, taken);
+    Table<double, 4> earned(worth.single.shape, -INFINITE);
+    NewFloats paid(price.size());
     for (std::size_t k = 1; k < price.size(); ++k) {
         paid[k] = std::max(-price[k], scores.priors[1] + worth.alone[k]);
         // Two that jump at once earn twice, and share one size: each is taken to be worth half of it at least.
         const double least = 0.5 * (worth.twice[k] + scores.priors[2] - price[k]);
-        for (int64_t s = 0; s < worth.single.extent(0); ++s) {
-            for (int64_t q = 0; q < worth.single.extent(1); ++q) {
-                for (int direction = 0; direction < 2; ++direction) {
-                    double size = worth.single(s, q, direction, k);
-                    if (!(size > -INFINITE)) continue;
-                    // Against the level's sign a system jumps only together with another one.
-                    size = scores.signs(k - 1, direction) ? std::max(size, least) : least;
-                    earned(s, q, direction, k) = size + price[k];
-                }
-            }
+        for (int64_t s = 0; s < scores.configurations.size(); ++s) {
+            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
+                // Against the level's sign a system jumps only together with another one.
+                const double size = worth.single(s, q, direction, k);
+                earned(s, q, direction, k) = (scores.signs(k - 1, direction) ? std::max(size, least) : least) + price[k];
+            });
         }
     }
-    return {best_rest(scores.fit, view(paid)), best_chains(scores, earned.view())};
+    bounds.rest_fit = best_rest(scores.fit, paid);
+    bounds.own = best_chains(scores, earned);
 }
 
 }  // namespace rwa

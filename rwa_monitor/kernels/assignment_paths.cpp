@@ -10,15 +10,6 @@ namespace {
 
 using IndexTable = Table<int64_t, 2>;
 
-// See assignment.Knowns.
-struct Knowns {
-    int64_t slots;
-    Array<const double, 3> table;
-    Cases cases;
-    double variance, scatter;
-    auto fields() { return std::tie(slots, table, cases, variance, scatter); }
-};
-
 // Paths, best first: configurations at the window's begin and actions; entries expanded, highest bound of what was cut.
 struct Found {
     NewFloats score;
@@ -30,22 +21,19 @@ struct Found {
 // The best of all expanded paths, traced back from their leaves in the tree.
 Found search_once(
     const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept, int64_t paths) {
-    const Expansion tree = expand(scores, bounds, cutoff, budget, kept);
-    std::vector<std::size_t> best(tree.score.size());
+    const Expansion all = expand(scores, bounds, cutoff, budget, kept);
+    NewIntegers best(all.score.size());
     std::iota(best.begin(), best.end(), 0);
-    std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return tree.score[a] > tree.score[b]; });
-    best.resize(std::min(best.size(), static_cast<std::size_t>(paths)));
-    const auto systems = scores.configurations.size(), candidates = scores.signs.extent(0);
-    Found found{NewFloats::zeros(best.size()), IndexTable::zeros(best.size(), systems),
-                IndexTable::zeros(best.size(), candidates), tree.expanded, tree.lost};
-    for (std::size_t path = 0; path < best.size(); ++path) {
-        found.score[path] = tree.score[best[path]];
-        auto node = tree.last[best[path]];
-        for (auto k = candidates - 1; k >= 0; --k, node = tree.parent[node]) found.taken(path, k) = tree.action[node];
-        int64_t number = tree.action[node];  // of the start; the last system counts fastest
-        for (auto s = systems - 1; s >= 0; number /= scores.configurations[s--]) {
-            found.start(path, s) = number % scores.configurations[s];
-        }
+    std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
+    const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
+    const int64_t count = std::min<int64_t>(best.size(), paths);
+    Found found{NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
+    for (int64_t path = 0; path < count; ++path) {
+        found.score[path] = all.score[best[path]];
+        const Expansion::Node* node = &all.tree[all.last[best[path]]];
+        for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
+        const NewIntegers start = start_of(node->action, scores.configurations);
+        std::copy(start.begin(), start.end(), found.start.row(path).begin());
     }
     return found;
 }
@@ -54,22 +42,19 @@ Found search_once(
 // are wild the full search may drop every path within its budget; then the path of the narrow beam.
 std::tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     const Scores& scores, int64_t paths, double margin, int64_t budget, int64_t quick_budget, int64_t kept) {
-    const auto [free, worth] = free_bounds(scores);
-    auto bounds = view_of<Bounds>(free);
+    auto [bounds, worth] = free_bounds(scores);
     Found quick = search_once(scores, bounds, -INFINITE, std::min(quick_budget, budget), 1, 1);
-    if (quick.score.values.empty()) return {};  // nothing is possible
-    const auto start = quick.start.view().row(0), taken = quick.taken.view().row(0);
-    const auto priced = priced_bounds(scores, view_of<Worth>(worth), start, taken);
-    bounds.rest_fit = std::get<0>(priced).view(), bounds.own = std::get<1>(priced).view();
+    if (quick.score.empty()) return {};  // nothing is possible
+    set_prices(scores, worth, quick.start.row(0), quick.taken.row(0), bounds);
     Found full = search_once(scores, bounds, quick.score[0] - margin, budget, kept, paths);
-    const bool none = full.score.values.empty(), pruned = none || full.lost > full.score[0];
+    const bool none = full.score.empty(), pruned = none || full.lost > full.score[0];
     Found& best = none ? quick : full;
     return {std::move(best.score), std::move(best.start), std::move(best.taken), quick.states + full.states, pruned};
 }
 
 // The part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
 double add_up_laws(const Scores& scores, Integers start, Integers taken) {
-    std::vector<int64_t> configuration(start.begin(), start.end()), since(start.size());
+    NewIntegers configuration(start.begin(), start.end()), since(start.size());
     double total = 0.0, staying = 0.0;
     for (int64_t node = 1; node <= taken.size(); ++node) {
         const auto action = taken[node - 1];
@@ -77,37 +62,39 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
             total += scores.priors[action];
             continue;
         }
-        for (int place : {0, 2}) {
-            const auto s = scores.actions(action, place);
-            if (s < 0) continue;
-            const Step step = step_from(configuration[s], scores.actions(action, place + 1));
+        each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+            const Step step = step_from(configuration[s], number);
             total += sojourn_laws(scores, s, configuration[s], since[s], step)[node];
             total += scores.turn(s, step.before, step.direction);
             configuration[s] = step.after, since[s] = node;
-        }
+        });
         if (scores.actions(action, 2) >= 0) total += scores.priors[2];
     }
     for (int64_t s = 0; s < start.size(); ++s) staying += scores.stay(s, configuration[s], since[s]);
     return total + staying;
 }
 
-using MadeStory = std::tuple<NewIntegers, NewIntegers, NewIntegers, NewIntegers>;  // see FlatStory
+// A path of the search as a switching path, see stage_results.FlatPath.
+struct NewPath {
+    NewIntegers configurations, starts, sojourns, unattributed;
+    auto fields() { return std::tie(configurations, starts, sojourns, unattributed); }
+};
 
 // A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
 // which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.
-std::tuple<MadeStory, NewIntegers, IndexTable, IndexTable> tell(
+std::tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
     Matrix<const int64_t> actions, Integers index, Integers start, Integers taken) {
-    const auto systems = start.size();
-    auto system = IndexTable::full(REJECTED, taken.size(), 2), direction = IndexTable::zeros(taken.size(), 2);
-    std::vector<std::vector<int64_t>> configurations(systems), starts(systems, {0});
-    for (int64_t s = 0; s < systems; ++s) configurations[s] = {start[s]};
-    std::vector<int64_t> nodes{0}, unattributed, all_configurations, all_starts, sojourns;
+    IndexTable system({taken.size(), 2}, REJECTED), direction({taken.size(), 2});
+    std::vector<NewIntegers> configurations, starts(start.size(), {0});
+    for (int64_t q : start) configurations.push_back({q});
+    NewPath path;
+    NewIntegers nodes{0};
     for (int64_t k = 0; k < taken.size(); ++k) {
         if (taken[k] == REJECT) continue;
         nodes.push_back(k + 1);
         if (taken[k] == NO_SYSTEM) {
             system(k, 0) = UNATTRIBUTED;
-            unattributed.push_back(index[k]);
+            path.unattributed.push_back(index[k]);
             continue;
         }
         for (int place = 0; place < 2; ++place) {
@@ -124,29 +111,27 @@ std::tuple<MadeStory, NewIntegers, IndexTable, IndexTable> tell(
         }
     }
     nodes.push_back(taken.size() + 1);
-    for (int64_t s = 0; s < systems; ++s) {
-        all_configurations.insert(all_configurations.end(), configurations[s].begin(), configurations[s].end());
-        all_starts.insert(all_starts.end(), starts[s].begin(), starts[s].end());
-        sojourns.push_back(static_cast<int64_t>(starts[s].size()));
+    for (int64_t s = 0; s < start.size(); ++s) {
+        path.configurations.insert(path.configurations.end(), configurations[s].begin(), configurations[s].end());
+        path.starts.insert(path.starts.end(), starts[s].begin(), starts[s].end());
+        path.sojourns.push_back(starts[s].size());
     }
-    return {{NewIntegers::from(std::move(all_configurations)), NewIntegers::from(std::move(all_starts)),
-             NewIntegers::from(std::move(sojourns)), NewIntegers::from(std::move(unattributed))},
-            NewIntegers::from(std::move(nodes)), std::move(system), std::move(direction)};
+    return {std::move(path), std::move(nodes), std::move(system), std::move(direction)};
 }
 
-// A path weighed by its full likelihood: switching path, systems and directions as from `tell`; slots at which its
-// segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
-std::tuple<MadeStory, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
-    const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs,
-    const Knowns& knowns) {
-    auto [story, borders, system, direction] = tell(scores.actions, index, start, taken);
-    auto moments = chain_of(pairs, borders.view());
-    for (auto& node : borders.values) node = node == 0 ? 0 : node > index.size() ? knowns.slots : index[node - 1];
+// A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
+// its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
+std::tuple<NewPath, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
+    const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs, int64_t slots,
+    Array<const double, 3> table, const Cases& cases, double variance, double scatter) {
+    auto [path, borders, system, direction] = switching_path(scores.actions, index, start, taken);
+    auto statistics = chain_of(pairs, borders);
+    for (auto& node : borders) node = node == 0 ? 0 : node > index.size() ? slots : index[node - 1];
     const double log_evidence = evidence_of_cases(
-        view_of<FlatStory>(story), borders.view(), knowns.table, moments.view(), knowns.cases, knowns.variance,
-        knowns.scatter);
-    return {std::move(story),   std::move(system), std::move(direction), std::move(borders),
-            std::move(moments), log_evidence,      add_up_laws(scores, start, taken) + log_evidence};
+        {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, table, statistics, cases,
+        variance, scatter);
+    return {std::move(path),       std::move(system), std::move(direction), std::move(borders),
+            std::move(statistics), log_evidence,      add_up_laws(scores, start, taken) + log_evidence};
 }
 
 // Add the weight of another path to each attribution (m, 2) that it shares with the best: the same system and direction
@@ -169,29 +154,30 @@ void add_agreement(
     }
 }
 
-// The scores of all complete paths that `expand` finds, and how many entries it expanded.
+// The scores of all complete paths that `expand` finds, and how many entries it expanded: with the free bounds, or with
+// prices from the path that is `taken`.
 std::tuple<NewFloats, int64_t> scores_of_expanded(
-    const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept) {
+    const Scores& scores, Integers start, Integers taken, bool priced, double cutoff, int64_t budget, int64_t kept) {
+    auto [bounds, worth] = free_bounds(scores);
+    if (priced) set_prices(scores, worth, start, taken, bounds);
     auto found = expand(scores, bounds, cutoff, budget, kept);
-    return {NewFloats::from(std::move(found.score)), found.expanded};
+    return {std::move(found.score), found.expanded};
 }
 
 }  // namespace
 
 void bind_assignment(nanobind::module_& module) {
-    module.attr("REJECT") = REJECT;
-    module.attr("NO_SYSTEM") = NO_SYSTEM;
-    module.attr("STEPS") = STEPS;
-    module.attr("REJECTED") = REJECTED;
-    module.attr("UNATTRIBUTED") = UNATTRIBUTED;
-    kernel(module, "free_bounds", &free_bounds);
-    kernel(module, "priced_bounds", &priced_bounds);
-    kernel(module, "expand", &scores_of_expanded);
-    kernel(module, "find_paths", &find_paths);
-    kernel(module, "add_up_laws", &add_up_laws);
-    kernel(module, "tell", &tell);
-    kernel(module, "weigh", &weigh);
-    kernel(module, "add_agreement", &add_agreement);
+    CONSTANT(REJECT);
+    CONSTANT(NO_SYSTEM);
+    CONSTANT(STEPS);
+    CONSTANT(REJECTED);
+    CONSTANT(UNATTRIBUTED);
+    KERNEL(scores_of_expanded);
+    KERNEL(find_paths);
+    KERNEL(add_up_laws);
+    KERNEL(switching_path);
+    KERNEL(weigh);
+    KERNEL(add_agreement);
 }
 
 }  // namespace rwa

@@ -2,7 +2,6 @@
 #include "detection.hpp"
 
 #include <cstdlib>
-#include <limits>
 
 namespace rwa {
 namespace {
@@ -19,9 +18,8 @@ struct Bar {
     auto fields() { return std::tie(variances, threshold, outlier); }
 };
 
-struct Candidate {
-    int64_t index, scale;
-    double statistic = 0.0, jump = 0.0, excess = 0.0;  // normalised; of the statistic over its threshold
+struct Candidate : Peak {
+    double excess;  // of the statistic over its threshold
 };
 
 // The sums of [low, middle) and [middle, high).
@@ -79,17 +77,18 @@ int64_t refine(int64_t k, int64_t low, int64_t high, int64_t reach, double slope
 
 // Accept the peaks, in their order, that are significant between those accepted before; sorted by slot.
 std::vector<Candidate> accept(
-    Integers peak_index, Integers peak_scale, int64_t slots, double slope, const SumArrays& sums, const Bar& bar) {
+    const std::vector<Peak>& peaks, int64_t slots, double slope, const SumArrays& sums, const Bar& bar) {
     std::vector<Candidate> accepted;
-    for (int64_t p = 0; p < peak_index.size() && accepted.size() < MOST_CANDIDATES; ++p) {
-        const int64_t k = peak_index[p], w = peak_scale[p];
+    for (const Peak& peak : peaks) {
+        if (accepted.size() == MOST_CANDIDATES) break;
+        const int64_t k = peak.index, w = peak.scale;
         const auto place = std::lower_bound(
             accepted.begin(), accepted.end(), k, [](const Candidate& one, int64_t slot) { return one.index < slot; });
         if (place != accepted.end() && place->index == k) continue;
         const int64_t before = place != accepted.begin() ? (place - 1)->index : 0;
         const int64_t after = place != accepted.end() ? place->index : slots;
         const int64_t low = std::max(k - w, before), high = std::min(k + w, after);
-        Candidate candidate{k, w};
+        Candidate candidate{peak, 0.0};
         judge(candidate, low, high, slope, sums, bar);
         if (candidate.excess < 1.0) continue;
         candidate.index = refine(k, std::max(k - 2 * w, before), std::min(k + 2 * w, after), w, slope, sums);
@@ -113,20 +112,17 @@ std::tuple<double, double> contrast(int64_t k, int64_t w, double slope, double w
     return {jump * jump / (1.0 / left.n + 1.0 / right.n + (xr - xl) * step), jump};
 }
 
-std::vector<int64_t> order_in_turn(Integers scale, Floats statistic) {
-    std::vector<int64_t> order(scale.size());
-    for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-    std::stable_sort(order.begin(), order.end(), [&](int64_t a, int64_t b) {
-        return scale[a] != scale[b] ? scale[a] < scale[b] : statistic[a] > statistic[b];
+void sort_in_turn(std::vector<Peak>& peaks) {
+    std::sort(peaks.begin(), peaks.end(), [](const Peak& a, const Peak& b) {
+        return std::tie(a.scale, b.statistic, a.index) < std::tie(b.scale, a.statistic, b.index);
     });
-    return order;
 }
 
-std::vector<int64_t> kept_apart(Integers index, Integers scale) {
-    std::vector<int64_t> taken;
-    for (int64_t i = 0; i < index.size(); ++i) {
-        const auto near = [&](int64_t slot) { return std::abs(slot - index[i]) <= scale[i]; };
-        if (std::none_of(taken.begin(), taken.end(), near)) taken.push_back(index[i]);
+NewIntegers kept_apart(const std::vector<Peak>& peaks) {
+    NewIntegers taken;
+    for (const Peak& peak : peaks) {
+        const auto near = [&](int64_t slot) { return std::abs(slot - peak.index) <= peak.scale; };
+        if (std::none_of(taken.begin(), taken.end(), near)) taken.push_back(peak.index);
     }
     std::sort(taken.begin(), taken.end());
     return taken;
@@ -144,7 +140,7 @@ int64_t refine_in_colour(
     const double alone = 1.0 - correlation * correlation;  // weight of a sample whose neighbour is masked
     const int64_t first = std::max(low + 1, k - reach), last = std::min(high - 1, k + reach);
     int64_t best = k;
-    double cost = 0.0, best_cost = std::numeric_limits<double>::infinity();
+    double cost = 0.0, best_cost = INFINITE;
     for (int64_t at = first; at <= last; ++at) {
         if (!sums.used[at]) continue;
         if (cost < best_cost) {
@@ -201,37 +197,35 @@ void settle(
     }
 }
 
+// Peaks, in any order, in turn.
+std::vector<Peak> in_turn(Integers index, Integers scale, Floats statistic) {
+    std::vector<Peak> peaks;
+    for (int64_t i = 0; i < index.size(); ++i) peaks.push_back({index[i], scale[i], statistic[i], 0.0});
+    sort_in_turn(peaks);
+    return peaks;
+}
+
 // Choose the candidates of a window among the peaks of all scales, given its slope.
-Peaks select(
-    Integers peak_index, Integers peak_scale, int64_t slots, double slope, double correlation, const SumArrays& sums,
+Columns select(
+    const std::vector<Peak>& peaks, int64_t slots, double slope, double correlation, const SumArrays& sums,
     const Bar& bar) {
-    std::vector<Candidate> accepted = accept(peak_index, peak_scale, slots, slope, sums, bar);
+    std::vector<Candidate> accepted = accept(peaks, slots, slope, sums, bar);
     settle(accepted, slots, slope, correlation, sums, bar);
-    const std::size_t count = accepted.size();
-    auto index = NewIntegers::zeros(count), scale = index;
-    auto statistic = NewFloats::zeros(count), jump = statistic;
-    for (std::size_t i = 0; i < count; ++i) {
-        index[i] = accepted[i].index;
-        scale[i] = accepted[i].scale;
-        statistic[i] = accepted[i].statistic;
-        jump[i] = accepted[i].jump;
-    }
-    return {std::move(index), std::move(scale), std::move(statistic), std::move(jump)};
+    return columns_of(accepted);
 }
 
 // Estimate the slope and `select` candidates in turns, until they agree.
-Peaks choose(
-    Integers peak_index, Integers peak_scale, int64_t slots, const SumArrays& sums, const Bar& bar, double correlation,
-    double variance, double prior_mean, double prior_std) {
-    std::vector<int64_t> index = kept_apart(peak_index, peak_scale), exclude(index.size(), STEP / 4);
+Columns choose(
+    Integers peak_index, Integers peak_scale, Floats peak_statistic, int64_t slots, const SumArrays& sums,
+    const Bar& bar, double correlation, double variance, double prior_mean, double prior_std) {
+    const std::vector<Peak> peaks = in_turn(peak_index, peak_scale, peak_statistic);
+    NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
     for (int round = 1;; ++round) {
-        const double slope =
-            std::get<0>(slope_within(slots, view(index), view(exclude), sums, variance, prior_mean, prior_std));
-        Peaks chosen = select(peak_index, peak_scale, slots, slope, correlation, sums, bar);
-        auto& found = std::get<0>(chosen).values;
-        if (round == MOST_ROUNDS || found == index) return chosen;
-        index = found;
-        exclude = std::get<1>(chosen).values;  // half the scale that detected it
+        const double slope = std::get<0>(slope_within(slots, index, exclude, sums, variance, prior_mean, prior_std));
+        Columns chosen = select(peaks, slots, slope, correlation, sums, bar);
+        if (round == MOST_ROUNDS || std::get<0>(chosen) == index) return chosen;
+        index = std::get<0>(chosen);
+        exclude = std::get<1>(chosen);  // half the scale that detected it
         for (auto& slots_around : exclude) slots_around /= 2;
     }
 }
@@ -239,13 +233,13 @@ Peaks choose(
 }  // namespace
 
 void bind_changepoints(nanobind::module_& module) {
-    kernel(module, "contrast", &contrast);
-    kernel(module, "kept_apart", [](Integers index, Integers scale) {
-        return NewIntegers::from(kept_apart(index, scale));
+    KERNEL(contrast);
+    KERNEL(refine_in_colour);
+    KERNEL(choose);
+    module.def("select", [](Integers index, Integers scale, Floats statistic, int64_t slots, double slope,
+                            double correlation, const SumArrays& sums, const Bar& bar) {
+        return select(in_turn(index, scale, statistic), slots, slope, correlation, sums, bar);
     });
-    kernel(module, "refine_in_colour", &refine_in_colour);
-    kernel(module, "select", &select);
-    kernel(module, "choose", &choose);
 }
 
 }  // namespace rwa

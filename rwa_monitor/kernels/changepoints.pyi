@@ -8,9 +8,6 @@ def contrast(k: int, w: int, slope: float, weight: float, sums: SumArrays) -> tu
     Both 0 where a half has no used sample.
     """
 
-def kept_apart(index: IntArray, scale: IntArray) -> IntArray:
-    """Return the slots of peaks, taken `in_turn`, with no kept one within ±w; sorted."""
-
 def refine_in_colour(k: int, low: int, high: int, reach: int, slope: float, correlation: float, sums: SumArrays) -> int:
     """Return the most likely slot of a jump near k where the noise is AR(1).
 
@@ -20,6 +17,7 @@ def refine_in_colour(k: int, low: int, high: int, reach: int, slope: float, corr
 def select(
     peak_index: IntArray,
     peak_scale: IntArray,
+    peak_statistic: FloatArray,
     slots: int,
     slope: float,
     correlation: float,
@@ -30,8 +28,8 @@ def select(
 
     Parameters
     ----------
-    peak_index, peak_scale
-        int64 (P,), slots and scales of the peaks above their thresholds, see `in_turn`.
+    peak_index, peak_scale, peak_statistic
+        (P,), of the peaks above their thresholds; they are tried narrow scales and large statistics first.
     slots
         Of the window, all in the sums.
     slope
@@ -51,6 +49,7 @@ def select(
 def choose(
     peak_index: IntArray,
     peak_scale: IntArray,
+    peak_statistic: FloatArray,
     slots: int,
     sums: SumArrays,
     threshold: Threshold,

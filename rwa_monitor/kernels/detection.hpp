@@ -78,45 +78,70 @@ constexpr int64_t BINS_PER_OCTAVE = 16;
 constexpr int64_t LOWEST_EXPONENT = -60;
 constexpr int64_t BINS = 96 * BINS_PER_OCTAVE;
 
-// Columns of PeakArrays::slots and ::values, entries of ::counters.
-constexpr int64_t PEAK_SCALE = 0, PEAK_INDEX = 1, PEAK_CONFIRMED = 2;
-constexpr int64_t PEAK_STATISTIC = 0, PEAK_JUMP = 1;
-constexpr int64_t COUNT_PEAKS = 0, COUNT_SETTLED = 1, COUNT_CONFIRMED = 2;
-
-struct PeakArrays {
-    Matrix<int64_t> slots;
-    Matrix<double> values;
-    Matrix<int64_t> open;
-    Vector<int64_t> counters, confirmed, told;
-    Matrix<double> told_values;
-    auto fields() { return std::tie(slots, values, open, counters, confirmed, told, told_values); }
-};
-
-struct ScanState {
-    Matrix<double> prefix;
-    Matrix<int64_t> histogram;
-    auto fields() { return std::tie(prefix, histogram); }
-};
-
-struct ScanSettings {
-    Integers scales;
-    double weight, slope;
-    Floats floors, sure;
-    auto fields() { return std::tie(scales, weight, slope, floors, sure); }
-};
-
 // The slots from one statistic of scale w that goes into the histogram to the next.
 inline int64_t counted_every(int64_t w) { return w < 4 ? 1 : w / 4; }
 
-int64_t scan(
-    Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings,
-    const ScanState& state, const PeakArrays& peaks, int64_t chunk_peaks);
+// What a scan goes by: W_b and f̃_v; of each scale the variance of its contrast, and the statistics [torque²] from which
+// a peak is kept (infinite to keep none), and is sure.
+struct ScanSettings {
+    double weight, slope;
+    Floats variances, floors, sure;
+    auto fields() { return std::tie(weight, slope, variances, floors, sure); }
+};
 
-// index, scale, statistic and jump of chosen peaks
-using Peaks = std::tuple<NewIntegers, NewIntegers, NewFloats, NewFloats>;
-Peaks peaks_above(
-    Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales, Floats variances,
-    double threshold);
+// A peak as the scan keeps it, with the number of its scale; final when no later slot can replace it.
+struct ScannedPeak {
+    int64_t scale, index;
+    double statistic, jump;
+    bool final;
+};
+
+// A peak, or the candidate that it became: the first slot of a new level, the half-width that found it, and the statistic
+// over the variance of its scale.
+struct Peak {
+    int64_t index, scale;
+    double statistic, jump;
+};
+
+// The detection in a window as far as it was scanned.
+struct Detector {
+    explicit Detector(Integers half_widths);
+
+    // Advance the detection over the slots [start, stop), and the histogram where it is `counting`.
+    void scan(Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings);
+
+    // The peaks whose statistic, over its scale's variance, reaches `threshold`; by slot, then narrow scales first.
+    std::vector<Peak> above(double threshold, Floats variances) const;
+
+    NewIntegers scales;                  // half-widths w [slots], ascending
+    Table<int64_t, 2> histogram;         // (S, BINS), of the statistic at every `counted_every`-th slot
+    std::vector<ScannedPeak> confirmed;  // the sure peaks that became final in the last scan
+
+    void keep(const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor);
+    void confirm(int64_t stop, Floats sure);
+    void prune(Floats variances);
+
+    Table<double, 2> prefix;  // column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k
+    std::vector<ScannedPeak> peaks;
+    std::vector<std::array<int64_t, 2>> open;  // of each scale the last peak of each sign; -1 for none
+    std::size_t settled = 0;                   // peaks before this one are final
+    std::size_t chunk_peaks;                   // that a chunk can give at most
+};
+
+// The fields of `Candidates`.
+using Columns = std::tuple<NewIntegers, NewIntegers, NewFloats, NewFloats>;
+template <typename Peaks>
+Columns columns_of(const Peaks& peaks) {
+    Columns columns;
+    auto& [index, scale, statistic, jump] = columns;
+    for (const Peak& peak : peaks) {
+        index.push_back(peak.index);
+        scale.push_back(peak.scale);
+        statistic.push_back(peak.statistic);
+        jump.push_back(peak.jump);
+    }
+    return columns;
+}
 
 // ---- the noise of a window, measured beside its jumps (noise.cpp) ---------------------------------------------------
 
@@ -165,10 +190,10 @@ void extend_structure(
 // Both 0 where a half has no used sample.
 std::tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums);
 
-// The order in which peaks are tried, which come in the order of their slots: narrow scales and large statistics first.
-std::vector<int64_t> order_in_turn(Integers scale, Floats statistic);
+// Bring peaks into the order in which they are tried: narrow scales and large statistics first.
+void sort_in_turn(std::vector<Peak>& peaks);
 
 // The slots of peaks, taken in turn, with no kept one within ±w; sorted.
-std::vector<int64_t> kept_apart(Integers index, Integers scale);
+NewIntegers kept_apart(const std::vector<Peak>& peaks);
 
 }  // namespace rwa

@@ -16,7 +16,7 @@ double slide(double bristle, double angle_rad, double scale_rad) {
 
 // Dahl's bristle dz/dt = ω − |ω| z/z_c by its exact step in angle; `state` is z/z_c and the last ω.
 NewFloats dahl_bristle(Floats speed_rad_s, Flags usable, double period_s, double scale_rad, Vector<double> state) {
-    auto bristle = NewFloats::zeros(speed_rad_s.size());
+    NewFloats bristle(speed_rad_s.size());
     double z = state[0], before = state[1];
     for (int64_t k = 0; k < speed_rad_s.size(); ++k) {
         if (usable[k]) {
@@ -80,9 +80,9 @@ void smooth(Vector<double> probability, double on, double off) {
 }  // namespace
 
 void bind_effects(nanobind::module_& module) {
-    kernel(module, "dahl_bristle", &dahl_bristle);
-    kernel(module, "forward", &forward);
-    kernel(module, "smooth", &smooth);
+    KERNEL(dahl_bristle);
+    KERNEL(forward);
+    KERNEL(smooth);
 }
 
 }  // namespace rwa

@@ -13,165 +13,11 @@ constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the
 constexpr double SMALLEST_SLOPE_SPREAD = 0.05;  // [of the slope] the slope so far is never trusted further than that
 constexpr double ANY_SLOPE = 3.0;  // times the slope learned or nominal: no anomaly of viscous friction is further off
 constexpr double SMALLEST_SLOPE = 0.1;  // of the dry torque at nominal speed, for next to no viscous friction
+constexpr int64_t FAR_AWAY = -(int64_t{1} << 40);  // a slot that lies near none
 
-// Why `gather` ended: all is done; the first chunk is there, of which Python learns dead band and noise; there is no
-// room for the peaks of the next chunk; or the tails of the noise look heavy: only Python has Student's t, and so the
-// size of an outlier then.
-enum Why : int64_t { ALL_DONE, FIRST_CHUNK, NO_ROOM, HEAVY_TAILS };
-enum Bar : int64_t { VARIANCE, FLOOR, SURE };  // rows of Learned::bars
-enum Number : int64_t { SLOPE, WEIGHT, BAND, CERTAIN, COUNTED, MEDIAN, FAR, OUTLIER };  // of Learned::numbers
-
-struct Learned {
-    Matrix<double> bars;
-    Vector<int64_t> announced;
-    Vector<double> numbers;
-    auto fields() { return std::tie(bars, announced, numbers); }
-};
-
-struct WindowArrays {
-    Vector<double> x, z;
-    Vector<bool> good, used;
-    SumArrays sums;
-    Vector<double> running;
-    StructureArrays structure;
-    Matrix<double> block_sums, block_pairs;
-    ScanState state;
-    Integers scales;
-    Learned learned;
-    auto fields() {
-        return std::tie(x, z, good, used, sums, running, structure, block_sums, block_pairs, state, scales, learned);
-    }
-};
-
-struct WindowSettings {
-    double speed_unit, torque_unit, angle_per_x;
-    int64_t block_hop, stretch_hop;
-    double start_std, prior_mean, prior_std, nominal_slope, outlier;
-    int64_t chunk_peaks;
-    auto fields() {
-        return std::tie(
-            speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
-            nominal_slope, outlier, chunk_peaks);
-    }
-};
-
-// A window as Python made it, its arrays looked up once: in every call that would cost as much as 100 samples do (3 µs).
-struct Window : WindowArrays {
-    WindowSettings by;
-    PeakArrays peaks;
-    Window(const WindowArrays& arrays, const WindowSettings& settings, const PeakArrays& peak_arrays)
-        : WindowArrays(arrays), by(settings), peaks(peak_arrays) {}
-    void fields() = delete;  // an object of its own, no tuple
-};
-
-// ---- noise ----------------------------------------------------------------------------------------------------------
-
-// The statistics from which a peak of each scale is sure, and from which it is kept. A tail is known to a factor: twice
-// the largest outlier by chance is sure, half of it is worth keeping.
-void set_bars(const Window& window, double outlier) {
-    const auto& bars = window.learned.bars;
-    for (int64_t s = 0; s < window.scales.size(); ++s) {
-        const double variance = bars(VARIANCE, s);
-        if (!std::isfinite(variance)) {
-            bars(FLOOR, s) = bars(SURE, s) = INFINITY;
-            continue;
-        }
-        const double by_chance = outlier * outlier / (2.0 * static_cast<double>(window.scales[s]));
-        bars(FLOOR, s) = std::max(KEPT_STATISTIC * variance, 0.25 * by_chance);
-        bars(SURE, s) = std::max(CONFIRMED_STATISTIC * variance, 4.0 * by_chance);
-    }
-}
-
-// The blocks of the noise that end by `slot`.
-int64_t blocks_before(int64_t slot, const Window& window) {
-    return pieces_before(slot, NOISE_BLOCK + LAGS, window.by.block_hop, window.block_sums.extent(0));
-}
-
-// Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise look
-// heavy: then the thresholds, made for Gaussian ones, are to be set again.
-bool refresh(int64_t done, const Window& window) {
-    const auto whole = [&](Matrix<double> table) -> Matrix<const double> {
-        return {table.data, {static_cast<std::size_t>(blocks_before(done, window)), table.shape[1]}};
-    };
-    const double start_std = window.by.start_std;
-    const auto [levels, counts, variances, quantiles] = learn_noise(
-        whole(window.block_sums), whole(window.block_pairs), window.state.histogram, window.scales,
-        start_std * start_std);
-    const Floats variance = variances.view();
-    std::copy(variance.begin(), variance.end(), window.learned.bars.row(VARIANCE).begin());
-    const auto& numbers = window.learned.numbers;
-    std::tie(numbers[COUNTED], numbers[MEDIAN], numbers[FAR]) = quantiles;
-    if (!std::isfinite(variance[0])) {
-        set_bars(window, 0.0);
-        return false;
-    }
-    set_bars(window, window.by.outlier * std::sqrt(variance[0]));
-    return are_heavy(quantiles, variance[0]);
-}
-
-// ---- slope ----------------------------------------------------------------------------------------------------------
-
-// Centre the slope's prior on what the window has shown so far; takes effect with the next slot.
-void learn_slope(int64_t slots, const Window& window) {
-    const Floats variances = window.learned.bars.row(VARIANCE);
-    double variance = 0.0;
-    for (double v : variances) {
-        if (std::isfinite(v)) variance = std::max(variance, v);
-    }
-    if (variance == 0.0) return;
-    const auto& peaks = window.peaks;
-    const auto [index, scale, statistic, jump] = peaks_above(
-        peaks.slots, peaks.values, peaks.counters[COUNT_PEAKS], window.scales, variances, CERTAIN_STATISTIC);
-    std::vector<int64_t> slot, width;
-    for (auto p : order_in_turn(scale.view(), statistic.view())) {
-        slot.push_back(index.view()[p]);
-        width.push_back(scale.view()[p]);
-    }
-    const auto certain = kept_apart(view(slot), view(width));
-    const std::vector<int64_t> exclude(certain.size(), STEP / 4);
-    const auto [slope, error] = slope_within(
-        slots, view(certain), view(exclude), window.sums, variance, window.by.prior_mean, window.by.prior_std);
-    if (!std::isfinite(error)) return;
-    const double spread = std::max({error, SMALLEST_SLOPE_SPREAD * std::abs(slope), SMALLEST_STD});
-    window.learned.numbers[SLOPE] = slope;
-    window.learned.numbers[WEIGHT] = std::max(variance / (spread * spread), SMALLEST_WEIGHT);
-}
-
-// ---- jumps ----------------------------------------------------------------------------------------------------------
-
-// Report, behind the first `told` rows, which of the peaks that the last scan confirmed are new, and sure whatever the
-// slope is; returns how many rows there are now.
-//
-// In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous friction is
-// anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one for any slope is
-// certain while the window is open; at its close the window's own slope decides.
-int64_t report_confirmed(const Window& window, int64_t told) {
-    const auto& [bars, announced, numbers] = window.learned;
-    const auto& peaks = window.peaks;
-    const double slope = numbers[SLOPE];
-    const double largest = std::max({std::abs(slope), std::abs(window.by.nominal_slope), SMALLEST_SLOPE});
-    const double most_slope = ANY_SLOPE * largest;
-    for (int64_t row = 0; row < peaks.counters[COUNT_CONFIRMED]; ++row) {
-        const int64_t p = peaks.confirmed[row], s = peaks.slots(p, PEAK_SCALE), index = peaks.slots(p, PEAK_INDEX);
-        const int64_t w = window.scales[s];
-        const double variance = bars(VARIANCE, s);
-        const auto near = [&](int64_t other) { return std::abs(other - index) <= w; };
-        if (std::any_of(announced.begin(), announced.begin() + STEP, near)) continue;
-        const double weight = std::min(numbers[WEIGHT], variance / (most_slope * most_slope));
-        const auto [statistic, jump] = contrast(index, w, slope, weight, window.sums);
-        if (!(statistic > bars(SURE, s))) continue;
-        announced[announced[STEP]++ % STEP] = index;
-        const double normalised = statistic / variance;
-        peaks.told[told] = index;
-        peaks.told_values(0, told) = jump;
-        peaks.told_values(1, told) = std::abs(jump) / std::sqrt(normalised);
-        peaks.told_values(2, told) = normalised;
-        ++told;
-    }
-    return told;
-}
-
-// ---- samples in -----------------------------------------------------------------------------------------------------
+// Why `gather` ended: all is done; the first chunk is there, of which Python learns dead band and noise; or the tails of
+// the noise look heavy: only Python has Student's t, and so the size of an outlier then.
+enum Why : int64_t { ALL_DONE, FIRST_CHUNK, HEAVY_TAILS };
 
 // Truth values as bytes: loops over `bool` are not vectorised.
 inline const unsigned char* bytes(const bool* values) { return reinterpret_cast<const unsigned char*>(values); }
@@ -211,39 +57,25 @@ VECTORISED void mark_used(const double* __restrict x, const bool* good, double b
     }
 }
 
-void mark_used(const Window& window, int64_t start, int64_t stop) {
-    mark_used(
-        window.x.data + start, window.good.data + start, window.learned.numbers[BAND], stop - start,
-        window.used.data + start);
-}
+struct WindowArrays {
+    Vector<double> x, z;
+    Vector<bool> good, used;
+    SumArrays sums;
+    Vector<double> running;
+    StructureArrays structure;
+    auto fields() { return std::tie(x, z, good, used, sums, running, structure); }
+};
 
-int64_t scan_window(const Window& window, int64_t start, int64_t stop, bool count_bins) {
-    const auto& [bars, announced, numbers] = window.learned;
-    const ScanSettings settings{
-        window.scales, numbers[WEIGHT], numbers[SLOPE], bars.row(FLOOR), bars.row(SURE)};
-    return scan(
-        window.x, window.z, window.used, start, stop, count_bins, settings, window.state, window.peaks,
-        window.by.chunk_peaks);
-}
-
-// Detect in the slots [start, stop) and add them to all sums, as far as there is room for peaks; returns the end.
-int64_t detect(int64_t start, int64_t stop, const Window& window) {
-    if (start >= CHUNK) mark_used(window, start, stop);
-    const auto& [bars, announced, numbers] = window.learned;
-    const int64_t end = scan_window(window, start, stop, start >= CHUNK);
-    find_centre(window.sums, window.running, start, end);
-    extend_checkpoints(window.sums, window.running, start, end);
-    extend_structure(
-        window.x, window.z, window.good, window.used, start, end, numbers[CERTAIN], window.by.angle_per_x,
-        window.by.stretch_hop, window.structure);
-    const int64_t first = blocks_before(start, window), last = blocks_before(end, window);
-    if (last > first) {
-        block_differences(
-            window.x, window.z, window.used, first, last, window.by.block_hop, numbers[SLOPE], numbers[WEIGHT],
-            window.block_sums, window.block_pairs);
+struct WindowSettings {
+    double speed_unit, torque_unit, angle_per_x;
+    int64_t block_hop, stretch_hop;
+    double start_std, prior_mean, prior_std, nominal_slope, outlier;
+    auto fields() {
+        return std::tie(
+            speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
+            nominal_slope, outlier);
     }
-    return end;
-}
+};
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
 bool is_odd_power(int64_t chunks) {
@@ -251,62 +83,186 @@ bool is_odd_power(int64_t chunks) {
     return chunks == 2;
 }
 
-// Take new slots into a window that holds `filled`, and detect in all that are there, from `done` on. Returns how many
-// are good, where detection ended, how many jumps are reported, and why it ended.
-std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
-    const Window& window, Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
-    const auto& by = window.by;
-    const auto& numbers = window.learned.numbers;
-    const auto& counters = window.peaks.counters;
-    const int64_t n = speed.size();
-    const int64_t count = normalise(
-        speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, window.x.data + filled,
-        window.z.data + filled, window.good.data + filled);
-    count_signs(filled, speed, window.good.slice(filled, filled + n), window.structure.signs, window.structure.counts);
-    filled += n;
-    int64_t told = 0;
-    const int64_t ready = last ? filled : filled - filled % STEP;
-    if (std::isnan(numbers[COUNTED])) {
-        if (ready < CHUNK && !last) return {count, done, told, ALL_DONE};
-        if (std::isnan(numbers[BAND])) return {count, done, told, FIRST_CHUNK};
-        // The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
-        scan_window(window, 0, std::min(ready, CHUNK), true);
-        if (refresh(0, window)) return {count, done, told, HEAVY_TAILS};
+// A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and
+// what it learns of itself.
+struct Window {
+    Window(const WindowArrays& arrays, const WindowSettings& settings, Integers scales)
+        : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
+          floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
+        announced.fill(FAR_AWAY);
+        block_sums = Table<double, 2>({blocks_before(a.x.size()), LAGS});
+        block_pairs = Table<double, 2>(block_sums.shape);
     }
-    if (!std::isnan(numbers[OUTLIER])) {
-        set_bars(window, numbers[OUTLIER]);
-        numbers[OUTLIER] = NAN;
+
+    // What Python learned of the first chunk: weight of the slope's prior, dead band, speed whose sign is certain.
+    void begin(double prior_weight, double dead_band, double certain_speed) {
+        weight = prior_weight, band = dead_band, certain = certain_speed;
     }
-    while (done < ready) {
-        if (done % CHUNK == 0 && counters[COUNT_PEAKS] + by.chunk_peaks > window.peaks.slots.extent(0)) {
-            return {count, done, told, NO_ROOM};
-        }
-        int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
-        while (change <= done) change *= 2;
-        done = detect(done, std::min(ready, change), window);
-        if (counters[COUNT_CONFIRMED] > 0) told = report_confirmed(window, told);
-        if (done == change && done > CHUNK) {
-            const bool heavy = refresh(done, window);
-            const bool enough = window.running[0] >= static_cast<double>(CHUNK);
-            if (enough && is_odd_power(done / CHUNK)) learn_slope(done, window);
-            if (heavy) return {count, done, told, HEAVY_TAILS};
+
+    // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outlier by
+    // chance. A tail is known to a factor: twice that is sure, half of it is worth keeping.
+    void set_outlier(double outlier) {
+        for (std::size_t s = 0; s < variances.size(); ++s) {
+            floors[s] = sure[s] = INFINITE;
+            if (!std::isfinite(variances[s])) continue;
+            const double by_chance = outlier * outlier / (2.0 * static_cast<double>(detector.scales[s]));
+            floors[s] = std::max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
+            sure[s] = std::max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
         }
     }
-    return {count, done, told, ALL_DONE};
-}
+
+    // The noise of the slots [0, done).
+    Noise noise(int64_t done) const {
+        const int64_t blocks = blocks_before(done);
+        return learn_noise(
+            {block_sums.data, {blocks, LAGS}}, {block_pairs.data, {blocks, LAGS}}, detector.histogram, detector.scales,
+            by.start_std * by.start_std);
+    }
+
+    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns how
+    // many are good, where detection ended, how many jumps were reported, and why it ended.
+    std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
+        Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
+        const int64_t n = speed.size();
+        const int64_t count = normalise(
+            speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.x.data + filled, a.z.data + filled,
+            a.good.data + filled);
+        count_signs(filled, speed, a.good.slice(filled, filled + n), a.structure.signs, a.structure.counts);
+        filled += n;
+        reported = {};
+        const Why why = detect_until(last ? filled : filled - filled % STEP, done, last);
+        return {count, done, std::get<0>(reported).size(), why};
+    }
+
+    // The blocks of the noise that end by `slot`.
+    int64_t blocks_before(int64_t slot) const {
+        return pieces_before(slot, NOISE_BLOCK + LAGS, by.block_hop, a.x.size());
+    }
+
+    // Detect from `done` on.
+    Why detect_until(int64_t ready, int64_t& done, bool last) {
+        if (std::isnan(std::get<0>(quantiles))) {
+            if (ready < CHUNK && !last) return ALL_DONE;
+            if (std::isnan(band)) return FIRST_CHUNK;
+            // The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
+            scan(0, std::min(ready, CHUNK), true);
+            if (refresh(0)) return HEAVY_TAILS;
+        }
+        while (done < ready) {
+            int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
+            while (change <= done) change *= 2;
+            const int64_t stop = std::min(ready, change);
+            detect(done, stop);
+            done = stop;
+            report_confirmed();
+            if (done == change && done > CHUNK) {
+                const bool heavy = refresh(done);
+                const bool enough = a.running[0] >= static_cast<double>(CHUNK);
+                if (enough && is_odd_power(done / CHUNK)) learn_slope(done);
+                if (heavy) return HEAVY_TAILS;
+            }
+        }
+        return ALL_DONE;
+    }
+
+    void scan(int64_t start, int64_t stop, bool counting) {
+        detector.scan(a.x, a.z, a.used, start, stop, counting, {weight, slope, variances, floors, sure});
+    }
+
+    // Detect in the slots [start, stop) and add them to all sums.
+    void detect(int64_t start, int64_t stop) {
+        if (start >= CHUNK) mark_used(a.x.data + start, a.good.data + start, band, stop - start, a.used.data + start);
+        scan(start, stop, start >= CHUNK);
+        find_centre(a.sums, a.running, start, stop);
+        extend_checkpoints(a.sums, a.running, start, stop);
+        extend_structure(a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
+        block_differences(
+            a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight, block_sums,
+            block_pairs);
+    }
+
+    // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise
+    // look heavy: then the thresholds, made for Gaussian ones, are to be set again.
+    bool refresh(int64_t done) {
+        std::tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
+        const double variance = variances[0];
+        set_outlier(std::isfinite(variance) ? by.outlier * std::sqrt(variance) : 0.0);
+        return std::isfinite(variance) && are_heavy(quantiles, variance);
+    }
+
+    // Centre the slope's prior on what the window has shown so far; takes effect with the next slot.
+    void learn_slope(int64_t slots) {
+        double variance = 0.0;
+        for (double v : variances) {
+            if (std::isfinite(v)) variance = std::max(variance, v);
+        }
+        if (variance == 0.0) return;
+        std::vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
+        sort_in_turn(peaks);
+        const NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
+        const auto [now, error] = slope_within(slots, index, exclude, a.sums, variance, by.prior_mean, by.prior_std);
+        if (!std::isfinite(error)) return;
+        const double spread = std::max({error, SMALLEST_SLOPE_SPREAD * std::abs(now), SMALLEST_STD});
+        slope = now;
+        weight = std::max(variance / (spread * spread), SMALLEST_WEIGHT);
+    }
+
+    // Report which of the peaks that the last scan confirmed are new, and sure whatever the slope is.
+    //
+    // In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous friction
+    // is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one for any
+    // slope is certain while the window is open; at its close the window's own slope decides.
+    void report_confirmed() {
+        const double largest = std::max({std::abs(slope), std::abs(by.nominal_slope), SMALLEST_SLOPE});
+        const double most_slope = ANY_SLOPE * largest;
+        for (const ScannedPeak& peak : detector.confirmed) {
+            const int64_t index = peak.index, w = detector.scales[peak.scale];
+            const double variance = variances[peak.scale];
+            const auto near = [&](int64_t other) { return std::abs(other - index) <= w; };
+            if (std::any_of(announced.begin(), announced.end(), near)) continue;
+            const double least_weight = std::min(weight, variance / (most_slope * most_slope));
+            const auto [statistic, jump] = contrast(index, w, slope, least_weight, a.sums);
+            if (!(statistic > sure[peak.scale])) continue;
+            announced[announcements++ % STEP] = index;
+            auto& [slots, jumps, stds, normalised] = reported;
+            slots.push_back(index);
+            jumps.push_back(jump);
+            normalised.push_back(statistic / variance);
+            stds.push_back(std::abs(jump) / std::sqrt(normalised.back()));
+        }
+    }
+
+    WindowArrays a;
+    WindowSettings by;
+    double slope, weight = NAN, band = NAN, certain = NAN;  // of the slope's prior; dead band, and the speed beyond noise
+    Detector detector;
+    NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
+    Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
+    Table<double, 2> block_sums, block_pairs;   // see `block_differences`
+    std::array<int64_t, STEP> announced;        // the last slots reported, in turns
+    int64_t announcements = 0;
+    std::tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
+};
 }  // namespace
 
 void bind_evidence(nanobind::module_& module) {
-    module.attr("KEPT_STATISTIC") = KEPT_STATISTIC;
-    module.attr("SMALLEST_WEIGHT") = SMALLEST_WEIGHT;
-    const std::pair<const char*, int64_t> places[] = {
-        {"ALL_DONE", ALL_DONE}, {"FIRST_CHUNK", FIRST_CHUNK}, {"NO_ROOM", NO_ROOM}, {"VARIANCE", VARIANCE},
-        {"WEIGHT", WEIGHT},     {"COUNTED", COUNTED},         {"OUTLIER", OUTLIER}};
-    for (auto [name, place] : places) module.attr(name) = place;
-    using nanobind::keep_alive;
+    CONSTANT(KEPT_STATISTIC);
+    CONSTANT(SMALLEST_WEIGHT);
+    CONSTANT(ALL_DONE);
+    CONSTANT(FIRST_CHUNK);
+    using nanobind::gil_scoped_release;
     nanobind::class_<Window>(module, "Window")
-        .def(nanobind::init<WindowArrays, WindowSettings, PeakArrays>(), keep_alive<1, 2>(), keep_alive<1, 4>());
-    kernel(module, "gather", &gather);
+        .def(nanobind::init<WindowArrays, WindowSettings, Integers>(), nanobind::keep_alive<1, 2>())
+        .def("gather", &Window::gather, nanobind::call_guard<gil_scoped_release>())
+        .def("begin", &Window::begin)
+        .def("set_outlier", &Window::set_outlier)
+        .def("noise", &Window::noise)
+        .def("peaks_above", [](const Window& window, double threshold, Floats variances) {
+            return columns_of(window.detector.above(threshold, variances));
+        })
+        .def_prop_ro("variances", [](const Window& window) { return window.variances; })
+        .def_prop_ro("quantiles", [](const Window& window) { return window.quantiles; })
+        .def_prop_ro("reported", [](const Window& window) { return window.reported; });
 }
 
 }  // namespace rwa

@@ -1,7 +1,6 @@
 from typing import Final
 
-from rwa_monitor.changepoints.candidates import PeakArrays, ScanState
-from rwa_monitor.changepoints.evidence import Learned, WindowSettings
+from rwa_monitor.changepoints.evidence import WindowSettings
 from rwa_monitor.changepoints.running_sums import StructureArrays, SumArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -9,63 +8,76 @@ KEPT_STATISTIC: Final[float]
 SMALLEST_WEIGHT: Final[float]
 ALL_DONE: Final[int]
 FIRST_CHUNK: Final[int]
-NO_ROOM: Final[int]
-VARIANCE: Final[int]
-WEIGHT: Final[int]
-COUNTED: Final[int]
-OUTLIER: Final[int]
 
 # x, z, good, used, (slots,): the samples, normalised; which are good, and which of those are used. Running sums, see
-# `RunningSums`, and what is in their classes: structure, scan, what was learned. Sums and pairs of blocks, float64
-# (B, LAGS), see `block_differences`. int64 (S,): half-widths of the scales [slots].
-_WindowArrays = tuple[
-    FloatArray,
-    FloatArray,
-    BoolArray,
-    BoolArray,
-    SumArrays,
-    FloatArray,
-    StructureArrays,
-    FloatArray,
-    FloatArray,
-    ScanState,
-    IntArray,
-    Learned,
-]
+# `RunningSums`, and structure.
+_WindowArrays = tuple[FloatArray, FloatArray, BoolArray, BoolArray, SumArrays, FloatArray, StructureArrays]
 
 class Window:
-    """The arrays of a window, looked up once: they must not be replaced while it is in use."""
-
-    def __init__(self, arrays: _WindowArrays, settings: WindowSettings, peaks: PeakArrays) -> None: ...
-
-def gather(
-    window: Window,
-    speed: FloatArray,
-    torque: FloatArray,
-    good: BoolArray,
-    filled: int,
-    done: int,
-    last: bool,
-) -> tuple[int, int, int, int]:
-    """Take new slots into a window, and detect in all that are there.
+    """A window: arrays that are filled in place, and must not be replaced while it is in use; what it learns of itself.
 
     Parameters
     ----------
-    window
-        The window, changed in place.
-    speed, torque, good
-        (n,), the new slots as they were measured.
-    filled, done
-        Slots that the window holds, and those in which it has detected.
-    last
-        Whether no slot will follow: else the last ones wait until a step of STEP is full, the first until a chunk is.
+    arrays, settings
+        What to fill, and how slots are taken.
+    scales
+        int64 (S,), half-widths [slots], ascending.
 
-    Returns
-    -------
-    tuple[int, int, int, int]
-        How many of the new slots are good, where detection ended, how many jumps it reports, see `PeakArrays`, and why
-        it ended: ALL_DONE; FIRST_CHUNK, of which what counts as used is to be marked, and `Learned.numbers` is to hold
-        WEIGHT, dead band and certain speed; NO_ROOM for the peaks of the next chunk; else the tails of the noise look
-        heavy, and `Learned.numbers` is to hold the largest OUTLIER by chance. In all cases but the first it is to be
-        called again, without a slot.
+    Attributes
+    ----------
+    variances
+        float64 (S,), of the contrast of each scale; NaN where it is not known.
+    quantiles
+        Of the narrowest scale's statistic, see `kernels.noise.quantiles_of`; NaN until the first chunk is there.
+    reported
+        Of the jumps that became certain in the last call of `gather`: int64 slots; float64 jumps, their standard
+        deviations, and the normalised statistics.
     """
+
+    variances: FloatArray
+    quantiles: tuple[float, float, float]
+    reported: tuple[IntArray, FloatArray, FloatArray, FloatArray]
+
+    def __init__(self, arrays: _WindowArrays, settings: WindowSettings, scales: IntArray) -> None: ...
+    def gather(
+        self, speed: FloatArray, torque: FloatArray, good: BoolArray, filled: int, done: int, last: bool
+    ) -> tuple[int, int, int, int]:
+        """Take new slots into the window, and detect in all that are there.
+
+        Parameters
+        ----------
+        speed, torque, good
+            (n,), the new slots as they were measured.
+        filled, done
+            Slots that the window holds, and those in which it has detected.
+        last
+            Whether no slot will follow: else the last ones wait until a step of STEP is full, the first until a chunk
+            is.
+
+        Returns
+        -------
+        tuple[int, int, int, int]
+            How many of the new slots are good, where detection ended, how many jumps it reports, and why it ended:
+            ALL_DONE; FIRST_CHUNK, of which what counts as used is to be marked, and which `begin` waits for; else the
+            tails of the noise look heavy, and `set_outlier` is to be called. In all cases but the first it is to be
+            called again, without a slot.
+        """
+
+    def begin(self, weight: float, dead_band: float, certain_speed: float) -> None:
+        """Set what was learned of the first chunk: weight of the slope's prior, dead band, speed of certain sign."""
+
+    def set_outlier(self, outlier: float) -> None:
+        """Set the largest outlier by chance, normalised."""
+
+    def noise(self, done: int) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
+        """Return the noise of the slots [0, done).
+
+        Levels and counts as from `kernels.noise.quiet_levels`, float64 (LAGS,); the variance of each scale's contrast,
+        float64 (S,); the quantiles of the narrowest scale's statistic.
+        """
+
+    def peaks_above(self, threshold: float, variances: FloatArray) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+        """Return the fields of the `Candidates`: peaks whose statistic, over its scale's variance, reaches `threshold`.
+
+        Sorted by slot, then narrow scales first.
+        """

@@ -19,13 +19,11 @@ constexpr double STEPS_TO_JUDGE = 16;    // before roughness is known well enoug
 
 // Whether low ≤ value ≤ high for all; NaN is not.
 template <typename T>
-ALWAYS_INLINE bool between(Vector<const T> values, T low, T high) {
+bool all_between(Vector<const T> values, T low, T high) {
     int64_t count = 0;
     for (const T value : values) count += (value >= low) & (value <= high);
     return count == values.size();
 }
-VECTORISED bool floats_between(Floats values, double low, double high) { return between(values, low, high); }
-VECTORISED bool times_between(Integers values, int64_t low, int64_t high) { return between(values, low, high); }
 
 // Give samples their slots, as SlotGrid.slot_of, up to a clock step or beyond slot `furthest`; mark which are ahead of
 // all before. Returns how many samples belong to the piece, how many of them are ahead, and how many of those are good.
@@ -110,14 +108,14 @@ bool judge(
 }  // namespace
 
 void bind_ingest(nanobind::module_& module) {
-    kernel(module, "all_between", &floats_between);
-    kernel(module, "all_between", &times_between);
-    kernel(module, "assign_slots", &assign_slots);
-    kernel(module, "judge", &judge);
-    module.attr("HANGING_SLOTS") = HANGING_SLOTS;
-    module.attr("OUTSTANDING_SLOTS") = OUTSTANDING_SLOTS;
-    module.attr("HANGS") = HANGS;
-    module.attr("STANDS_OUT") = STANDS_OUT;
+    module.def("all_between", &all_between<double>);
+    module.def("all_between", &all_between<int64_t>);
+    KERNEL(assign_slots);
+    KERNEL(judge);
+    CONSTANT(HANGING_SLOTS);
+    CONSTANT(OUTSTANDING_SLOTS);
+    CONSTANT(HANGS);
+    CONSTANT(STANDS_OUT);
 }
 
 }  // namespace rwa

@@ -21,7 +21,7 @@ struct Chain {
 };
 
 // See duration_likelihoods.FirstSojourn.
-struct Told {
+struct FirstSojourn {
     int64_t configuration;
     Floats ends;
     double lasts;
@@ -46,14 +46,14 @@ double soft_pmf(double survival, double following, double slots, double mean) {
 }
 
 // A log-probability of the first sojourn, in q: of a mixture where earlier windows give its configuration.
-double log_first(double unknown, double told, int64_t q, int64_t configuration) {
+double log_first(double unknown, double known, int64_t q, int64_t configuration) {
     if (configuration < 0) return std::log(unknown);
-    return std::log((1.0 - CARRIED_TRUST) * unknown + (q == configuration ? CARRIED_TRUST * told : 0.0));
+    return std::log((1.0 - CARRIED_TRUST) * unknown + (q == configuration ? CARRIED_TRUST * known : 0.0));
 }
 
 // Fill the tables of one system, which hold -inf, from the survivals (Q, points), see laws.pyi.
 void tabulate(
-    Floats at, int64_t slots, Matrix<const double> survivals, const Chain& chain, const Told& told,
+    Floats at, int64_t slots, Matrix<const double> survivals, const Chain& chain, const FirstSojourn& first,
     Array<double, 3> jump, Matrix<double> stay, Array<double, 4> missed) {
     const int64_t count = at.size(), configurations = chain.means.size(), pairs = count * (count - 1) / 2;
     for (int64_t q = 0; q < configurations; ++q) {
@@ -69,9 +69,9 @@ void tabulate(
         for (int64_t k = 0; k < count; ++k) {
             stay(q, 1 + k) = std::log(soft_survival(left[k], static_cast<double>(slots) - at[k], mean));
             const double ended = chain.entered[q] * soft_survival(begun[k], at[k], mean);
-            jump(q, 0, 1 + k) = log_first(ended, told.ends[k], q, told.configuration);
+            jump(q, 0, 1 + k) = log_first(ended, first.ends[k], q, first.configuration);
         }
-        stay(q, 0) = log_first(chain.never[q], told.lasts, q, told.configuration);
+        stay(q, 0) = log_first(chain.never[q], first.lasts, q, first.configuration);
         if (q + 1 == configurations) continue;
         const double both = mean + chain.means[q + 1];  // of two sojourns in a row, up or down, seen as one
         const double log_up = std::log(MISSED_SHARE) + chain.turn(q, UP) + std::log(2.0 / both);
@@ -87,27 +87,6 @@ void tabulate(
             }
         }
     }
-}
-
-// The log-probability of a system's sojourns in `configurations`, the later ones begun at the slots `at`; survivals at
-// the durations of those between the first and the last, at these + 1, of the first, and of the last.
-double add_up(
-    Integers configurations, Floats at, int64_t slots, Matrix<const double> survivals, const Chain& chain,
-    const Told& told) {
-    const int64_t count = at.size(), between = count - 1, first = configurations[0], last = configurations[count];
-    if (count == 0) return log_first(chain.never[first], told.lasts, first, told.configuration);
-    const double ended = chain.entered[first] * soft_survival(survivals(first, 2 * between), at[0], chain.means[first]);
-    double total = log_first(ended, told.ends[0], first, told.configuration);
-    const double left = static_cast<double>(slots) - at[between];
-    total += std::log(soft_survival(survivals(last, 2 * between + 1), left, chain.means[last]));
-    for (int64_t j = 0; j < count; ++j) {
-        const int64_t q = configurations[j];
-        total += chain.turn(q, configurations[j + 1] > q ? UP : DOWN);
-        if (j == 0) continue;
-        const double survival = survivals(q, j - 1), following = survivals(q, between + j - 1);
-        total += std::log(soft_pmf(survival, following, at[j] - at[j - 1], chain.means[q]));
-    }
-    return total;
 }
 
 // ---- densities ----
@@ -131,14 +110,6 @@ double density_in(double value, double sigma, double low, double high, double so
     return (below((0.5 * width - distance) / sigma) - below((-0.5 * width - distance) / sigma)) / width;
 }
 
-NewFloats band_densities(Floats value, Floats std, double low, double high, double soft) {
-    auto density = NewFloats::zeros(value.size());
-    for (int64_t i = 0; i < value.size(); ++i) {
-        density[i] = density_in(value[i], std::hypot(soft, std[i]), low, high, soft);
-    }
-    return density;
-}
-
 // A configuration's learned bands (`model.Levels.numbers`), softened by a measurement's standard deviation.
 struct Softened {
     const double* numbers;
@@ -149,9 +120,9 @@ struct Softened {
           anomalous(std::hypot(of[5], std)) {}
 };
 
-// Of a measured value: under nominal and under anomalous, and the sum in the learned bands alone.
+// Of a measured value: under nominal and under anomalous, and the probability that it lies in no learned band.
 struct Densities {
-    double nominal, anomalous, inside;
+    double nominal, anomalous, stray;
 };
 
 Densities level_density(double value, const Softened& level) {
@@ -161,73 +132,46 @@ Densities level_density(double value, const Softened& level) {
     const double stray = 0.5 / reach / (far * far);
     const double excess = value - (high + 2.0 * soft), beyond = 1.0 + std::max(excess, 0.0) / reach;
     const double other = below(excess / level.nominal) / reach / (beyond * beyond);
-    const double nominal = density_in(value, level.nominal, low, high, soft);
-    double learned = other, inside = nominal;
+    const double in_nominal = density_in(value, level.nominal, low, high, soft);
+    double learned = other, inside = in_nominal;
     if (!std::isnan(level.numbers[3])) {
         learned = density_in(value, level.anomalous, level.numbers[3], level.numbers[4], level.numbers[5]);
-        inside = nominal + learned;
+        inside = in_nominal + learned;
     }
-    return {
-        (1.0 - stray_share) * nominal + stray_share * stray,
-        (1.0 - stray_share - OTHER_SIZE) * learned + OTHER_SIZE * other + stray_share * stray, inside};
+    const double nominal = (1.0 - stray_share) * in_nominal + stray_share * stray;
+    const double anomalous = (1.0 - stray_share - OTHER_SIZE) * learned + OTHER_SIZE * other + stray_share * stray;
+    const double everything = 0.5 * (nominal + anomalous);
+    return {nominal, anomalous, everything > 0.0 ? std::max(0.0, 1.0 - 0.5 * inside / everything) : 1.0};
 }
 
-Table<double, 2> level_densities(Floats value, Floats std, Floats numbers) {
-    auto densities = Table<double, 2>::zeros(3, value.size());
+// `Densities` (3, n, offsets) of measured values with each offset added; 1, 1 and NaN where a value is not finite or its
+// configuration was not learned.
+Table<double, 3> densities(
+    Integers configuration, Floats value, Floats std, Floats offset, Matrix<const double> numbers) {
+    Table<double, 3> found({3, value.size(), offset.size()}, 1.0);
     for (int64_t i = 0; i < value.size(); ++i) {
-        const auto [nominal, anomalous, inside] = level_density(value[i], {std[i], numbers.data});
-        densities(0, i) = nominal, densities(1, i) = anomalous, densities(2, i) = inside;
-    }
-    return densities;
-}
-
-// Whether a measured value is finite and its configuration was learned.
-bool is_known(int64_t q, double value, double std, Matrix<const double> numbers) {
-    return std::isfinite(value) && std::isfinite(std) && q < numbers.extent(0) && !std::isnan(numbers(q, 0));
-}
-
-// Nominal and anomalous densities (2, n, offsets) of a system's sojourns with each offset added; 1 where not known.
-Table<double, 3> sojourn_densities(
-    Integers configuration, Floats friction, Floats std, Floats shift, Matrix<const double> numbers) {
-    auto densities = Table<double, 3>::full(1.0, 2, configuration.size(), shift.size());
-    for (int64_t i = 0; i < configuration.size(); ++i) {
         const int64_t q = configuration[i];
-        if (!is_known(q, friction[i], std[i], numbers)) continue;
+        const bool learned = q < numbers.shape[0] && !std::isnan(numbers(q, 0));
+        if (!learned || !std::isfinite(value[i]) || !std::isfinite(std[i])) {
+            std::fill_n(&found(2, i, 0), offset.size(), NAN);
+            continue;
+        }
         const Softened level(std[i], numbers.row(q).data);
-        for (int64_t j = 0; j < shift.size(); ++j) {
-            const auto density = level_density(friction[i] + shift[j], level);
-            densities(0, i, j) = density.nominal, densities(1, i, j) = density.anomalous;
+        for (int64_t j = 0; j < offset.size(); ++j) {
+            const auto [nominal, anomalous, stray] = level_density(value[i] + offset[j], level);
+            found(0, i, j) = nominal, found(1, i, j) = anomalous, found(2, i, j) = stray;
         }
     }
-    return densities;
-}
-
-// Of each known value: the probability that it lies in no learned band, and its standard deviation over reach.
-std::tuple<NewFloats, NewFloats> strays(
-    Integers configuration, Floats value, Floats std, Matrix<const double> numbers) {
-    std::vector<double> stray, relative;
-    for (int64_t i = 0; i < value.size(); ++i) {
-        const int64_t q = configuration[i];
-        if (!is_known(q, value[i], std[i], numbers)) continue;
-        const auto [nominal, anomalous, inside] = level_density(value[i], {std[i], numbers.row(q).data});
-        const double everything = 0.5 * (nominal + anomalous);
-        stray.push_back(everything > 0.0 ? std::max(0.0, 1.0 - 0.5 * inside / everything) : 1.0);
-        relative.push_back(std[i] / numbers(q, LEVEL_NUMBERS - 1));
-    }
-    return {NewFloats::from(std::move(stray)), NewFloats::from(std::move(relative))};
+    return found;
 }
 }  // namespace
 
 void bind_laws(nanobind::module_& module) {
-    module.attr("SOFT_SHARE") = SOFT_SHARE;
-    module.attr("OTHER_SIZE") = OTHER_SIZE;
-    module.attr("LEVEL_NUMBERS") = LEVEL_NUMBERS;
-    kernel(module, "tabulate", &tabulate);
-    kernel(module, "add_up", &add_up);
-    kernel(module, "band_densities", &band_densities);
-    kernel(module, "level_densities", &level_densities);
-    kernel(module, "sojourn_densities", &sojourn_densities);
-    kernel(module, "strays", &strays);
+    CONSTANT(SOFT_SHARE);
+    CONSTANT(OTHER_SIZE);
+    CONSTANT(LEVEL_NUMBERS);
+    KERNEL(tabulate);
+    KERNEL(densities);
 }
 
 }  // namespace rwa

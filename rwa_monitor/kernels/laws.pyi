@@ -32,39 +32,20 @@ def tabulate(
         The system's part of `duration_likelihoods.DurationLikelihoods`.
     """
 
-def add_up(
-    configurations: IntArray, at: FloatArray, slots: int, survivals: FloatArray, chain: Chain, first: FirstSojourn
-) -> float:
-    """Add up the log-probabilities of a system's sojourns in `configurations`, the later ones begun at the slots `at`.
-
-    Parameters as in `tabulate`, the durations those of the sojourns between its first and last.
-    """
-
-def band_densities(value: FloatArray, std: FloatArray, low: float, high: float, soft: float) -> FloatArray:
-    """Return the density of measuring each value, with its standard deviation, in a band: float64 (n,)."""
-
-def level_densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> FloatArray:
-    """Return the densities of measured values, float64 (3, n): nominal, anomalous, and both in their learned bands.
-
-    `numbers` as in `model.Levels.numbers`; see `likelihood.log_densities`.
-    """
-
-def sojourn_densities(
-    configuration: IntArray, friction: FloatArray, std: FloatArray, offset: FloatArray, numbers: FloatArray
+def densities(
+    configuration: IntArray, value: FloatArray, std: FloatArray, offset: FloatArray, numbers: FloatArray
 ) -> FloatArray:
-    """Return the densities of a system's sojourns with an offset added, float64 (2, n, offsets); 1 where not known.
+    """Return what was learned of measured values with an offset added, float64 (3, n, offsets).
+
+    The density under nominal and under anomalous, see `model.log_densities`, and the probability that the value lies in
+    no learned band; 1, 1 and NaN where a value is not finite or its configuration was not learned.
 
     Parameters
     ----------
-    configuration, friction, std
-        (n,), of each sojourn.
+    configuration, value, std
+        (n,), of each value.
     offset
         float64 (offsets,).
     numbers
         float64 (configurations, LEVEL_NUMBERS), see `model.AnomalyModel.numbers`.
     """
-
-def strays(
-    configuration: IntArray, value: FloatArray, std: FloatArray, numbers: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """See `likelihood.stray_probabilities`; `numbers` as in `sojourn_densities`."""

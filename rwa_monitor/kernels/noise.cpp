@@ -71,16 +71,16 @@ double trimmed_variance(Integers counts, int64_t total) {
 
 // The sum of LAGS values, as eight side by side.
 double sum_of_lags(const double* row) {
-    double part[8];
-    for (int i = 0; i < 8; ++i) {
-        part[i] = ((row[i] + row[8 + i]) + (row[16 + i] + row[24 + i])) +
-                  ((row[32 + i] + row[40 + i]) + (row[48 + i] + row[56 + i]));
+    double part[8] = {}, total = 0.0;
+    for (int64_t lag = 0; lag < LAGS; lag += 8) {
+        for (int i = 0; i < 8; ++i) part[i] += row[lag + i];
     }
-    return ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]));
+    for (double sum : part) total += sum;
+    return total;
 }
 
-// What the block's own level and slope leave of its friction; 0 where not used. Returns the used samples.
-VECTORISED double remainders(
+// What the block's own level and slope leave of its friction; 0 where not used.
+VECTORISED void remainders(
     const double* __restrict x, const double* __restrict z, const bool* __restrict used, double slope, double weight,
     double* __restrict good, double* __restrict e) {
     double u[LENGTH], v[LENGTH];
@@ -100,26 +100,10 @@ VECTORISED double remainders(
     const double share = 1.0 / std::max(n, 1.0);
     const double own = (sxz - sx * sz * share + weight * slope) / (std::max(sxx - sx * sx * share, 0.0) + weight);
     for (int64_t i = 0; i < LENGTH; ++i) e[i] = v[i] - own * u[i];
-    return n;
 }
 
-// Half the squared differences at each lag where every slot is used; four slots in a row for each sum in memory.
-VECTORISED void full_differences(const double* __restrict e, double* __restrict sums) {
-    double total[LAGS] = {};
-    for (int64_t i = 0; i < NOISE_BLOCK; i += 4) {
-        const double e0 = e[i], e1 = e[i + 1], e2 = e[i + 2], e3 = e[i + 3];
-        const double* __restrict later = e + i + 1;
-        for (int64_t lag = 0; lag < LAGS; ++lag) {
-            const double d0 = later[lag] - e0, d1 = later[lag + 1] - e1;
-            const double d2 = later[lag + 2] - e2, d3 = later[lag + 3] - e3;
-            total[lag] = (((total[lag] + d0 * d0) + d1 * d1) + d2 * d2) + d3 * d3;
-        }
-    }
-    for (int64_t lag = 0; lag < LAGS; ++lag) sums[lag] = 0.5 * total[lag];
-}
-
-// The same with gaps, and the pairs of used samples.
-VECTORISED void differences_with_gaps(
+// Half the squared differences of used samples at each lag, and how many pairs they are.
+VECTORISED void differences(
     const double* __restrict e, const double* __restrict good, double* __restrict sums, double* __restrict pairs) {
     double sum[LAGS] = {}, pair[LAGS] = {};
     for (int64_t i = 0; i < NOISE_BLOCK; ++i) {
@@ -138,7 +122,7 @@ VECTORISED void differences_with_gaps(
 
 // The variance of each scale's contrast, from the lower part of its histogram.
 NewFloats scale_variances(Matrix<const int64_t> histogram, Integers scales, double start_variance) {
-    auto variances = NewFloats::zeros(scales.size());
+    NewFloats variances(scales.size());
     double borrowed = start_variance;
     for (int64_t s = 0; s < scales.size(); ++s) {
         const auto counts = histogram.row(s);
@@ -162,19 +146,14 @@ void block_differences(
     double good[LENGTH], e[LENGTH];
     for (int64_t b = first; b < last; ++b) {
         const int64_t start = b * hop;
-        const double n = remainders(&x[start], &z[start], &used[start], slope, weight, good, e);
-        if (n == LENGTH) {
-            full_differences(e, &sums(b, 0));
-            std::fill(&pairs(b, 0), &pairs(b, 0) + LAGS, NOISE_BLOCK);
-        } else {
-            differences_with_gaps(e, good, &sums(b, 0), &pairs(b, 0));
-        }
+        remainders(&x[start], &z[start], &used[start], slope, weight, good, e);
+        differences(e, good, &sums(b, 0), &pairs(b, 0));
     }
 }
 
 // γ(0) - γ(l) at the lags 1 … LAGS and the pairs behind it, over the full blocks that do not stand out upwards.
 std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<const double> pairs) {
-    const int64_t blocks = sums.extent(0);
+    const int64_t blocks = sums.shape[0];
     std::vector<double> score(blocks, NAN), full;
     for (int64_t b = 0; b < blocks; ++b) {
         const double* row = &pairs(b, 0);
@@ -184,7 +163,7 @@ std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<
         }
         if (std::isfinite(score[b])) full.push_back(score[b]);
     }
-    auto levels = NewFloats::full(NAN, LAGS), counts = NewFloats::zeros(LAGS);
+    NewFloats levels(LAGS, NAN), counts = NewFloats(LAGS);
     if (full.empty()) return {levels, counts};
     const double middle = median_in_place(full);
     for (double& value : full) value = std::abs(value - middle);
@@ -207,7 +186,7 @@ std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<
 // The variance of each scale's contrast that the levels imply: v = -w Σ r(l) (γ(0) - γ(l)), r the correlation of its
 // weights -1/w and +1/w; 0 where it is longer than the lags reach.
 NewFloats contrast_variances(Floats levels, Integers scales) {
-    auto variances = NewFloats::zeros(scales.size());
+    NewFloats variances(scales.size());
     for (int64_t s = 0; s < scales.size(); ++s) {
         const int64_t w = scales[s];
         if (2 * w > LAGS) continue;
@@ -269,7 +248,7 @@ Noise learn_noise(
     double start_variance) {
     auto [levels, counts] = quiet_levels(block_sums, block_pairs);
     auto variances = scale_variances(histogram, scales, start_variance);
-    auto implied = contrast_variances(levels.view(), scales);
+    auto implied = contrast_variances(levels, scales);
     for (int64_t s = 0; s < scales.size(); ++s) {
         // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
         variances[s] = std::max(variances[s], LEAST_SHARE * implied[s]);
@@ -278,24 +257,23 @@ Noise learn_noise(
 }
 
 void bind_noise(nanobind::module_& module) {
-    module.attr("LAGS") = LAGS;
+    CONSTANT(LAGS);
     module.attr("BLOCK") = NOISE_BLOCK;
-    module.attr("SMALLEST_STD") = SMALLEST_STD;
-    module.attr("KEPT") = KEPT;
-    module.attr("KEPT_MEAN") = KEPT_MEAN;
-    module.attr("JUMPED") = JUMPED;
-    module.attr("JUMPED_RATE") = JUMPED_RATE;
-    module.attr("MOST_JUMPED") = MOST_JUMPED;
-    kernel(module, "lean", &lean);
-    kernel(module, "scale_variances", &scale_variances);
-    kernel(module, "block_differences", &block_differences);
-    kernel(module, "quiet_levels", &quiet_levels);
-    kernel(module, "contrast_variances", &contrast_variances);
-    module.attr("CHI_MEDIAN") = CHI_MEDIAN;
-    module.attr("GAUSSIAN_RATIO") = GAUSSIAN_RATIO;
-    kernel(module, "quantiles_of", &quantiles_of);
-    kernel(module, "are_heavy", &are_heavy);
-    kernel(module, "learn_noise", &learn_noise);
+    CONSTANT(SMALLEST_STD);
+    CONSTANT(KEPT);
+    CONSTANT(KEPT_MEAN);
+    CONSTANT(JUMPED);
+    CONSTANT(JUMPED_RATE);
+    CONSTANT(MOST_JUMPED);
+    KERNEL(lean);
+    KERNEL(scale_variances);
+    KERNEL(block_differences);
+    KERNEL(quiet_levels);
+    KERNEL(contrast_variances);
+    CONSTANT(CHI_MEDIAN);
+    CONSTANT(GAUSSIAN_RATIO);
+    KERNEL(quantiles_of);
+    KERNEL(are_heavy);
 }
 
 }  // namespace rwa

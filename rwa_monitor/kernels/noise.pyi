@@ -84,26 +84,3 @@ def quantiles_of(counts: IntArray) -> tuple[float, float, float]:
 
 def are_heavy(quantiles: tuple[float, float, float], variance: float) -> bool:
     """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.estimate_outliers`."""
-
-def learn_noise(
-    block_sums: FloatArray,
-    block_pairs: FloatArray,
-    histogram: IntArray,
-    scales: IntArray,
-    start_variance: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
-    """Return what the noise is as far as a window has come.
-
-    Parameters
-    ----------
-    block_sums, block_pairs
-        Of the blocks that are complete, see `block_differences`.
-    histogram, scales, start_variance
-        As for `scale_variances`.
-
-    Returns
-    -------
-    levels, counts, variances, quantiles
-        As `quiet_levels` has them; float64 (S,), the variance of each scale's contrast; and `quantiles_of` the
-        narrowest scale's statistic.
-    """

@@ -1,7 +1,6 @@
 // Running sums; slope and residuals of friction over them (rwa_monitor/changepoints/running_sums.py, estimation.py).
 #include "detection.hpp"
 
-#include <limits>
 
 namespace rwa {
 namespace {
@@ -84,15 +83,15 @@ std::tuple<double, double> slope_within(
         sxx += weight;
         sxz += weight * prior_mean;
     }
-    if (sxx == 0.0) return {0.0, std::numeric_limits<double>::infinity()};
+    if (sxx == 0.0) return {0.0, INFINITE};
     return {sxz / sxx, std::sqrt(variance / sxx)};
 }
 
 // n, x, friction, residual, interval and usable of `Blocks`; `index` are the changepoints.
 auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumArrays& arrays) {
-    auto n = NewFloats::zeros(blocks), x = n, friction = n, residual = n;
-    auto interval = NewIntegers::zeros(blocks);
-    auto usable = Table<std::uint8_t, 1>::zeros(blocks);
+    NewFloats n(blocks), x = n, friction = n, residual = n;
+    NewIntegers interval(blocks);
+    Table<std::uint8_t, 1> usable({blocks});
     std::vector<Sums> own(index.size() + 1);  // of the usable blocks of each interval: n, and Σz the friction
     int64_t place = 0;
     Sums begin = prefix_moments(0, arrays);
@@ -118,7 +117,7 @@ auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumAr
 // The sums of products of values that lie `first` places apart and more, in the order of their intervals and within one:
 // (intervals, lags).
 Table<double, 2> lagged_products(Floats value, Integers interval, int64_t intervals, int64_t first, int64_t lags) {
-    auto products = Table<double, 2>::zeros(intervals, lags);
+    Table<double, 2> products({intervals, lags});
     for (int64_t begin = 0, end = 0; begin < value.size(); begin = end) {
         while (end < value.size() && interval[end] == interval[begin]) ++end;
         double* __restrict sums = &products(interval[begin], 0);
@@ -131,14 +130,14 @@ Table<double, 2> lagged_products(Floats value, Integers interval, int64_t interv
 }
 
 void bind_running_sums(nanobind::module_& module) {
-    module.attr("STRIDE") = STRIDE;
-    module.attr("CENTRE_BLOCK") = CENTRE_BLOCK;
-    kernel(module, "find_centre", &find_centre);
-    kernel(module, "extend_checkpoints", &extend_checkpoints);
-    kernel(module, "range_moments", &range_moments);
-    kernel(module, "slope_within", &slope_within);
-    kernel(module, "cut", &cut);
-    kernel(module, "lagged_products", &lagged_products);
+    CONSTANT(STRIDE);
+    CONSTANT(CENTRE_BLOCK);
+    KERNEL(find_centre);
+    KERNEL(extend_checkpoints);
+    KERNEL(range_moments);
+    KERNEL(slope_within);
+    KERNEL(cut);
+    KERNEL(lagged_products);
 }
 
 }  // namespace rwa

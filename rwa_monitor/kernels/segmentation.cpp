@@ -3,144 +3,45 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <optional>
 
 namespace rwa {
 namespace {
 
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr int64_t COARSE_FROM = 2000;  // samples from which jumps are first looked for between blocks
 constexpr int64_t BLOCK = 4;           // samples to a block
 constexpr int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
-constexpr int64_t ROOM = 64;           // pieces: more are hardly ever alive
 constexpr double ROOM_TO_JUMPS = 2.0;       // penalties above the least cost where DeCAFS first cuts the cost off
 
-// On [edge, edge of the next) the least cost is a μ² - 2 b μ + c, that of a last jump at `jump`.
-struct Piece {
-    double a, b, c, edge;
-    double at_edge;  // the envelope there
-    double least;    // within the piece
-    int64_t jump;
+// On [edge, edge of the next) the least cost of a level μ is bend (μ - centre)² + least, that of the jumps of one history.
+struct Parabola {
+    double bend, centre, least, edge;
+    int64_t history;
 };
+using Parabolas = std::vector<Parabola>;  // of one function, from left to right
 
-// The least cost of all partitions as a function of the last level μ: pieces [begin, end) with room on both sides, so
-// that new ones are added in place; of that at `end`, only the edge counts.
-struct Envelope {
-    double low, high;
-    std::vector<Piece> pieces, spare;
-    int64_t begin, end;
-
-    Envelope(double lowest, double highest)
-        : low(lowest), high(highest), pieces(ROOM), begin(ROOM / 2), end(ROOM / 2 + 1) {
-        pieces[begin].edge = low;
-        pieces[end].edge = high;
-    }
-};
-
-void make_room(Envelope& envelope) {
-    const int64_t count = envelope.end - envelope.begin;
-    if (envelope.begin > 0 && envelope.end + 2 < static_cast<int64_t>(envelope.pieces.size())) return;
-    const int64_t room = std::max(ROOM, 4 * count), at = (room - count) / 2;
-    envelope.spare.assign(room, Piece{});
-    std::copy_n(&envelope.pieces[envelope.begin], count + 1, &envelope.spare[at]);
-    envelope.pieces.swap(envelope.spare);
-    envelope.begin = at;
-    envelope.end = at + count;
-}
-
-// Add weight · (value - μ)²; returns the piece of the least cost.
-const Piece& add_sample(Envelope& envelope, double value, double weight) {
-    Piece* const end = &envelope.pieces[envelope.end];
-    Piece* best = &envelope.pieces[envelope.begin];
-    for (Piece* p = best; p < end; ++p) {
-        p->a += weight;
-        p->b += weight * value;
-        p->c += weight * value * value;
-        const double mu = std::min(std::max(p->b / p->a, p->edge), p[1].edge);
-        p->least = p->c + mu * (p->a * mu - 2.0 * p->b);
-        p->at_edge += weight * ((value - p->edge) * (value - p->edge));
-        if (p->least < best->least) best = p;
-    }
-    end->at_edge += weight * ((value - envelope.high) * (value - envelope.high));
-    return *best;
-}
-
-// `cap` where the parts above the ceiling may lie anywhere: all pieces are laid anew.
-void cap_anywhere(Envelope& envelope, double ceiling, int64_t t) {
-    const int64_t count = envelope.end - envelope.begin, room = std::max(ROOM, 6 * count);  // each may become three
-    envelope.spare.assign(room, Piece{});
-    const int64_t start = room / 4;
-    Piece* const first = &envelope.spare[start];
-    Piece* next = first;
-    for (int64_t i = envelope.begin; i < envelope.end; ++i) {
-        const Piece& old = envelope.pieces[i];
-        const double left = old.edge, right = envelope.pieces[i + 1].edge;
-        double keep_left = left, keep_right = right;
-        if (old.least >= ceiling) {
-            keep_right = left;
-        } else {
-            const double middle = old.b / old.a;
-            const double half = std::sqrt(std::max(ceiling - (old.c - old.b * old.b / old.a), 0.0) / old.a);
-            if (old.at_edge > ceiling) keep_left = std::min(std::max(middle - half, left), right);
-            if (envelope.pieces[i + 1].at_edge > ceiling) {
-                keep_right = std::max(std::min(middle + half, right), keep_left);
-            }
-        }
-        const auto lay = [&](const Piece& piece, double from, double to) {
-            if (to <= from || (next > first && next[-1].jump == piece.jump)) return;
-            *next = piece;
-            next->edge = from;
-            next->at_edge = from == left ? std::min(old.at_edge, ceiling) : ceiling;
-            ++next;
-        };
-        const Piece fresh{0.0, 0.0, ceiling, 0.0, 0.0, 0.0, t};
-        lay(fresh, left, keep_left);
-        lay(old, keep_left, keep_right);
-        lay(fresh, keep_right, right);
-    }
-    next->edge = envelope.pieces[envelope.end].edge;
-    next->at_edge = std::min(envelope.pieces[envelope.end].at_edge, ceiling);
-    envelope.pieces.swap(envelope.spare);
-    envelope.begin = start;
-    envelope.end = start + (next - first);
-}
-
-// Take the minimum of the envelope and a constant: parts above the ceiling belong to a last jump at t from now on. What
-// lies below is nearly always one stretch in the middle; its pieces stay in place.
-void cap(Envelope& envelope, double ceiling, int64_t t) {
-    Piece* const pieces = envelope.pieces.data();
-    Piece* first = pieces + envelope.begin;
-    Piece* final = pieces + envelope.end - 1;  // first and last of those below the ceiling somewhere
-    while (first < final && first->least >= ceiling) ++first;
-    while (final > first && final->least >= ceiling) --final;
-    for (const Piece* p = first + 1; p <= final; ++p) {
-        if (p->at_edge > ceiling) return cap_anywhere(envelope, ceiling, t);
-    }
-    const auto half = [&](const Piece& p) { return std::sqrt(std::max(p.b * p.b - p.a * (p.c - ceiling), 0.0)); };
-    Piece* end = final + 1;
-    if (end->at_edge > ceiling) {
-        const double right = (final->b + half(*final)) / final->a;
-        *end = {0.0, 0.0, ceiling, std::max(std::min(right, end->edge), final->edge), ceiling, 0.0, t};
-        ++end;
-        end->edge = envelope.high;
-        end->at_edge = ceiling;
-    }
-    if (first->at_edge > ceiling) {
-        const double left = (first->b - half(*first)) / first->a;
-        first->edge = std::min(std::max(left, first->edge), first[1].edge);
-        first->at_edge = ceiling;
-        *--first = {0.0, 0.0, ceiling, envelope.low, ceiling, 0.0, t};
-    }
-    envelope.begin = first - pieces;
-    envelope.end = end - pieces;
+// Append the lesser of a parabola and a constant on [from, to).
+void append(Parabolas& envelope, const Parabola& p, double from, double to, const Parabola& constant) {
+    const auto put = [&](const Parabola& part, double start, double end) {
+        if (!(end > start) || (!envelope.empty() && envelope.back().history == part.history)) return;
+        envelope.push_back(part);
+        envelope.back().edge = start;
+    };
+    const double below = constant.least - p.least;
+    const auto is_below = [&](double level) { return p.bend * (level - p.centre) * (level - p.centre) < below; };
+    if (is_below(from) && is_below(to)) return put(p, from, to);
+    const double half = below > 0.0 ? std::sqrt(below / p.bend) : 0.0;
+    const double left = std::clamp(p.centre - half, from, to), right = std::clamp(p.centre + half, from, to);
+    put(constant, from, left);
+    put(p, left, right);
+    put(constant, right, to);
 }
 
 // The mean of each block of samples of the sum of rows, and how many samples it has.
 VECTORISED void block_means(
     const Matrix<const double>& running, const Floats& factors, int64_t block, std::vector<double>& means,
     std::vector<double>& weights) {
-    const int64_t size = running.extent(1) - 1, count = (size + block - 1) / block;
+    const int64_t size = running.shape[1] - 1, count = (size + block - 1) / block;
     means.assign(count, 0.0);
     weights.assign(count, static_cast<double>(block));
     weights[count - 1] = static_cast<double>(size - (count - 1) * block);
@@ -173,7 +74,7 @@ void move_jumps(const Matrix<const double>& running, const Floats& factors, Edge
     for (int64_t i = 1; i <= edges.count(); ++i) {
         const int64_t before = at[i - 1], after = at[i + 1];
         const int64_t last = std::min(at[i] + REFINE, after - 1);
-        double best = -std::numeric_limits<double>::infinity(), at_best = sums[i];
+        double best = -INFINITE, at_best = sums[i];
         int64_t place = at[i];
         for (int64_t k = std::max(at[i] - REFINE, before + 1); k <= last; ++k) {
             const double until = sum_until(running, factors, k);
@@ -204,13 +105,6 @@ bool drop_jumps(Edges& edges, double penalty) {
         sums.erase(sums.begin() + weakest);
     }
 }
-
-// On [edge, edge of the next) the least cost is bend (μ - centre)² + least, that of the jumps of one history.
-struct Parabola {
-    double bend, centre, least, edge;
-    int64_t history;
-};
-using Parabolas = std::vector<Parabola>;  // of one function, from left to right
 
 // A history is its last jump and the history before that.
 struct Jump {
@@ -296,21 +190,6 @@ void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabo
     if (out.empty()) out.push_back(constant);
 }
 
-// Append the lesser of a parabola and a constant on [from, to).
-void append(Parabolas& envelope, const Parabola& p, double from, double to, const Parabola& constant) {
-    const auto put = [&](const Parabola& part, double start, double end) {
-        if (!(end > start) || (!envelope.empty() && envelope.back().history == part.history)) return;
-        envelope.push_back(part);
-        envelope.back().edge = start;
-    };
-    const double below = constant.least - p.least;
-    const double half = below > 0.0 ? std::sqrt(below / p.bend) : 0.0;
-    const double left = std::clamp(p.centre - half, from, to), right = std::clamp(p.centre + half, from, to);
-    put(constant, from, left);
-    put(p, left, right);
-    put(constant, right, to);
-}
-
 // The least of two envelopes and a constant.
 void least_of(const Parabolas& first, const Parabolas& second, const Parabola& constant, Parabolas& out) {
     out.clear();
@@ -378,22 +257,34 @@ std::optional<std::vector<int64_t>> decafs_within(
 
 }  // namespace
 
-// The jumps of weighted values: FPOP.
+// The jumps of weighted values: FPOP. A history is its last jump.
 NewIntegers fpop(Floats z, Floats weight, double penalty) {
-    std::vector<int64_t> found;
     const double low = *std::min_element(z.begin(), z.end()), high = *std::max_element(z.begin(), z.end());
-    if (low == high) return {};  // no level but one
-    Envelope envelope(low, high);
-    std::vector<int64_t> last(z.size() + 1);
+    Parabolas cost{{0.0, 0.0, 0.0, low, 0}}, capped;
+    NewIntegers last(z.size() + 1), found;
     for (int64_t t = 1; t <= z.size(); ++t) {
-        make_room(envelope);
-        const Piece& best = add_sample(envelope, z[t - 1], weight[t - 1]);
-        last[t] = best.jump;
-        cap(envelope, best.least + penalty, t);
+        const double value = z[t - 1], w = weight[t - 1];
+        double least = INFINITE;
+        for (std::size_t i = 0; i < cost.size(); ++i) {
+            Parabola& p = cost[i];
+            const double apart = value - p.centre, share = w / (p.bend + w);
+            p.least += p.bend * share * apart * apart;
+            p.centre += share * apart;
+            p.bend += w;
+            const double end = i + 1 < cost.size() ? cost[i + 1].edge : high;
+            const double off = std::min(std::max(p.centre, p.edge), end) - p.centre, within = p.bend * off * off + p.least;
+            if (within < least) least = within, last[t] = p.history;
+        }
+        const Parabola constant{0.0, 0.0, least + penalty, low, t};
+        capped.clear();
+        for (std::size_t i = 0; i < cost.size(); ++i) {
+            append(capped, cost[i], cost[i].edge, i + 1 < cost.size() ? cost[i + 1].edge : high, constant);
+        }
+        if (low < high) std::swap(cost, capped);
     }
     for (int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
     std::reverse(found.begin(), found.end());
-    return NewIntegers::from(std::move(found));
+    return found;
 }
 
 // The jumps of a level that walks at random and jumps, in autoregressive noise: DeCAFS (Romano et al., J. Am. Stat.
@@ -401,38 +292,38 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
 NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, double walk_variance, double penalty) {
     for (double room = ROOM_TO_JUMPS * penalty;; room *= 2.0) {
         auto found = decafs_within(z, correlation, innovation_variance, walk_variance, penalty, room);
-        if (found) return NewIntegers::from(std::move(*found));
+        if (found) return *found;
     }
 }
 
 // The jumps of a sum of rows, each times its factor, from the rows' running sums; long ones between blocks, each jump
 // then moved to its best sample, and the second dropped of two that framed one block with a jump in it.
 NewIntegers segment_sums(Matrix<const double> running, Floats factors, double penalty) {
-    const int64_t n = running.extent(1) - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
+    const int64_t n = running.shape[1] - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
     std::vector<double> means, weights;
     block_means(running, factors, block, means, weights);
-    auto jumps = fpop(view(means), view(weights), penalty);
+    auto jumps = fpop(means, weights, penalty);
     if (block == 1) return jumps;
     Edges edges{{0}, {}};
-    for (auto jump : jumps.values) edges.at.push_back(jump * block);
+    for (auto jump : jumps) edges.at.push_back(jump * block);
     edges.at.push_back(n);
     for (auto edge : edges.at) edges.sums.push_back(sum_until(running, factors, edge));
     for (int round = 0; round < 3; ++round) {
         move_jumps(running, factors, edges);
         if (!drop_jumps(edges, penalty)) break;
     }
-    return NewIntegers::from({edges.at.begin() + 1, edges.at.end() - 1});
+    return {edges.at.begin() + 1, edges.at.end() - 1};
 }
 
 // The first block of each straight line but the first, of running sums (6, blocks + 1) of 1, x, z, xx, xz, zz: optimal
 // partitioning (Jackson et al., IEEE Signal Processing Letters 12, 2005) with the pruning of PELT (Killick et al.,
 // J. Am. Stat. Assoc. 107, 2012).
 NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
-    const int64_t count = sums.extent(1) - 1;
+    const int64_t count = sums.shape[1] - 1;
     std::vector<double> best(count + 1, -penalty), costs(count + 1);
     std::vector<int64_t> previous(count + 1), alive{0}, found;
     for (int64_t j = 1; j <= count; ++j) {
-        double least = std::numeric_limits<double>::infinity();
+        double least = INFINITE;
         for (std::size_t k = 0; k < alive.size(); ++k) {
             const int64_t i = alive[k];
             const auto between = [&](int64_t row) { return sums(row, j) - sums(row, i); };
@@ -451,7 +342,7 @@ NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
     }
     for (int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
     std::reverse(found.begin(), found.end());
-    return NewIntegers::from(std::move(found));
+    return found;
 }
 
 // The running sums x, z, xx, xz, zz, (5, n): what every detection of changepoints must do, for the benchmark.
@@ -470,11 +361,11 @@ void five_sums(Floats x, Floats z, Matrix<double> out) {
 }
 
 void bind_segmentation(nanobind::module_& module) {
-    kernel(module, "fpop", &fpop);
-    kernel(module, "decafs", &decafs);
-    kernel(module, "segment_sums", &segment_sums);
-    kernel(module, "optimal_lines", &optimal_lines);
-    kernel(module, "five_sums", &five_sums);
+    KERNEL(fpop);
+    KERNEL(decafs);
+    KERNEL(segment_sums);
+    KERNEL(optimal_lines);
+    KERNEL(five_sums);
 }
 
 }  // namespace rwa

@@ -17,7 +17,7 @@ std::vector<Sums> prefixes(Integers nodes, const SumArrays& sums) {
 // The sufficient statistics between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
 Table<double, 3> pair_moments(Integers nodes, const SumArrays& sums) {
     const int64_t count = nodes.size();
-    auto table = Table<double, 3>::zeros(6, count, count);
+    Table<double, 3> table({6, count, count});
     const auto prefix = prefixes(nodes, sums);
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
@@ -46,8 +46,8 @@ std::tuple<double, double> shared_slope(
 // without samples. The variance holds that of both means, of their slope, and of levels that are not quite constant.
 std::tuple<NewFloats, NewFloats> jumps_of(
     Array<const double, 3> pairs, Integers nodes, double slope, double information, double variance) {
-    const int64_t count = pairs.extent(1) - 2;
-    auto jump = NewFloats::zeros(count), spread = NewFloats::full(INFINITE, count);
+    const int64_t count = pairs.shape[1] - 2;
+    NewFloats jump(count), spread = NewFloats(count, INFINITE);
     const double scatter = LEVEL_SCATTER * LEVEL_SCATTER * variance;
     int64_t place = 1;  // of the first accepted node at or after the candidate
     for (int64_t at = 1; at <= count; ++at) {
@@ -73,9 +73,9 @@ double squared_error(const Sums& sum, double slope) {
 // The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `range`: it charges
 // each level log(range √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
 Table<double, 2> fit_table(Array<const double, 3> pairs, double slope, double variance, double range) {
-    const int64_t count = pairs.extent(1);
+    const int64_t count = pairs.shape[1];
     const double log_range = std::log(range);
-    auto table = Table<double, 2>::zeros(count, count);
+    Table<double, 2> table({count, count});
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
             const Sums sum = Sums::read(&pairs(0, i, j), count * count);
@@ -91,7 +91,7 @@ Table<double, 2> fit_table(Array<const double, 3> pairs, double slope, double va
 // intervals beside it best.
 NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double variance, const SumArrays& sums) {
     const int64_t count = nodes.size() - 2;
-    auto refined = NewIntegers::zeros(count);
+    NewIntegers refined(count);
     const auto prefix = prefixes(nodes, sums);
     for (int64_t i = 0; i < count; ++i) {
         const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
@@ -112,21 +112,21 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
 }  // namespace
 
 Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes) {
-    auto chain = Table<double, 2>::zeros(pairs.extent(0), nodes.size() - 1);
-    for (int64_t k = 0; k < pairs.extent(0); ++k) {
+    Table<double, 2> chain({pairs.shape[0], nodes.size() - 1});
+    for (int64_t k = 0; k < pairs.shape[0]; ++k) {
         for (int64_t i = 0; i + 1 < nodes.size(); ++i) chain(k, i) = pairs(k, nodes[i], nodes[i + 1]);
     }
     return chain;
 }
 
 void bind_segments(nanobind::module_& module) {
-    module.attr("PREFERENCE") = PREFERENCE;
-    module.attr("LEVEL_SCATTER") = LEVEL_SCATTER;
-    kernel(module, "pair_moments", &pair_moments);
-    kernel(module, "shared_slope", &shared_slope);
-    kernel(module, "jumps_of", &jumps_of);
-    kernel(module, "fit_table", &fit_table);
-    kernel(module, "refine_nodes", &refine_nodes);
+    CONSTANT(PREFERENCE);
+    CONSTANT(LEVEL_SCATTER);
+    KERNEL(pair_moments);
+    KERNEL(shared_slope);
+    KERNEL(jumps_of);
+    KERNEL(fit_table);
+    KERNEL(refine_nodes);
 }
 
 }  // namespace rwa

@@ -12,34 +12,33 @@ struct NoiseLaw {
     auto fields() { return std::tie(white, coloured, correlation); }
 };
 
+// What a sample shows: the variance of its innovation, and the gains of level and coloured noise.
+struct Gains {
+    double variance, level, coloured;
+};
+
 // Covariance of the level l and the coloured noise a, given the samples so far.
 struct Covariance {
     double ll = 0.0, la = 0.0, aa = 0.0;
 
+    bool operator==(const Covariance& other) const { return ll == other.ll && la == other.la && aa == other.aa; }
     void predict(double power, double coloured, double drift) {
         la *= power;
         aa = power * power * aa + coloured * (1.0 - power * power);
         ll += drift;
-    }
-    void begin(double coloured, double drift) {
-        ll = drift;
-        la = 0.0;
-        aa = coloured;
     }
     // A level of which nothing is known: the sample only sets it.
     void reset(double s, double white) {
         ll = (aa + white) / (s * s);
         la = -aa / s;
     }
-    // Returns the variance of the innovation; the gains of l and a are left in `gain_l` and `gain_a`.
-    double update(double s, double white, double& gain_l, double& gain_a) {
+    Gains update(double s, double white) {
         const double gl = s * ll + la, ga = s * la + aa, variance = s * gl + ga + white, inverse = 1.0 / variance;
-        gain_l = gl * inverse;
-        gain_a = ga * inverse;
-        ll -= gl * gain_l;
-        la -= gl * gain_a;
-        aa -= ga * gain_a;
-        return variance;
+        const Gains gains{variance, gl * inverse, ga * inverse};
+        ll -= gl * gains.level;
+        la -= gl * gains.coloured;
+        aa -= ga * gains.coloured;
+        return gains;
     }
 };
 
@@ -55,12 +54,11 @@ struct Covariance {
 double filter_gains(
     Floats sign, Floats drift, Integers gap, Integers jumps, const NoiseLaw& law, Matrix<double> gains) {
     Covariance jumping, smooth;
-    double log_determinant = 0.0, power = law.correlation, unused_l, unused_a;
+    double log_determinant = 0.0, power = law.correlation;
     int64_t last_gap = 1, next = 0;
     for (int64_t k = 0; k < gap.size(); ++k) {
         if (gap[k] == 0) {
-            jumping.begin(law.coloured, drift[k]);
-            smooth.begin(law.coloured, drift[k]);
+            jumping = smooth = {drift[k], 0.0, law.coloured};
         } else {
             if (gap[k] != last_gap) {
                 power = gap[k] == 1 ? law.correlation : std::pow(law.correlation, static_cast<double>(gap[k]));
@@ -69,38 +67,44 @@ double filter_gains(
             jumping.predict(power, law.coloured, drift[k]);
             smooth.predict(power, law.coloured, drift[k]);
         }
+        const bool alike = jumping == smooth;  // far from jumps, to the last bit
+        const Gains without_jumps = smooth.update(sign[k], law.white);
+        log_determinant += std::log(without_jumps.variance);
         gains(k, 3) = power;
-        log_determinant += std::log(smooth.update(sign[k], law.white, unused_l, unused_a));
         if (next < jumps.size() && jumps[next] == k) {
             ++next;
             jumping.reset(sign[k], law.white);
             gains(k, 0) = gains(k, 1) = gains(k, 2) = 0.0;
-        } else {
-            gains(k, 0) = 1.0 / std::sqrt(jumping.update(sign[k], law.white, gains(k, 1), gains(k, 2)));
+            continue;
         }
+        const auto [variance, of_level, of_coloured] = alike ? without_jumps : jumping.update(sign[k], law.white);
+        if (alike) jumping = smooth;
+        gains(k, 0) = 1.0 / std::sqrt(variance), gains(k, 1) = of_level, gains(k, 2) = of_coloured;
     }
     return log_determinant;
 }
 
-// Whiten P rows from row j on together: their recursions wait for themselves, not for each other.
+// Whiten the rows from row j on, P at a time: their recursions wait for themselves, not for each other.
 template <int64_t P>
-void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains, int64_t j) {
-    double l[P] = {}, a[P] = {};
-    for (int64_t k = 0; k < columns.extent(1); ++k) {
-        const double s = sign[k], scale = gains(k, 0), kl = gains(k, 1), ka = gains(k, 2), power = gains(k, 3);
-        for (int64_t i = 0; i < P; ++i) {
-            double& y = columns(j + i, k);
-            a[i] = gap[k] == 0 ? 0.0 : power * a[i];
-            if (gap[k] == 0) l[i] = 0.0;
-            if (scale == 0.0) {
-                l[i] = (y - a[i]) / s;
-                y = 0.0;
-                continue;
+void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains, int64_t& j) {
+    for (; j + P <= columns.shape[0]; j += P) {
+        double l[P] = {}, a[P] = {};
+        for (int64_t k = 0; k < columns.shape[1]; ++k) {
+            const double s = sign[k], scale = gains(k, 0), kl = gains(k, 1), ka = gains(k, 2), power = gains(k, 3);
+            for (int64_t i = 0; i < P; ++i) {
+                double& y = columns(j + i, k);
+                a[i] = gap[k] == 0 ? 0.0 : power * a[i];
+                if (gap[k] == 0) l[i] = 0.0;
+                if (scale == 0.0) {
+                    l[i] = (y - a[i]) / s;
+                    y = 0.0;
+                    continue;
+                }
+                const double innovation = y - (s * l[i] + a[i]);
+                l[i] += kl * innovation;
+                a[i] += ka * innovation;
+                y = innovation * scale;
             }
-            const double innovation = y - (s * l[i] + a[i]);
-            l[i] += kl * innovation;
-            a[i] += ka * innovation;
-            y = innovation * scale;
         }
     }
 }
@@ -108,13 +112,14 @@ void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const
 // Replace each row of `columns` (p, n), friction or a regressor, by its innovations over their standard deviations.
 void whiten(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains) {
     int64_t j = 0;
-    for (; j + 4 <= columns.extent(0); j += 4) whiten_rows<4>(columns, sign, gap, gains, j);
-    for (; j < columns.extent(0); ++j) whiten_rows<1>(columns, sign, gap, gains, j);
+    whiten_rows<4>(columns, sign, gap, gains, j);
+    whiten_rows<2>(columns, sign, gap, gains, j);
+    whiten_rows<1>(columns, sign, gap, gains, j);
 }
 
 void bind_state_space(nanobind::module_& module) {
-    kernel(module, "filter_gains", &filter_gains);
-    kernel(module, "whiten", &whiten);
+    KERNEL(filter_gains);
+    KERNEL(whiten);
 }
 
 }  // namespace rwa

@@ -180,12 +180,12 @@ void extend_structure(
         }
         first = end;
     }
-    const int64_t most = arrays.ripple.extent(0);
+    const int64_t most = arrays.ripple.shape[0];
     for (int64_t stretch = pieces_before(start, STRETCH, hop, most);
          stretch < pieces_before(stop, STRETCH, hop, most); ++stretch) {
         const int64_t from = stretch * hop;
         if (std::all_of(&used[from], &used[from] + STRETCH, [](bool taken) { return taken; })) {
-            ripple_power(&x[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.extent(1));
+            ripple_power(&x[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.shape[1]);
         }
     }
 }
@@ -195,11 +195,11 @@ void cosines_and_sines(Floats angle, Vector<double> cosine, Vector<double> sine)
 }
 
 void bind_structure(nanobind::module_& module) {
-    module.attr("BLOCK") = BLOCK;
-    module.attr("STRETCH") = STRETCH;
-    kernel(module, "count_signs", &count_signs);
-    kernel(module, "extend_structure", &extend_structure);
-    kernel(module, "cosines_and_sines", &cosines_and_sines);
+    CONSTANT(BLOCK);
+    CONSTANT(STRETCH);
+    KERNEL(count_signs);
+    KERNEL(extend_structure);
+    KERNEL(cosines_and_sines);
 }
 
 }  // namespace rwa

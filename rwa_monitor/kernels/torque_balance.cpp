@@ -1,7 +1,6 @@
 #include "arrays.hpp"
 
 #include <cmath>
-#include <limits>
 
 namespace rwa {
 namespace {
@@ -13,7 +12,6 @@ constexpr int64_t IN_A_STEP = 4;           // fourth differences that a step of 
 constexpr int64_t MANY_DIFFERENCES = 13;   // so many that those hardly move the median: a window of 17 slots
 constexpr double MOVES_THE_ROTOR = 0.5;  // share of a step of torque that the speed must show: between none and all
 constexpr double CLEAR_STDS = 3.0;       // by which that share must be above none: one slot in a thousand of noise
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 // How much of a shape a speed holds beside a polynomial, its standard deviation, that of what is left.
 struct Share {
@@ -150,7 +148,7 @@ void rounding_error(
     double least_share, int64_t reach, bool soft, Vector<double> error) {
     const int64_t half = weights.size(), n = speed.size();
     std::vector<double> shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
-    const Vector<double> bend{shape.data(), {shape.size()}};
+    const Vector<double> bend(shape);
     differences.reserve(2 * half + 1);
     for (int64_t k = half; k < n - half; ++k) {
         const double here = torque[k];
@@ -202,15 +200,15 @@ void rounding_error(
             const Share cubic = share_beside(3, bent, around);
             known = cubic.share > std::max(MOVES_THE_ROTOR, CLEAR_STDS * cubic.std);
         }
-        error[k] = known ? off : std::numeric_limits<double>::quiet_NaN();
+        error[k] = known ? off : NAN;
     }
 }
 
 }  // namespace
 
 void bind_torque_balance(nanobind::module_& module) {
-    kernel(module, "bridge", &bridge);
-    kernel(module, "rounding_error", &rounding_error);
+    KERNEL(bridge);
+    KERNEL(rounding_error);
 }
 
 }  // namespace rwa

@@ -2,12 +2,12 @@
 #include "detection.hpp"
 
 #include <cstring>
-#include <limits>
-#include <memory>
+#include <numeric>
 
 namespace rwa {
 namespace {
 constexpr int64_t STRETCH = 512;   // slots that are evaluated in one go at most; a multiple of STEP
+constexpr int64_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
 constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
@@ -32,33 +32,27 @@ void fill_prefix(
             break;
         }
     }
-    const int64_t column = HISTORY + begin - chunk;
-    double* __restrict n_out = &prefix(0, column);
-    double* __restrict x_out = &prefix(1, column);
-    double* __restrict e_out = &prefix(2, column);
-    double* __restrict xx_out = &prefix(3, column);
-    double* __restrict xe_out = &prefix(4, column);
-    double n = *n_out, sx = *x_out, se = *e_out, sxx = *xx_out, sxe = *xe_out;
+    double* at[PREFIXES];
+    double sums[PREFIXES];
+    for (int64_t row = 0; row < PREFIXES; ++row) {
+        at[row] = &prefix(row, HISTORY + begin - chunk);
+        sums[row] = *at[row];
+    }
     for (int64_t k = begin; k < stop; ++k) {
         if (used[k]) {
-            const double u = x[k] - x_centre;
-            const double e = (z[k] - z_centre) - slope * u;
-            n += 1.0;
-            sx += u;
-            se += e;
-            sxx += u * u;
-            sxe += u * e;
+            const double u = x[k] - x_centre, e = (z[k] - z_centre) - slope * u;
+            const double terms[PREFIXES] = {1.0, u, e, u * u, u * e};
+            for (int64_t row = 0; row < PREFIXES; ++row) sums[row] += terms[row];
         }
-        *++n_out = n, *++x_out = sx, *++e_out = se, *++xx_out = sxx, *++xe_out = sxe;
+        for (int64_t row = 0; row < PREFIXES; ++row) *++at[row] = sums[row];
     }
 }
 
 // `evaluate`; where every slot is used the counts need not be read, and the operations are the same.
 template <bool AllUsed>
 ALWAYS_INLINE void evaluate_slots(
-    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* __restrict statistic,
+    const double* __restrict n, int64_t width, int64_t w, double weight, int64_t count, double* __restrict statistic,
     double* __restrict jump) {
-    const double* __restrict n = prefix - w;  // at the middle
     const double* __restrict x = n + width;
     const double* __restrict e = x + width;
     const double* __restrict xx = e + width;
@@ -79,24 +73,19 @@ ALWAYS_INLINE void evaluate_slots(
         statistic[j] = AllUsed || ((nl >= need) & (nr >= need)) ? value : NOT_EVALUATED;
     }
 }
-VECTORISED void evaluate_unmasked(
-    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* statistic, double* jump) {
-    evaluate_slots<true>(prefix, width, count, w, weight, statistic, jump);
-}
-VECTORISED void evaluate_masked(
-    const double* prefix, int64_t width, int64_t count, int64_t w, double weight, double* statistic, double* jump) {
-    evaluate_slots<false>(prefix, width, count, w, weight, statistic, jump);
-}
 
 // Statistic and jump of one scale at neighbouring slots, `column` the first one's end k + w; NOT_EVALUATED where a half
 // has fewer than max(1, w/2) used samples.
-void evaluate(
-    Matrix<const double> prefix, int64_t column, int64_t w, double weight, Vector<double> statistic,
-    Vector<double> jump) {
-    const int64_t count = statistic.size();
-    const double* at = &prefix(0, column);
-    const bool all_used = at[count - 1] - at[-2 * w] == static_cast<double>(2 * w + count - 1);
-    (all_used ? evaluate_unmasked : evaluate_masked)(at, prefix.extent(1), count, w, weight, statistic.data, jump.data);
+VECTORISED void evaluate(
+    Matrix<const double> prefix, int64_t column, int64_t w, double weight, int64_t count, double* statistic,
+    double* jump) {
+    const double* middle = &prefix(0, column - w);
+    const bool all_used = middle[w + count - 1] - middle[-w] == static_cast<double>(2 * w + count - 1);
+    if (all_used) {
+        evaluate_slots<true>(middle, prefix.shape[1], w, weight, count, statistic, jump);
+    } else {
+        evaluate_slots<false>(middle, prefix.shape[1], w, weight, count, statistic, jump);
+    }
 }
 
 // Whether any value is above the floor.
@@ -120,163 +109,156 @@ void count_bins(int64_t* histogram, const double* statistic, int64_t first, int6
     }
 }
 
-// Add local maxima above `floor` to the list of peaks. A slot belongs to the last peak of its sign when it lies within
-// ±w of it: the larger of the two stays.
-void keep_peaks(
-    const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, int64_t w, double floor,
-    const PeakArrays& peaks) {
-    for (int64_t j = 0; j < count; ++j) {
-        if (statistic[j] <= floor) continue;
-        const int64_t k = first + j;
-        int64_t& open = peaks.open(scale, jump[j] > 0.0 ? 1 : 0);
-        int64_t last = open;
-        if (last < 0 || k - peaks.slots(last, PEAK_INDEX) > w) {
-            last = open = peaks.counters[COUNT_PEAKS]++;
-            peaks.slots(last, PEAK_SCALE) = scale;
-            peaks.slots(last, PEAK_CONFIRMED) = 0;
-        } else if (statistic[j] <= peaks.values(last, PEAK_STATISTIC)) {
-            continue;
-        }
-        peaks.slots(last, PEAK_INDEX) = k;
-        peaks.values(last, PEAK_STATISTIC) = statistic[j];
-        peaks.values(last, PEAK_JUMP) = jump[j];
-    }
-}
-
-// List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
-void confirm_peaks(int64_t stop, const ScanSettings& settings, const PeakArrays& peaks) {
-    int64_t settled = peaks.counters[COUNT_SETTLED];
-    const int64_t count = peaks.counters[COUNT_PEAKS];
-    for (int64_t p = settled; p < count; ++p) {
-        if (peaks.slots(p, PEAK_CONFIRMED) != 0) continue;
-        const int64_t scale = peaks.slots(p, PEAK_SCALE), w = settings.scales[scale];
-        if (peaks.slots(p, PEAK_INDEX) + w > stop - w) continue;  // the last slot with a statistic
-        peaks.slots(p, PEAK_CONFIRMED) = 1;
-        if (peaks.values(p, PEAK_STATISTIC) > settings.sure[scale]) {
-            peaks.confirmed[peaks.counters[COUNT_CONFIRMED]++] = p;
-        }
-    }
-    while (settled < count && peaks.slots(settled, PEAK_CONFIRMED) == 1) ++settled;
-    peaks.counters[COUNT_SETTLED] = settled;
-}
-
 // What `scan` has evaluated of one scale.
 struct Evaluated {
     int64_t first_right = 0;  // the first slot's end k + w
-    bool above = false;            // whether any statistic is above the floor
+    bool above = false;       // whether any statistic is above the floor
 };
 
 }  // namespace
 
-// Advance the detection over the slots [start, stop), as far as there is room for peaks; returns where it ended.
-int64_t scan(
-    Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings,
-    const ScanState& state, const PeakArrays& peaks, int64_t chunk_peaks) {
-    peaks.counters[COUNT_CONFIRMED] = 0;
-    const auto scales = settings.scales;
-    const int64_t room = std::min(STRETCH, std::max<int64_t>(stop - start, 0));
-    const std::unique_ptr<double[]> values(new double[2 * scales.size() * room]);  // not filled
-    std::vector<Evaluated> evaluated(scales.size());
-    for (int64_t begin = start; begin < stop;) {
-        const int64_t chunk = begin - begin % CHUNK;
-        if (begin == chunk && begin > start && peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.extent(0)) {
-            return begin;
+Detector::Detector(Integers half_widths)
+    : scales(half_widths.begin(), half_widths.end()), histogram({half_widths.size(), BINS}),
+      prefix({PREFIXES, HISTORY + CHUNK + 1}), open(scales.size(), {-1, -1}) {
+    // Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
+    double most = 0.0;
+    for (int64_t w : scales) most += 2.0 * CHUNK / static_cast<double>(w + 1);
+    chunk_peaks = static_cast<std::size_t>(std::ceil(most)) + 2 * scales.size();
+}
+
+// Add local maxima above `floor` to the list of peaks. A slot belongs to the last peak of its sign when it lies within
+// ±w of it: the larger of the two stays.
+void Detector::keep(
+    const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor) {
+    for (int64_t j = 0; j < count; ++j) {
+        if (statistic[j] <= floor) continue;
+        const ScannedPeak peak{scale, first + j, statistic[j], jump[j], false};
+        int64_t& last = open[scale][jump[j] > 0.0];
+        if (last < 0 || peak.index - peaks[last].index > scales[scale]) {
+            last = peaks.size();
+            peaks.push_back(peak);
+        } else if (peak.statistic > peaks[last].statistic) {
+            const bool final = peaks[last].final;
+            peaks[last] = peak;
+            peaks[last].final = final;
         }
-        const int64_t end = std::min({begin + STRETCH, chunk + CHUNK, stop});
-        fill_prefix(state.prefix, x, z, used, chunk, begin, end, settings.slope);
-        for (int64_t s = 0; s < scales.size(); ++s) {
+    }
+}
+
+// List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
+void Detector::confirm(int64_t stop, Floats sure) {
+    for (std::size_t p = settled; p < peaks.size(); ++p) {
+        ScannedPeak& peak = peaks[p];
+        if (peak.final || peak.index + 2 * scales[peak.scale] > stop) continue;  // the last slot with a statistic
+        peak.final = true;
+        if (peak.statistic > sure[peak.scale]) confirmed.push_back(peak);
+    }
+    while (settled < peaks.size() && peaks[settled].final) ++settled;
+}
+
+// Keep the strongest peaks, half as many as there are, and those that are still open.
+void Detector::prune(Floats variances) {
+    NewFloats strength;
+    for (const ScannedPeak& peak : peaks) {
+        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITE);
+    }
+    for (const auto& of_scale : open) {
+        for (int64_t last : of_scale) {
+            if (last >= 0) strength[last] = INFINITE;
+        }
+    }
+    NewIntegers kept(peaks.size()), place(peaks.size(), -1);
+    std::iota(kept.begin(), kept.end(), 0);
+    std::stable_sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return strength[a] > strength[b]; });
+    kept.resize(peaks.size() / 2);
+    std::sort(kept.begin(), kept.end());
+    for (std::size_t i = 0; i < kept.size(); ++i) {
+        peaks[i] = peaks[kept[i]];
+        place[kept[i]] = i;
+    }
+    peaks.resize(kept.size());
+    for (auto& of_scale : open) {
+        for (int64_t& last : of_scale) last = last >= 0 ? place[last] : -1;
+    }
+    settled = 0;
+}
+
+void Detector::scan(
+    Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings) {
+    confirmed.clear();
+    const int64_t count_scales = scales.size(), room = std::min(STRETCH, std::max<int64_t>(stop - start, 0));
+    NewFloats values(2 * count_scales * room);
+    std::vector<Evaluated> evaluated(count_scales);
+    for (int64_t begin = start, end; begin < stop; begin = end) {
+        const int64_t chunk = begin - begin % CHUNK;
+        // Only where a chunk begins: what is left out must not depend on how slots arrive.
+        if (begin == chunk && peaks.size() + chunk_peaks > static_cast<std::size_t>(MOST_PEAKS)) prune(settings.variances);
+        end = std::min({begin + STRETCH, chunk + CHUNK, stop});
+        fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
+        for (int64_t s = 0; s < count_scales; ++s) {
             const int64_t w = scales[s], right = std::max(begin + 1, 2 * w), count = end - right + 1;
             evaluated[s] = {right, false};
             if (count <= 0) continue;
-            const auto size = static_cast<std::size_t>(count);
-            double *statistic = &values[2 * s * room], *jump = statistic + room;
-            evaluate(state.prefix, HISTORY + right - chunk, w, settings.weight, {statistic, {size}}, {jump, {size}});
+            double* const statistic = &values[2 * s * room];
+            evaluate(prefix, HISTORY + right - chunk, w, settings.weight, count, statistic, statistic + room);
             evaluated[s].above = exceeds(statistic, count, settings.floors[s]);  // in few stretches
-            if (counting) count_bins(&state.histogram(s, 0), statistic, right - w, count, counted_every(w));
+            if (counting) count_bins(&histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
         for (int64_t step = begin; step < end; step += STEP) {
             const int64_t step_end = std::min(step + STEP, end);
-            for (int64_t s = 0; s < scales.size(); ++s) {
+            for (int64_t s = 0; s < count_scales; ++s) {
                 if (!evaluated[s].above) continue;
                 const int64_t w = scales[s], right = std::max(step + 1, evaluated[s].first_right);
                 const double* statistic = &values[2 * s * room] + (right - evaluated[s].first_right);
-                keep_peaks(
-                    statistic, statistic + room, right - w, step_end + 1 - right, s, w, settings.floors[s], peaks);
+                keep(statistic, statistic + room, right - w, step_end + 1 - right, s, settings.floors[s]);
             }
-            confirm_peaks(step_end, settings, peaks);
+            confirm(step_end, settings.sure);
         }
-        begin = end;
     }
-    return stop;
+}
+
+std::vector<Peak> Detector::above(double threshold, Floats variances) const {
+    std::vector<Peak> found;
+    for (const auto& [scale, index, value, jump, final] : peaks) {
+        const double statistic = value / variances[scale];
+        if (statistic >= threshold) found.push_back({index, scales[scale], statistic, jump});
+    }
+    std::stable_sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
+        return std::tie(a.index, a.scale) < std::tie(b.index, b.scale);
+    });
+    return found;
 }
 
 // Statistic and jump of one scale at every slot of a whole array; NaN where a half leaves the array or lacks samples.
 std::tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, double weight, double slope) {
-    constexpr double nan = std::numeric_limits<double>::quiet_NaN();
     const int64_t slots = x.size();
-    auto prefix = Table<double, 2>::zeros(PREFIXES, HISTORY + CHUNK + 1);
-    auto statistic = NewFloats::full(nan, slots), jump = NewFloats::full(nan, slots);
+    Table<double, 2> prefix({PREFIXES, HISTORY + CHUNK + 1});
+    NewFloats statistic(slots, NAN), jump(slots, NAN);
     for (int64_t chunk = 0; chunk < slots; chunk += CHUNK) {
         const int64_t stop = std::min(chunk + CHUNK, slots), right = std::max(chunk + 1, 2 * scale);
-        fill_prefix(prefix.view(), x, z, used, chunk, chunk, stop, slope);
+        fill_prefix(prefix, x, z, used, chunk, chunk, stop, slope);
         if (right > stop) continue;
-        const int64_t first = right - scale, last = stop + 1 - scale;
-        evaluate(
-            prefix.view(), HISTORY + right - chunk, scale, weight, statistic.view().slice(first, last),
-            jump.view().slice(first, last));
-        for (int64_t k = first; k < last; ++k) {
-            if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = nan;
+        const int64_t first = right - scale, count = stop + 1 - right;
+        evaluate(prefix, HISTORY + right - chunk, scale, weight, count, &statistic[first], &jump[first]);
+        for (int64_t k = first; k < first + count; ++k) {
+            if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = NAN;
         }
     }
     return {std::move(statistic), std::move(jump)};
 }
 
-// The fields of the `Candidates` among the first `count` peaks: those whose statistic, over its scale's variance, reaches
-// `threshold`; by slot, then narrow scales first.
-Peaks peaks_above(
-    Matrix<const int64_t> slots, Matrix<const double> values, int64_t count, Integers scales, Floats variances,
-    double threshold) {
-    std::vector<int64_t> chosen;
-    for (int64_t p = 0; p < count; ++p) {
-        if (values(p, PEAK_STATISTIC) / variances[slots(p, PEAK_SCALE)] >= threshold) chosen.push_back(p);
-    }
-    std::stable_sort(chosen.begin(), chosen.end(), [&](int64_t a, int64_t b) {
-        return std::tie(slots(a, PEAK_INDEX), slots(a, PEAK_SCALE)) < std::tie(slots(b, PEAK_INDEX), slots(b, PEAK_SCALE));
-    });
-    std::vector<int64_t> index, scale;
-    std::vector<double> statistic, jump;
-    for (auto p : chosen) {
-        const int64_t s = slots(p, PEAK_SCALE);
-        index.push_back(slots(p, PEAK_INDEX));
-        scale.push_back(scales[s]);
-        statistic.push_back(values(p, PEAK_STATISTIC) / variances[s]);
-        jump.push_back(values(p, PEAK_JUMP));
-    }
-    return {
-        NewIntegers::from(std::move(index)), NewIntegers::from(std::move(scale)),
-        NewFloats::from(std::move(statistic)), NewFloats::from(std::move(jump))};
-}
-
 void bind_wglr(nanobind::module_& module) {
-    const std::pair<const char*, int64_t> constants[] = {
-        {"CHUNK", CHUNK},
-        {"STEP", STEP},
-        {"MAX_SCALE", MAX_SCALE},
-        {"HISTORY", HISTORY},
-        {"PREFIXES", PREFIXES},
-        {"BINS", BINS},
-        {"BINS_PER_OCTAVE", BINS_PER_OCTAVE},
-        {"LOWEST_EXPONENT", LOWEST_EXPONENT},
-        {"PEAK_SCALE", PEAK_SCALE},
-        {"PEAK_CONFIRMED", PEAK_CONFIRMED},
-        {"PEAK_STATISTIC", PEAK_STATISTIC},
-        {"COUNT_PEAKS", COUNT_PEAKS},
-        {"COUNT_SETTLED", COUNT_SETTLED},
-    };
-    for (const auto& [name, value] : constants) module.attr(name) = value;
-    kernel(module, "scan", &scan);
-    kernel(module, "wglr", &wglr);
-    kernel(module, "peaks_above", &peaks_above);
+    CONSTANT(CHUNK);
+    CONSTANT(STEP);
+    CONSTANT(MAX_SCALE);
+    CONSTANT(MOST_PEAKS);
+    CONSTANT(BINS);
+    CONSTANT(BINS_PER_OCTAVE);
+    CONSTANT(LOWEST_EXPONENT);
+    KERNEL(wglr);
+    nanobind::class_<Detector>(module, "Detector")
+        .def(nanobind::init<Integers>())
+        .def("scan", &Detector::scan);
 }
 
 }  // namespace rwa

@@ -17,55 +17,45 @@ and batch agree to the last bit.
 
 from typing import Final
 
-from rwa_monitor.changepoints.candidates import PeakArrays, ScanState
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CHUNK: Final[int]
 STEP: Final[int]
 MAX_SCALE: Final[int]
-HISTORY: Final[int]
-PREFIXES: Final[int]
+MOST_PEAKS: Final[int]
 BINS: Final[int]
 BINS_PER_OCTAVE: Final[int]
 LOWEST_EXPONENT: Final[int]
-PEAK_SCALE: Final[int]
-PEAK_CONFIRMED: Final[int]
-PEAK_STATISTIC: Final[int]
-COUNT_PEAKS: Final[int]
-COUNT_SETTLED: Final[int]
 
-def scan(
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    start: int,
-    stop: int,
-    counting: bool,
-    settings: tuple[IntArray, float, float, FloatArray, FloatArray],
-    state: ScanState,
-    peaks: PeakArrays,
-    chunk_peaks: int,
-) -> int:
-    """Advance the detection over the slots [start, stop), as far as there is room for peaks; return where it ended.
+class Detector:
+    """The detection in a window as far as it was scanned; `scales` int64 (S,), half-widths [slots], ascending."""
 
-    Parameters
-    ----------
-    x, z, used
-        (slots,), the window's samples; read from `start - HISTORY` on.
-    start, stop
-        The new slots; both multiples of STEP, but for a window's last slot. The statistic of scale w is evaluated at
-        k = t - w for every new t, the end of its right half.
-    counting
-        Whether to add to the histogram (not when slots are scanned a second time).
-    settings
-        int64 (S,), the scales, ascending; W_b and f̃_v; float64 (S,) each, the statistics from which a peak is kept
-        (infinite to keep none), and confirmed.
-    state, peaks
-        See their classes; both are changed in place.
-    chunk_peaks
-        Peaks that a chunk can give at most. There is room for those of the first chunk; it ends before another one
-        for which there is none.
-    """
+    def __init__(self, scales: IntArray) -> None: ...
+    def scan(
+        self,
+        x: FloatArray,
+        z: FloatArray,
+        used: BoolArray,
+        start: int,
+        stop: int,
+        counting: bool,
+        settings: tuple[float, float, FloatArray, FloatArray, FloatArray],
+    ) -> None:
+        """Advance the detection over the slots [start, stop).
+
+        Parameters
+        ----------
+        x, z, used
+            (slots,), the window's samples; read from 2 · MAX_SCALE slots before `start` on.
+        start, stop
+            The new slots; both multiples of STEP, but for a window's last slot. The statistic of scale w is evaluated
+            at k = t - w for every new t, the end of its right half.
+        counting
+            Whether to add to the histogram (not when slots are scanned a second time).
+        settings
+            W_b and f̃_v; float64 (S,) each, the variances of the scales' contrasts, and the statistics from which a
+            peak is kept (infinite to keep none), and confirmed.
+        """
 
 def wglr(
     x: FloatArray, z: FloatArray, used: BoolArray, scale: int, weight: float, slope: float
@@ -86,8 +76,3 @@ def wglr(
     statistic, jump
         float64 (n,), unnormalised [torque²] and [torque]; NaN where a half leaves the array or lacks samples.
     """
-
-def peaks_above(
-    slots: IntArray, values: FloatArray, count: int, scales: IntArray, variances: FloatArray, threshold: float
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Return the fields of the `Candidates` that `PeakList.above` chooses among the first `count` rows."""

@@ -512,16 +512,5 @@ class Discrepancy(Message):
     gain: Gain | None
 
 
-# ---- schemas ---------------------------------------------------------------------------------------------------------
-
-
 MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoints, Diagnosis, Discrepancy, Health)
 REPORTS: Final[tuple[type[Message], ...]] = (Diagnosis, Changepoints, Status, Discrepancy)  # what pages show of a wheel
-
-
-def schema_files() -> dict[str, str]:
-    """Return the JSON Schemas of all messages as file name and text."""
-    return {
-        f"{message.schema_name()}.json": json.dumps(message.json_schema(), indent=2, ensure_ascii=False) + "\n"
-        for message in MESSAGES
-    }

@@ -41,20 +41,15 @@ class UdpAddress:
             raise InputError(option, f"{text!r} is no [HOST:]PORT such as 127.0.0.1:5005")
         return cls(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port))
 
-    def open(self) -> tuple[socket.socket, Any]:
-        """Return an unbound socket and the address as it takes it; raises RwaMonitorError if there is no such host."""
-        try:
-            family, kind, protocol, _, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
-        except OSError as error:
-            raise RwaMonitorError(f"{self.host}: there is no such address: {error.strerror or error}") from error
-        return socket.socket(family, kind, protocol), address
-
 
 @contextmanager
 def listening(address: UdpAddress) -> Iterator[socket.socket]:
     """Give a socket that receives what is sent to an address; raises RwaMonitorError if that cannot be had."""
-    receiver, place = address.open()
-    with receiver:
+    try:
+        family, kind, protocol, _, place = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
+    except OSError as error:
+        raise RwaMonitorError(f"{address.host}: there is no such address: {error.strerror or error}") from error
+    with socket.socket(family, kind, protocol) as receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         receiver.settimeout(WAIT_S)
         try:
@@ -90,34 +85,29 @@ class Bridge:
         self._sinks = sinks
         self._batch_samples = batch_samples
         self._waiting = [SampleColumns(wheel) for wheel in decoder.wheels]
-        self._since_s: list[float | None] = [None] * len(decoder.wheels)  # the time at which the oldest sample came
+        self._sent_s = float("-inf")
 
-    def take(self, datagram: bytes, now_s: float) -> None:
+    def take(self, datagram: bytes) -> None:
         """Take a datagram of one packet or several, one after the other."""
         self.datagrams += 1
-        stop = 0
-        for packet in split_packets(datagram):
-            stop += len(packet)
-            self._take_packet(packet, now_s)
-        if stop < len(datagram) or not datagram:
-            self._take_packet(datagram[stop:], now_s)  # no whole packet: the decoder counts it as such
-
-    def _take_packet(self, packet: bytes, now_s: float) -> None:
-        for sample in self._decoder.take(packet):
-            columns = self._waiting[sample.wheel]
-            if self._since_s[sample.wheel] is None:
-                self._since_s[sample.wheel] = now_s
-            columns.append(sample)
-            if len(columns) >= self._batch_samples:
-                self._send(sample.wheel)
+        packets = list(split_packets(datagram))
+        rest = datagram[sum(map(len, packets)) :]
+        if rest or not datagram:
+            packets.append(rest)  # no whole packet: the decoder counts it as such
+        for packet in packets:
+            for sample in self._decoder.take(packet):
+                columns = self._waiting[sample.wheel]
+                columns.append(sample)
+                if len(columns) >= self._batch_samples:
+                    self._send(sample.wheel)
 
     def tick(self, now_s: float) -> None:
-        """Send what has waited long enough."""
-        for number, since_s in enumerate(self._since_s):
-            if since_s is not None and now_s - since_s >= HOLD_S:
-                self._send(number)
+        """Send what waits, each `HOLD_S`."""
+        if now_s - self._sent_s >= HOLD_S:
+            self._sent_s = now_s
+            self.send_all()
 
-    def close(self) -> None:
+    def send_all(self) -> None:
         """Send all that waits."""
         for number, columns in enumerate(self._waiting):
             if len(columns):
@@ -125,7 +115,7 @@ class Bridge:
 
     def _send(self, number: int) -> None:
         wheel, samples = self._decoder.wheels[number], self._waiting[number].samples()
-        self._waiting[number], self._since_s[number] = SampleColumns(wheel), None
+        self._waiting[number] = SampleColumns(wheel)
         self._sinks[wheel.key].put(samples)
         self.samples += len(samples)
 
@@ -164,12 +154,12 @@ def run_bridge(
     next_warnings_s = 0.0
     while not stop.is_set():
         with suppress(TimeoutError):
-            bridge.take(receiver.recv(MAX_DATAGRAM_BYTES), time.monotonic())
+            bridge.take(receiver.recv(MAX_DATAGRAM_BYTES))
         now_s = time.monotonic()
         bridge.tick(now_s)
         on_tick(now_s)
         if now_s >= next_warnings_s:
             next_warnings_s = now_s + WARNINGS_S
             log_warnings()
-    bridge.close()
+    bridge.send_all()
     log_warnings()

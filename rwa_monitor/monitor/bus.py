@@ -16,8 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Thread
-from types import TracebackType
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Literal
 
 import zenoh
 from zenoh import ext
@@ -205,16 +204,6 @@ class MonitorBus:
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
         self._health: dict[str, tuple[bytes, Any]] = {}  # the latest of each wheel, and when it was published
-
-    def __enter__(self) -> Self:
-        """Enter; nothing is declared yet."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Undeclare everything."""
-        self.close()
 
     def subscribe(self, key_expression: str) -> None:
         """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""

@@ -1,289 +1,152 @@
 """A checkpoint: the whole state of a wheel's monitor core, as JSON, so that another one can go on from there.
 
 Every recording begins with one checkpoint for each wheel: a recording alone is enough to replay it, and after a crash
-the last one is enough to go on. Floats are written in full; a core that was resumed gives the same bits. The samples of
-open windows, nearly all of a checkpoint, are written as they lie in memory, in base64: their digits would take four
-times the work.
+the last one is enough to go on. Floats are written in full; a core that was resumed gives the same bits. Arrays are
+written as they lie in memory (see `samples.FloatArray`): their digits would take four times the work.
 """
 
 from __future__ import annotations
 
-from base64 import b64decode, b64encode
-from collections.abc import Sequence
-from typing import Annotated, Final, Literal, Self
+from typing import Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rwa_monitor.changepoints.evidence import Gathered
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, samples_json
-from rwa_monitor.monitor.ingest.sequencer import Batch, Sequencer
+from rwa_monitor.messages import ClockNs, Count, Slot
+from rwa_monitor.monitor.ingest.sequencer import Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import Rows
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.friction import FrictionSource
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import MEMORY, Channel, SensorValidation
+from rwa_monitor.telemetry.sensor_validation import Channel
 from rwa_monitor.wheel.torque_balance import Source
 
-CHECKPOINT_VERSION: Final = 2
 MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slots are some 30 MB
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+class Slots(BaseModel):
+    """The slots of the ring buffer that are still needed, and the values of the last of them.
 
-
-class HeldBatch(_Part):
-    """A message that waits for others."""
-
-    number: Slot | None
-    message: SamplesMessage
-
-    @classmethod
-    def of(cls, batch: Batch) -> Self:
-        """Keep a message of the sequencer."""
-        payload = samples_json(batch.samples, batch.publisher, batch.number or 0)
-        return cls(number=batch.number, message=SamplesMessage.parse(payload, "checkpoint"))
-
-    def batch(self) -> Batch:
-        """Return the message of the sequencer."""
-        return Batch(self.message.publisher, self.number, self.message.samples())
-
-
-# What a sequencer's state holds as the sequencer does.
-_SEQUENCE: Final = ("current", "expected", "takeover_uncertain", "largest", "replaced", "latest_ns")
-
-
-class SequencerState(_Part):
-    """State of `sequencer.Sequencer`; in the file a takeover is called a challenge."""
-
-    model_config = ConfigDict(populate_by_name=True)
-
-    current: str | None
-    expected: Slot | None
-    held: list[HeldBatch]
-    skipped: list[Slot]
-    takeover: list[HeldBatch] = Field(alias="challenge")
-    takeover_uncertain: bool = Field(alias="challenge_doubtful")
-    largest: Slot
-    replaced: list[str]
-    latest_ns: int | None
-
-    @classmethod
-    def of(cls, sequencer: Sequencer) -> Self:
-        """Keep what waits in a sequencer, and what it has counted to."""
-        return cls(
-            held=[HeldBatch.of(batch) for batch in sequencer.held.values()],
-            skipped=list(sequencer.skipped),
-            takeover=[HeldBatch.of(batch) for batch in sequencer.takeover],
-            **{name: getattr(sequencer, name) for name in _SEQUENCE},
-        )
-
-    def restore(self, sequencer: Sequencer) -> None:
-        """Let a new sequencer go on from here."""
-        for name in _SEQUENCE:
-            setattr(sequencer, name, getattr(self, name))
-        sequencer.held = {held.number: held.batch() for held in self.held if held.number is not None}
-        sequencer.skipped = dict.fromkeys(self.skipped)
-        sequencer.takeover = [held.batch() for held in self.takeover]
-
-
-class GridState(_Part):
-    """Where the slot grid stands; `origin_ns` is None before the first sample of an epoch."""
-
-    origin_ns: ClockNs | None
-    frontier: Slot
-    last_ns: ClockNs | None
-
-
-class SlotsState(_Part):
-    """The slots [begin, end) of the ring buffer that are still needed, and the values of the last of them.
-
-    Null in `values` stands for NaN.
+    Attributes
+    ----------
+    begin
+        The first.
+    filled
+        For which a sample came, as lengths of runs: missing, filled, missing, …
+    values
+        float64 (n,) of each channel, those of the last n slots.
     """
 
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
     begin: Slot
-    end: Slot
-    filled: list[Count]  # slots that a sample came for, as lengths of runs: missing, filled, missing, …
-    values: dict[str, list[float | None]]
+    filled: list[Count]
+    values: dict[str, FloatArray]
 
     @classmethod
     def of(cls, ring: RingBuffer, begin: int, values_begin: int) -> Self:
         """Keep the slots from `begin` on, and the values from `values_begin` on."""
         begin, values_begin = max(begin, ring.begin), max(values_begin, ring.values_begin)
-        slots = np.arange(begin, ring.end, dtype=np.int64)
-        values = {name: _with_null(ring.read(name, values_begin, ring.end)) for name in ring.channels}
-        return cls(begin=begin, end=ring.end, filled=_run_lengths(ring.is_filled(slots)), values=values)
-
-    @property
-    def consistent(self) -> bool:
-        """Whether the numbers fit each other."""
-        lengths = {len(values) for values in self.values.values()}
-        return sum(self.filled) == self.end - self.begin and len(lengths) == 1 and max(lengths) <= sum(self.filled)
-
-    def restore(self, ring: RingBuffer) -> None:
-        """Put the slots into a ring buffer."""
-        filled = np.repeat(np.arange(len(self.filled)) % 2 == 1, self.filled)
-        ring.restore(self.begin, filled, {name: _with_nan(values) for name, values in self.values.items()})
-
-
-class WaitingSample(_Part):
-    """A sample that the next one judges: its time and its values, null for NaN."""
-
-    time_ns: ClockNs
-    values: dict[str, float | None]
-
-    @classmethod
-    def of(cls, rows: Rows) -> Self:
-        """Keep the one sample of `rows`."""
-        values = {name: _with_null(array)[0] for name, array in rows.values.items()}
-        return cls(time_ns=int(rows.time_ns[0]), values=values)
-
-    def rows(self) -> Rows:
-        """Return the sample as it was."""
-        values = {name: _with_nan([value]) for name, value in self.values.items()}
-        return Rows(np.array([self.time_ns], dtype=np.int64), values)
-
-
-class ChannelState(_Part):
-    """State of a `sensor_validation.Channel`; null for NaN."""
-
-    recent: list[float | None]
-    last: float | None
-    step: float
-    bend: float
-    restless: float
-    repeated: float
-    restless_before: float
-    rough: float
-    steps: float
-
-    @classmethod
-    def of(cls, channel: Channel) -> Self:
-        """Keep what is remembered of a channel."""
-        memory: dict[str, float | None] = dict(zip(MEMORY, channel.memory.tolist(), strict=True))
-        last = _with_null(channel.memory)[MEMORY.index("last")]
-        return cls(**{**memory, "recent": _with_null(channel.recent), "last": last})
-
-    def channel(self) -> Channel:
-        """Return the channel as it was."""
-        return Channel.of(_with_nan(self.recent), _with_nan([getattr(self, name) for name in MEMORY]))
-
-
-class ScreenState(_Part):
-    """State of `sensor_validation.SensorValidation`."""
-
-    done: Slot
-    speed: ChannelState
-    torque: ChannelState
-
-    @classmethod
-    def of(cls, screen: SensorValidation) -> Self:
-        """Keep the state of the sensor validation."""
-        return cls(done=screen.done, speed=ChannelState.of(screen.speed), torque=ChannelState.of(screen.torque))
-
-    def restore(self, screen: SensorValidation) -> None:
-        """Let the sensor validation of the same wheel go on from here."""
-        screen.done, screen.speed, screen.torque = self.done, self.speed.channel(), self.torque.channel()
-
-
-class EffectsState(_Part):
-    """What the wheel's effects, and the friction before them, remember of the slots so far."""
-
-    friction: ChannelState
-    angle_rad: float
-    last_speed_rad_s: float
-    memories: list[list[float] | None]
-
-    @classmethod
-    def of(cls, friction: FrictionSource) -> Self:
-        """Keep what the effects remember."""
+        filled = _run_lengths(ring.is_filled(np.arange(begin, ring.end, dtype=np.int64)))
         return cls(
-            angle_rad=friction.angle_rad,
-            last_speed_rad_s=friction.last_speed_rad_s,
-            friction=ChannelState.of(friction.channel),
-            memories=[None if memory is None else memory.tolist() for memory in friction.memories],
+            begin=begin,
+            filled=filled,
+            values={name: ring.read(name, values_begin, ring.end).copy() for name in ring.channels},
         )
 
-    def restore(self, friction: FrictionSource) -> None:
-        """Let the friction of the same wheel go on from here."""
-        friction.angle_rad, friction.last_speed_rad_s = self.angle_rad, self.last_speed_rad_s
-        friction.channel = self.friction.channel()
-        friction.memories = [None if memory is None else _with_nan(memory) for memory in self.memories]
+    @property
+    def end(self) -> int:
+        """First slot that has not come yet."""
+        return self.begin + sum(self.filled)
+
+    def fits(self, ring: RingBuffer) -> bool:
+        """Return whether a ring buffer could have held them."""
+        lengths = {values.size for values in self.values.values()}
+        return (
+            sum(self.filled) <= ring.capacity
+            and set(self.values) == set(ring.channels)
+            and len(lengths) == 1
+            and max(lengths) <= sum(self.filled)
+            and not any(np.isinf(values).any() for values in self.values.values())
+        )
+
+    def restore(self, ring: RingBuffer) -> None:
+        """Put them into a ring buffer that they fit."""
+        ring.restore(self.begin, np.repeat(np.arange(len(self.filled)) % 2 == 1, self.filled), self.values)
 
 
-def _floats(value: object) -> FloatArray:
-    """Return an array, float64 (n,), or the base64 of one in little-endian float64, as an array."""
-    if not isinstance(value, str | np.ndarray):
-        raise ValueError("must be text in base64")
-    array = value if isinstance(value, np.ndarray) else np.frombuffer(b64decode(value, validate=True), dtype="<f8")
-    if np.isinf(array).any():
-        raise ValueError("must be finite numbers")
-    return array.astype(np.float64)
+class Checkpoint(BaseModel):
+    """The whole state of a `core.WheelCore` besides its wheel, its model and its method.
 
-
-def _base64(array: FloatArray) -> str:
-    return b64encode(array.astype("<f8", copy=False).tobytes()).decode("ascii")
-
-
-Floats = Annotated[FloatArray, PlainValidator(_floats), PlainSerializer(_base64, return_type=str)]
-
-
-class GatheredState(_Part):
-    """The samples that an open window has gathered; NaN where not good."""
-
-    model_config = ConfigDict(arbitrary_types_allowed=True)
-
-    x: Floats
-    z: Floats
-    turns: list[int]
-
-    @classmethod
-    def of(cls, gathered: Gathered) -> Self:
-        """Keep what a window's accumulator has gathered."""
-        return cls(x=gathered.x, z=gathered.z, turns=gathered.turns.tolist())
-
-    def gathered(self) -> Gathered:
-        """Return what the accumulator goes on with."""
-        return Gathered(self.x, self.z, np.array(self.turns, dtype=np.int64))
-
-
-class WindowsState(_Part):
-    """Where the windows stand: first slots of the open ones, of the next one, and what has been worked off.
-
-    `gathered` holds the samples of the open windows.
+    Attributes
+    ----------
+    source, reported_missing
+        The channel that friction comes from, and whether it was reported that it is missing.
+    carried
+        What earlier windows show.
+    sequencer, waiting
+        Messages and the sample that wait, and what became of all samples.
+    origin_ns, frontier, last_ns
+        Of the slot assignment; `origin_ns` is None before the first sample of an epoch.
+    epoch_origin_ns, slots, screened, channels
+        The ring buffer, how far it is validated, and the memory of the validation: speed, torque, derived friction.
+    angle_rad, last_speed_rad_s, memories
+        What the wheel's effects remember of the slots so far.
+    done, next_start, last_end, open
+        Where the windows stand: slots worked off, the first of the next window, the end of the last that was closed,
+        and of each open one the first slot and what it has gathered.
     """
 
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    version: Literal[3] = 3
+    source: Source | Literal[""]
+    reported_missing: bool
+    carried: CarriedState
+    sequencer: Sequencer
+    waiting: Rows | None
+    origin_ns: ClockNs | None
+    frontier: Slot
+    last_ns: ClockNs | None
+    epoch_origin_ns: ClockNs
+    slots: Slots
+    screened: Slot
+    channels: tuple[FloatArray, FloatArray, FloatArray]
+    angle_rad: float
+    last_speed_rad_s: float
+    memories: list[FloatArray | None]
     done: Slot
     next_start: Slot
     last_end: Slot
-    open: list[Slot]
-    gathered: list[GatheredState]
+    open: list[tuple[Slot, Gathered]]
 
-
-class Checkpoint(_Part):
-    """The whole state of a `core.WheelCore` besides its wheel, its model and its method."""
-
-    version: Annotated[int, Field(ge=CHECKPOINT_VERSION, le=CHECKPOINT_VERSION)] = CHECKPOINT_VERSION
-    source: Source | Literal[""]
-    said_missing: bool
-    counts: dict[str, Count]
-    carried: CarriedState
-    sequencer: SequencerState
-    waiting: WaitingSample | None
-    epoch_origin_ns: ClockNs
-    grid: GridState
-    slots: SlotsState
-    screen: ScreenState
-    effects: EffectsState
-    windows: WindowsState
+    def fits(self, ring: RingBuffer, effects: int) -> bool:
+        """Return whether it can be of a core with such a ring buffer and so many effects."""
+        waiting = self.waiting
+        return (
+            self.slots.fits(ring)
+            and len(self.memories) == effects
+            and self.slots.begin <= min([self.done, *(start for start, _ in self.open)])
+            and self.done <= self.slots.end
+            and all(state.shape == Channel().state.shape for state in self.channels)
+            and not any(np.isinf(values).any() for _, gathered in self.open for values in (gathered.x, gathered.z))
+            and (
+                waiting is None
+                or (
+                    waiting.time_ns.size == 1
+                    and MIN_TIME_NS <= waiting.time_ns[0] <= MAX_TIME_NS
+                    and set(waiting.values) == set(ring.channels)
+                    and all(values.size == 1 and not np.isinf(values[0]) for values in waiting.values.values())
+                )
+            )
+        )
 
     def to_json(self) -> bytes:
         """Write the checkpoint; the same state always gives the same bytes."""
         # Every number is finite; json.dumps takes thirteen times as long.
-        return self.model_dump_json(by_alias=True).encode()
+        return self.model_dump_json().encode()
 
     @classmethod
     def from_json(cls, data: bytes, source: str) -> Self:
@@ -294,17 +157,6 @@ class Checkpoint(_Part):
             return cls.model_validate_json(data)
         except ValidationError as error:
             raise InputError.of_validation(source, error) from error
-
-
-def _with_null(values: FloatArray) -> list[float | None]:
-    listed: list[float | None] = values.tolist()
-    for place in np.flatnonzero(np.isnan(values)).tolist():  # few
-        listed[place] = None
-    return listed
-
-
-def _with_nan(values: Sequence[float | None]) -> FloatArray:
-    return np.array(values, dtype=np.float64)
 
 
 def _run_lengths(flags: BoolArray) -> list[int]:

@@ -9,8 +9,8 @@ result does not depend on how the samples are cut into messages.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Final, Literal, Self
 
 import numpy as np
@@ -21,18 +21,8 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ProvisionalJump
-from rwa_monitor.monitor.checkpoint import (
-    Checkpoint,
-    EffectsState,
-    GatheredState,
-    GridState,
-    ScreenState,
-    SequencerState,
-    SlotsState,
-    WaitingSample,
-    WindowsState,
-)
-from rwa_monitor.monitor.events import EpochStarted, Event, ProvisionalChangepoint, WindowDiagnosed
+from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
+from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
 from rwa_monitor.paper import method as paper
@@ -43,6 +33,7 @@ from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import (
     LAG_SLOTS,
     TORQUE,
+    Channel,
     Fault,
     SensorValidation,
     friction_limit,
@@ -66,6 +57,8 @@ class WheelCore:
         "joint" or "paper".
     carried
         The state that earlier windows handed on; None for none.
+    sequencer
+        With the messages that wait; None for none.
 
     Attributes
     ----------
@@ -79,15 +72,21 @@ class WheelCore:
     """
 
     def __init__(
-        self, wheel: Wheel, model: Model | None, *, method: Method = "joint", carried: CarriedState | None = None
+        self,
+        wheel: Wheel,
+        model: Model | None,
+        *,
+        method: Method = "joint",
+        carried: CarriedState | None = None,
+        sequencer: Sequencer | None = None,
     ) -> None:
         self.wheel = wheel
         self.model = model
         self.method = method
-        self.counts = Counts()
+        self._sequencer = sequencer or Sequencer()
+        self.counts = self._sequencer.counts
         self._windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
         limits, most_torque_Nm = wheel.limits, wheel.max_motor_torque_Nm
-        self._sequencer = Sequencer(self.counts)
         self._assignment = SlotAssignment(wheel.period_ns, wheel.window.samples, limits, most_torque_Nm, self.counts)
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._reported_missing = False
@@ -137,18 +136,11 @@ class WheelCore:
             self._source = source_of(samples, self.wheel)
             if self._source != self._windows.friction.source:
                 self._windows.begin_source(self._source)
-        ready, notes = self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns)
-        events: list[Event] = list(notes)
-        for message in ready:
-            events += self._take(message)
-        return events
+        return self._take_all(self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns))
 
     def finish(self) -> list[Event]:
         """Take what waits, close the open window as it is, and return what happened: nothing more will come."""
-        ready, notes = self._sequencer.flush(self._assignment.last_ns)
-        events: list[Event] = list(notes)
-        for message in ready:
-            events += self._take(message)
+        events = self._take_all(self._sequencer.flush(self._assignment.last_ns))
         if self._waiting is not None:
             events += self._place(self._waiting, last=True)
             self._waiting = None
@@ -168,11 +160,19 @@ class WheelCore:
 
     # ---- samples into slots -----------------------------------------------------------------------------------------
 
+    def _take_all(self, ready: Iterable[Batch | Trouble]) -> list[Event]:
+        events: list[Event] = []
+        for one in ready:
+            events += self._take(one) if isinstance(one, Batch) else [one]
+        return events
+
     def _take(self, message: Batch) -> list[Event]:
         samples, friction = message.samples, self._windows.friction
         torque = friction.torque(samples)
         clean = torque is not None and self._assignment.is_clean(samples)  # then there is nothing to look for
-        events: list[Event] = self._settings_check.check(samples, clean=clean)
+        allowed = None if clean else self._assignment.reject_beyond_limits(samples)
+        beyond = 0 if allowed is None else int(np.count_nonzero(~allowed))
+        events: list[Event] = self._settings_check.check(samples.time_ns, beyond)
         if torque is None:
             torque = np.full(len(samples), np.nan)
             if not self._reported_missing:
@@ -186,7 +186,6 @@ class WheelCore:
         if not clean:
             values = {name: np.where(np.isfinite(array), array, np.nan) for name, array in values.items()}
         rows = Rows(samples.time_ns, values)
-        allowed = None if clean else self._assignment.reject_beyond_limits(samples)
         if allowed is not None:
             rows = rows[np.flatnonzero(allowed)]
         return events + self._place(rows, passed=message.passed)
@@ -211,7 +210,6 @@ class WheelCore:
             if piece.epoch is not None:
                 events += windows.end_epoch()
                 windows.begin_epoch(piece.epoch)
-                events.append(EpochStarted(piece.epoch.origin_ns, piece.step_ns))
                 if piece.step_ns:
                     text = (
                         f"the wheel's clock stepped by {piece.step_ns / NANOSECONDS_PER_SECOND:.3f} s, to"
@@ -247,17 +245,14 @@ class WheelCore:
         grid = self._assignment.grid
         return Checkpoint(
             source=self._source,
-            said_missing=self._reported_missing,
-            counts=asdict(self.counts),
+            reported_missing=self._reported_missing,
             carried=self.carried,
-            sequencer=SequencerState.of(self._sequencer),
-            waiting=None if self._waiting is None else WaitingSample.of(self._waiting),
-            grid=GridState(
-                origin_ns=grid.origin_ns if grid else None,
-                frontier=self._assignment.frontier,
-                last_ns=self._assignment.last_ns,
-            ),
-            **self._windows.states(),
+            sequencer=self._sequencer,
+            waiting=self._waiting,
+            origin_ns=grid.origin_ns if grid else None,
+            frontier=self._assignment.frontier,
+            last_ns=self._assignment.last_ns,
+            **self._windows.state(),
         )
 
     @classmethod
@@ -269,24 +264,14 @@ class WheelCore:
         InputError
             As the constructor, or if the checkpoint does not fit the wheel.
         """
-        core = cls(wheel, model, method=method, carried=checkpoint.carried)
+        core = cls(wheel, model, method=method, carried=checkpoint.carried, sequencer=checkpoint.sequencer)
         if checkpoint.source:
             core._source = checkpoint.source
             core._windows.begin_source(checkpoint.source)
-        core._reported_missing = checkpoint.said_missing
-        unknown = set(checkpoint.counts) - {field.name for field in fields(core.counts)}
-        if unknown:
-            raise InputError("checkpoint", f"{min(unknown)[:40]!r} is nothing that is counted", "counts")
-        for name, count in checkpoint.counts.items():  # the sequencer and the slot assignment count in the same place
-            setattr(core.counts, name, count)
-        checkpoint.sequencer.restore(core._sequencer)
-        state, assignment = checkpoint.grid, core._assignment
-        assignment.grid = None if state.origin_ns is None else SlotGrid(state.origin_ns, wheel.period_ns)
-        assignment.frontier, assignment.last_ns = state.frontier, state.last_ns
-        if checkpoint.waiting is not None:
-            if set(checkpoint.waiting.values) != set(core._windows.ring.channels):
-                raise InputError("checkpoint", f"does not fit the wheel {wheel.name}")
-            core._waiting = checkpoint.waiting.rows()
+        core._reported_missing, core._waiting = checkpoint.reported_missing, checkpoint.waiting
+        origin_ns, assignment = checkpoint.origin_ns, core._assignment
+        assignment.grid = None if origin_ns is None else SlotGrid(origin_ns, wheel.period_ns)
+        assignment.frontier, assignment.last_ns = checkpoint.frontier, checkpoint.last_ns
         core._windows.resume(checkpoint)
         return core
 
@@ -532,22 +517,23 @@ class Windows:
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 
-    def states(self) -> dict[str, Any]:
+    def state(self) -> dict[str, Any]:
         """Return what a checkpoint holds of the slots that are still needed, and of what works on them, by its name."""
         needed = min([self._done, *(window.start for window in self._open)])
         around = 2 * self.friction.reach + BLOCK_SLOTS + LAG_SLOTS
+        channels = (self.screen.speed, self.screen.torque, self.friction.channel)
         return {
             "epoch_origin_ns": self.grid.origin_ns,
-            "slots": SlotsState.of(self.ring, needed - around, self._done - around),
-            "screen": ScreenState.of(self.screen),
-            "effects": EffectsState.of(self.friction),
-            "windows": WindowsState(
-                done=self._done,
-                next_start=self._next_start,
-                last_end=self._last_end,
-                open=[window.start for window in self._open],
-                gathered=[GatheredState.of(window.accumulator.gathered()) for window in self._open],
-            ),
+            "slots": Slots.of(self.ring, needed - around, self._done - around),
+            "screened": self.screen.done,
+            "channels": tuple(channel.state.copy() for channel in channels),
+            "angle_rad": self.friction.angle_rad,
+            "last_speed_rad_s": self.friction.last_speed_rad_s,
+            "memories": self.friction.memories,
+            "done": self._done,
+            "next_start": self._next_start,
+            "last_end": self._last_end,
+            "open": [(window.start, window.accumulator.gathered()) for window in self._open],
         }
 
     def resume(self, checkpoint: Checkpoint) -> None:
@@ -558,26 +544,22 @@ class Windows:
         InputError
             If it does not fit the wheel.
         """
-        slots, effects, windows = checkpoint.slots, checkpoint.effects, checkpoint.windows
-        fits = (
-            0 <= slots.end - slots.begin <= self.ring.capacity
-            and slots.consistent
-            and set(slots.values) == set(self.ring.channels)
-            and len(effects.memories) == len(self.friction.memories)
-            and slots.begin <= min([windows.done, *windows.open])
-            and windows.done <= slots.end
-            and len(windows.gathered) == len(windows.open)
-        )
-        if not fits:
+        if not checkpoint.fits(self.ring, len(self.friction.effects)):
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         self.grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
-        slots.restore(self.ring)
-        checkpoint.screen.restore(self.screen)
-        effects.restore(self.friction)
-        self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
-        for start, gathered in zip(windows.open, windows.gathered, strict=True):
+        checkpoint.slots.restore(self.ring)
+        self.screen.done = checkpoint.screened
+        self.screen.speed, self.screen.torque, self.friction.channel = map(Channel, checkpoint.channels)
+        self.friction.angle_rad = checkpoint.angle_rad
+        self.friction.last_speed_rad_s = checkpoint.last_speed_rad_s
+        self.friction.memories = list(checkpoint.memories)
+        self._done, self._next_start, self._last_end = checkpoint.done, checkpoint.next_start, checkpoint.last_end
+        for start, gathered in checkpoint.open:
             accumulator = WindowAccumulator(self.wheel)
-            accumulator.resume(gathered.gathered())
+            try:
+                accumulator.resume(gathered)
+            except ValueError as error:
+                raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}: {error}") from error
             self._open.append(_OpenWindow(start, accumulator))
         self._find_border()
 
@@ -592,14 +574,13 @@ def without_positions(carried: CarriedState) -> CarriedState:
 
 
 STEPS: Final = 64  # steps of time from which the period of the samples is taken
-PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the quantile
-SLOW_QUANTILE: Final = 0.1  # nearly all steps are longer: the samples come slowly, not just with gaps
+PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the median
 MANY_BEYOND: Final = 64  # samples beyond the limit that are no single wild readings
 SHARE_BEYOND: Final = 0.1  # of all samples
 
 
 class SettingsCheck:
-    """Checks whether a wheel's samples fit its file as they arrive: the sample period, the unit of speed.
+    """Checks whether a wheel's samples fit its file as they arrive: the sample period, and limits in the right unit.
 
     Either mistake leaves diagnoses like any other, of half the samples or fewer; each is reported once.
 
@@ -610,21 +591,28 @@ class SettingsCheck:
     """
 
     def __init__(self, wheel: Wheel) -> None:
-        self._expected_s = wheel.sample_period_s
-        limit = wheel.limits.max_speed_rad_s
-        self._limit = float("inf") if limit is None else limit
-        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when all is reported
+        self._wheel = wheel
+        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when there are enough
         self._seen = self._beyond = 0
-        self._largest = 0.0
-        self._speed_reported = False
+        self._limits_reported = False
 
-    def check(self, samples: Samples, *, clean: bool = False) -> list[Event]:
-        """Return what these samples show for the first time; `clean` where their speeds are known to be in range."""
-        events = [] if self._times is None else self._check_period(self._times, samples.time_ns)
-        if clean:
-            self._seen += samples.time_ns.size
-        elif not self._speed_reported:
-            events += self._check_speed(samples)
+    def check(self, time_ns: IntArray, beyond: int) -> list[Event]:
+        """Return what samples show for the first time.
+
+        Parameters
+        ----------
+        time_ns
+            int64 (n,): their times.
+        beyond
+            How many of them are beyond the wheel's limits.
+        """
+        events = [] if self._times is None else self._check_period(self._times, time_ns)
+        self._seen += time_ns.size
+        self._beyond += beyond
+        if beyond and not self._limits_reported and self._beyond >= max(MANY_BEYOND, SHARE_BEYOND * self._seen):
+            self._limits_reported = True
+            text = f"{self._beyond} of {self._seen} samples are beyond the wheel's limits and rejected"
+            events.append(Trouble("limits", f"{text}: is the speed in rpm, or is the wheel file another wheel's?"))
         return events
 
     def _check_period(self, before_ns: IntArray, time_ns: IntArray) -> list[Event]:
@@ -634,25 +622,8 @@ class SettingsCheck:
         steps = np.diff(self._times)
         self._times = None
         steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back show no period
-        if steps.size < STEPS // 2:
+        period_s, expected_s = float(np.median(steps)) if steps.size else 0.0, self._wheel.sample_period_s
+        if steps.size < STEPS // 2 or expected_s / PERIOD_DIFFERS <= period_s <= expected_s * PERIOD_DIFFERS:
             return []
-        period_s = float(np.median(steps))
-        fast = period_s * PERIOD_DIFFERS < self._expected_s
-        # Of few steps nothing is interpolated.
-        slow = float(np.sort(steps)[int(SLOW_QUANTILE * (steps.size - 1))]) > self._expected_s * PERIOD_DIFFERS
-        if not (fast or slow):
-            return []
-        question = f"is sample_period_s = {self._expected_s:.6g} of the wheel file right?"
+        question = f"is sample_period_s = {expected_s:.6g} of the wheel file right?"
         return [Trouble("sample period", f"{question} The samples come every {period_s:.3g} s")]
-
-    def _check_speed(self, samples: Samples) -> list[Event]:
-        sizes = np.abs(samples.speed_rad_s)
-        beyond = sizes[(sizes > self._limit) & np.isfinite(sizes)]
-        self._seen += len(samples)
-        self._beyond += beyond.size
-        self._largest = float(beyond.max(initial=self._largest))
-        if self._beyond < max(MANY_BEYOND, SHARE_BEYOND * self._seen):
-            return []
-        self._speed_reported = True
-        text = f"speeds beyond max_speed_rad_s = {self._limit:.6g}, up to {self._largest:.6g}, are rejected"
-        return [Trouble("speed limit", f"{text}: is it rpm, or is the wheel file another wheel's?")]

@@ -21,22 +21,6 @@ MADE_WITH: Final = ("method", "model_sha256", "wheel_sha256", "prior_sha256")
 
 
 @dataclass(frozen=True, slots=True)
-class EpochStarted:
-    """The slot grid begins anew: the wheel's first sample, or a clock step of more than a window.
-
-    Attributes
-    ----------
-    origin_ns
-        Time of slot 0.
-    step_ns
-        By how much the clock stepped; 0 at the first sample.
-    """
-
-    origin_ns: int
-    step_ns: int
-
-
-@dataclass(frozen=True, slots=True)
 class ProvisionalChangepoint:
     """A jump of friction, as soon as it is confirmed; provisional until the diagnosis of the window it lies in."""
 
@@ -95,7 +79,7 @@ class WindowDiagnosed:
         return Diagnosis.model_validate(content, from_attributes=True)
 
 
-Event = EpochStarted | ProvisionalChangepoint | WindowDiagnosed | Trouble
+Event = ProvisionalChangepoint | WindowDiagnosed | Trouble
 
 
 # ---- the messages made of them ---------------------------------------------------------------------------------------

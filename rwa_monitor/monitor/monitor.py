@@ -44,7 +44,6 @@ BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheel
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
-MANY_WHEELS: Final = 100  # whose state takes seconds to write
 STATUS_PERIOD_S: Final = 1.0
 
 
@@ -176,10 +175,7 @@ class Monitor:
         for key, core in recovered.cores.items():
             self._served[key] = _Served(key, core)
         if self.recorder is not None:
-            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in recovered.unrecorded]
-            if len(recovered.cores) >= MANY_WHEELS:  # some 6 ms each
-                self.log(f"beginning a recording with the state of {len(recovered.cores)} wheels")
-            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), inherited)
+            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
             self._log_recorder()
         health = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from threading import Event
 from typing import Any, Final, TypeVar
@@ -59,10 +59,10 @@ class ReliablePublisher:
 
 
 class SamplesPublisher:
-    """Numbers one wheel's samples and publishes them reliably, under a random name by default."""
+    """Numbers one wheel's samples and publishes them reliably, under a random name."""
 
-    def __init__(self, session: zenoh.Session, key: str, name: str | None = None) -> None:
-        self.name = secrets.token_hex(8) if name is None else name
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self.name = secrets.token_hex(8)
         self.batch = 0
         self._publisher = ReliablePublisher(session, key)
 
@@ -84,7 +84,6 @@ def send(
     batch_samples: int = 256,
     linger_s: float = LINGER_S,
     stop: Event | None = None,
-    on_batch: Callable[[str, int], None] = lambda _key, _sent: None,
 ) -> int:
     """Send samples of one or more wheels in the pace of their own time, and close the sinks.
 
@@ -102,8 +101,6 @@ def send(
         How long to stay on the bus afterwards, so that late subscribers get the history [s].
     stop
         Ends it early when set.
-    on_batch
-        Called with (key, samples sent so far) after each message.
 
     Returns
     -------
@@ -111,18 +108,17 @@ def send(
         Samples sent.
     """
     stop = Event() if stop is None else stop
-    sent = dict.fromkeys(telemetry, 0)
+    sent = 0
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
     try:
         for key, batch in _paced(_batches(telemetry, batch_samples), speed, stop, first_ns):
             sinks[key].put(batch)
-            sent[key] += len(batch)
-            on_batch(key, sent[key])
+            sent += len(batch)
         stop.wait(linger_s)
     finally:
         for sink in sinks.values():
             sink.close()
-    return sum(sent.values())
+    return sent
 
 
 def _paced(

@@ -14,7 +14,7 @@ from pathlib import Path
 from threading import Event
 from typing import Any, Final
 
-from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
+from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.monitor.recording.reader import (
     SOME_CHECKPOINTS,
     Attached,
@@ -24,10 +24,11 @@ from rwa_monitor.monitor.recording.reader import (
     file_sha256,
     recorded_inputs,
     recordings_of,
+    time_span,
 )
-from rwa_monitor.monitor.searches import jobs_of, search
+from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, WheelSet
-from rwa_monitor.monitor.state_recovery import Comparable, run_recording, split_outputs
+from rwa_monitor.monitor.state_recovery import Comparable, run_recording
 from rwa_monitor.words import counted
 
 MAX_LISTED: Final = 20  # fields in the short report
@@ -235,7 +236,6 @@ class _Chain:
     """Runs recordings one after the other and gathers their outputs."""
 
     report: Report = field(default_factory=Report)
-    spans_ns: list[dict[str, tuple[int, int]]] = field(default_factory=list)  # of the samples in each file, by topic
     owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
     def add(self, passing: PassingRecording, on_message: Callable[[int], None]) -> None:
@@ -253,7 +253,7 @@ class _Chain:
         self.report.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
         self.report.messages += [(output.key, output.payload) for output in run.outputs if output.published]
 
-        inherited, own = split_outputs(recording)
+        inherited, own = run.inherited, run.own
         replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
@@ -269,7 +269,6 @@ class _Chain:
             self.owed += lost
         self.report.compare(own, replayed)
 
-        self.spans_ns.append(run.spans_ns)
         self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
             self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
@@ -277,23 +276,19 @@ class _Chain:
 
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
-        reports = [m for m in recording.messages if m.schema == Discrepancy.schema_name()]
-        parsed = recording.parsed(Discrepancy)
-        jobs = jobs_of(parsed, self._inputs_of(parsed, recording.path), wheels)
-        for message, job in zip(reports, jobs, strict=True):
-            again = search(job).message
-            assert again is not None  # else it raises
-            entry = (message.topic, message.schema)
-            self.report.compare([(*entry, message.data)], [(*entry, again.to_json())])
+        for message in recording.messages:
+            if message.schema == Discrepancy.schema_name():
+                report = Discrepancy.parse(message.data, f"{recording.path}: {message.topic}")
+                again = search(job_of(report, self._inputs_of(report, recording.path), wheels))
+                entry = (message.topic, message.schema)
+                self.report.compare([(*entry, message.data)], [(*entry, again.to_json())])
 
-    def _inputs_of(self, reports: Sequence[Discrepancy], path: Path) -> Iterator[tuple[str, bytes]]:
-        """Return topic and payload of samples from the files so far that hold some of what reports are about."""
-        for file, spans_ns in zip((*self.report.files, path), self.spans_ns, strict=True):
-            for report in reports:
-                span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
-                if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
-                    yield from ((topic, payload) for _, topic, payload in recorded_inputs(file))
-                    break
+    def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[tuple[str, bytes]]:
+        """Return topic and payload of samples from the files so far that may hold some of what a report is about."""
+        for file in (*self.report.files, path):
+            span = time_span(file)
+            if span is not None and span[1] >= report.start_ns:
+                yield from ((topic, payload) for _, topic, payload in recorded_inputs(file))
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
         """Check that a recording names what it goes on from, and that this is as it was then."""
@@ -302,18 +297,15 @@ class _Chain:
             if self.report.files:
                 self._note(recording, f"names no predecessor, {self.report.files[-1].name} comes before it")
             return
-        before = list(self.report.files)
-        if not before:
-            self._note(recording, f"goes on from {named.get('name', '')}, which is not replayed")
-        while isinstance(named, dict) and before:
-            path, name = before.pop(), str(named.get("name", ""))
-            if path.name != name:
-                self.report.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
-            elif named.get("sha256", "") is None:
-                self._note(recording, f"was begun while {name} was written, and does not hold its hash")
-            elif named.get("sha256") != file_sha256(path):
-                self.report.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
-            named = named.get("rest")
+        name, sha256 = str(named.get("name", "")), named.get("sha256", "")
+        if not self.report.files:
+            self._note(recording, f"goes on from {name}, which is not replayed")
+        elif (before := self.report.files[-1]).name != name:
+            self.report.broken.append(f"{recording.path}: goes on from {name}, but {before.name} comes before it")
+        elif sha256 is None:
+            self._note(recording, f"was begun while {name} was written, and does not hold its hash")
+        elif sha256 != file_sha256(before):
+            self.report.broken.append(f"{before}: is not the file that {recording.path.name} goes on from")
 
     def _note(self, recording: Recording, text: str) -> None:
         self.report.notes.append(f"{recording.path}: {text}")

@@ -7,17 +7,15 @@ the recordings. The wheel is searched again only after its model has fitted in b
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
+from multiprocessing import active_children, get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
-from threading import Thread
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -29,11 +27,12 @@ from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text
 from rwa_monitor.wheel.wheel import Wheel
 
+if TYPE_CHECKING:
+    from rwa_monitor.discrepancy.finished_search import Search
+
 PATIENCE: Final = 2  # windows in a row whose model does not fit, before a search
 NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
 MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches, all wheels together
-END_S: Final = 1.0  # for a process to end that was killed or has closed its pipe
-HAND_OVER: Final = "rwa-search-job"  # name of the thread that brings a job to its process
 MAX_WAITING: Final = 16  # searches that wait for the one that runs; a fleet gone wrong needs an engineer, not a queue
 
 
@@ -46,31 +45,29 @@ class SearchJob:
     wheel_toml: str
     payloads: tuple[bytes, ...]
 
-
-@dataclass(frozen=True, slots=True)
-class SearchAnswer:
-    """What a search gives: the message, and the files of its report; or what went wrong, in words."""
-
-    job: SearchJob
-    message: Discrepancy | None = None
-    report: dict[str, str] = field(default_factory=dict)
-    problem: str = ""
+    @property
+    def name(self) -> str:
+        """Spacecraft and wheel, as the log has them."""
+        return f"{self.spacecraft}/{self.wheel}"
 
 
-def search(job: SearchJob, *, with_report: bool = False) -> SearchAnswer:
-    """Run a search; the same job always gives the same message, which a report may go with.
+def search(job: SearchJob) -> Discrepancy:
+    """Run a search; the same job always gives the same message.
 
     Raises
     ------
     InputError
         If the samples cannot be searched.
     """
+    return _search(job)[0]
+
+
+def _search(job: SearchJob) -> tuple[Discrepancy, Search]:
     from rwa_monitor.discrepancy.find import find_discrepancy  # noqa: PLC0415 - the monitor starts without the search
 
-    name = f"{job.spacecraft}/{job.wheel}"
     samples = concatenate([SamplesMessage.parse(payload, job.wheel).samples() for payload in job.payloads])
     samples = samples[np.unique(samples.time_ns, return_index=True)[1]]
-    found = find_discrepancy([(name, samples)], Wheel.from_toml(job.wheel_toml, job.wheel))
+    found = find_discrepancy([(job.name, samples)], Wheel.from_toml(job.wheel_toml, job.wheel))
     content = {
         "spacecraft": job.spacecraft,
         "wheel": job.wheel,
@@ -78,31 +75,16 @@ def search(job: SearchJob, *, with_report: bool = False) -> SearchAnswer:
         "end_ns": int(samples.time_ns[-1]),
         **found.result.to_json(),
     }
-    report = {}
-    if with_report:
-        from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
-        from rwa_monitor.reporting.discrepancy_report import html  # noqa: PLC0415
-
-        report = {"report.html": html(found, [f"{name}, live"]), "extended_wheel.toml": extend(found).to_toml()}
-    return SearchAnswer(job, Discrepancy.model_validate(content), report)
+    return Discrepancy.model_validate(content), found
 
 
-def _child(connection: Connection) -> None:
-    """Run in the child process: take the job, search, send the answer, end."""
-    os.nice(NICENESS)
-    job: SearchJob = connection.recv()
-    try:
-        connection.send(search(job, with_report=True))
-    except RwaMonitorError as error:
-        connection.send(SearchAnswer(job, problem=str(error)))
-    finally:
-        connection.close()
+def _search_and_report(job: SearchJob) -> tuple[Discrepancy, dict[str, str]]:
+    """Run a search, in the child process; return the message and the files of its report."""
+    from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
+    from rwa_monitor.reporting.discrepancy_report import html  # noqa: PLC0415
 
-
-def _hand_over(connection: Connection, job: SearchJob) -> None:
-    """Send a job to the child, as it takes it; a poll shows whether the child has ended before."""
-    with suppress(OSError):
-        connection.send(job)
+    message, found = _search(job)
+    return message, {"report.html": html(found, [f"{job.name}, live"]), "extended_wheel.toml": extend(found).to_toml()}
 
 
 @dataclass(slots=True)
@@ -135,9 +117,8 @@ class Searches:
         self._watched: dict[WheelKey, _Watched] = {}
         self._kept_bytes = 0
         self._waiting: deque[SearchJob] = deque()
-        self._process: SpawnProcess | None = None
-        self._connection: Connection | None = None
-        self._handing_over: Thread | None = None
+        self._running: tuple[SearchJob, Future[tuple[Discrepancy, dict[str, str]]]] | None = None
+        self._children: set[BaseProcess] = set()
 
     def take_input(self, spacecraft: str, wheel: str, payload: bytes) -> None:
         """Keep a message of a wheel that may have to be searched."""
@@ -173,68 +154,38 @@ class Searches:
 
     def poll(self) -> list[Output]:
         """Start the next search where none runs, and return what the last one found, ready to be published."""
-        if self._process is None:
-            self._start_next()
+        if self._running is None:
+            if self._waiting:
+                self._start(self._waiting.popleft())
             return []
-        assert self._connection is not None
-        if not self._connection.poll():  # true also when the process has ended, whatever it has sent before
+        job, future = self._running
+        if not future.done():
             return []
+        self._running = None
         try:
-            answer: SearchAnswer = self._connection.recv()
-        except (EOFError, OSError):  # it ended before its answer, or within it
-            self._process.join(END_S)
-            self.log(f"a discrepancy search ended without an answer (exit code {self._process.exitcode})")
-            self._end_process()
+            message, report = future.result()
+        except Exception as error:  # noqa: BLE001 - neither bad samples nor a fault of the search end the monitor
+            self.log(f"{job.name}: the discrepancy search could not be made: {error}")
             return []
-        self._end_process()
-        return self._outputs(answer)
+        if self.folder is not None:
+            self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, report)
+        return [output_of(message, message.end_ns, job.spacecraft, job.wheel)]
 
     def close(self) -> None:
         """Stop the search that runs; nothing of it is lost that a replay could not find again."""
-        if self._process is not None:
-            self._process.kill()
-            self._end_process()
+        for child in self._children:
+            child.kill()
 
-    def _start_next(self) -> None:
-        if not self._waiting:
-            return
-        context = multiprocessing.get_context("spawn")  # after a fork the child's Zenoh session would be dead
-        job = self._waiting.popleft()
-        connection, childs_end = context.Pipe()
-        process = context.Process(target=_child, args=(childs_end,), daemon=True)
+    def _start(self, job: SearchJob) -> None:
+        # After a fork the child's Zenoh session would be dead. What a search took in memory goes with its process.
+        pool = ProcessPoolExecutor(1, get_context("spawn"), initializer=os.nice, initargs=(NICENESS,))
+        before = set(active_children())
         try:
-            process.start()
+            self._running = job, pool.submit(_search_and_report, job)
         except OSError as error:
-            connection.close()
-            self.log(f"{job.spacecraft}/{job.wheel}: no process for a discrepancy search: {error.strerror or error}")
-            return
-        finally:
-            childs_end.close()
-        self._process, self._connection = process, connection
-        # A window of samples is more than a pipe holds, and the child takes a second until it reads: a thread waits.
-        self._handing_over = Thread(target=_hand_over, args=(connection, job), name=HAND_OVER, daemon=True)
-        self._handing_over.start()
-
-    def _end_process(self) -> None:
-        if self._process is not None:
-            self._process.join(END_S)
-            self._process = None
-        if self._handing_over is not None:  # the child takes nothing any more
-            self._handing_over.join(END_S)
-            self._handing_over = None
-        if self._connection is not None:
-            self._connection.close()
-            self._connection = None
-
-    def _outputs(self, answer: SearchAnswer) -> list[Output]:
-        job = answer.job
-        name = f"{job.spacecraft}/{job.wheel}"
-        if answer.message is None:
-            self.log(f"{name}: the discrepancy search could not be made: {answer.problem}")
-            return []
-        if self.folder is not None:
-            self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, answer.report)
-        return [output_of(answer.message, answer.message.end_ns, job.spacecraft, job.wheel)]
+            self.log(f"{job.name}: no process for a discrepancy search: {error.strerror or error}")
+        self._children = set(active_children()) - before
+        pool.shutdown(wait=False)
 
     def _write_report(self, folder: Path, report: dict[str, str]) -> None:
         """Write the report's files; a disk that refuses costs the report, not the monitor."""
@@ -252,34 +203,23 @@ class Searches:
         watched.payloads, watched.size = [], 0
 
 
-def jobs_of(messages: Sequence[Discrepancy], inputs: Iterable[tuple[str, bytes]], wheels: WheelSet) -> list[SearchJob]:
-    """Return the searches that recorded reports came from, for a replay.
+def job_of(report: Discrepancy, inputs: Iterable[tuple[str, bytes]], wheels: WheelSet) -> SearchJob:
+    """Return the search that a recorded report came from, for a replay.
 
     Parameters
     ----------
-    messages
-        The recorded reports.
+    report
+        As it was recorded.
     inputs
-        Topic and payload of samples recorded, in order; gone through once.
+        Topic and payload of samples recorded, in order.
     wheels
         The recording's constants.
     """
-    of_topic: dict[str, list[tuple[Discrepancy, list[bytes]]]] = {}
-    found: list[list[bytes]] = []
-    for message in messages:
-        found.append([])
-        topic = key_of(SamplesMessage, message.spacecraft, message.wheel)
-        of_topic.setdefault(topic, []).append((message, found[-1]))
+    payloads: list[bytes] = []
     for topic, payload in inputs:
-        if topic not in of_topic:
-            continue
-        time_ns = SamplesMessage.parse(payload, topic).time_ns
-        for message, payloads in of_topic[topic]:
-            if time_ns and min(time_ns) >= message.start_ns and max(time_ns) <= message.end_ns:
+        if topic == key_of(SamplesMessage, report.spacecraft, report.wheel):
+            time_ns = SamplesMessage.parse(payload, topic).time_ns
+            if min(time_ns) >= report.start_ns and max(time_ns) <= report.end_ns:
                 payloads.append(payload)
-    return [
-        SearchJob(
-            message.spacecraft, message.wheel, wheels.of(message.spacecraft, message.wheel).to_toml(), tuple(payloads)
-        )
-        for message, payloads in zip(messages, found, strict=True)
-    ]
+    constants = wheels.of(report.spacecraft, report.wheel).to_toml()
+    return SearchJob(report.spacecraft, report.wheel, constants, tuple(payloads))

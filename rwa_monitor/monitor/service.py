@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
 from pathlib import Path
 from threading import Event
 from typing import Final
@@ -26,7 +26,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.bus import BusWatch, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
-from rwa_monitor.monitor.recording.recorder import FolderLock, Recorder
+from rwa_monitor.monitor.recording.recorder import Recorder, locked
 from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
 from rwa_monitor.samples import SECONDS_PER_HOUR
 from rwa_monitor.wheel.wheel import Wheel
@@ -70,7 +70,7 @@ def run(
         setup.new_core(*key)  # a wheel that cannot be served is refused at once
     with ExitStack() as stack:
         if options.record is not None:
-            stack.enter_context(FolderLock(options.record))
+            stack.enter_context(locked(options.record))
         clock = Clock()
 
         recorder: Recorder | None = None
@@ -90,7 +90,7 @@ def run(
             )
         if session is None:
             session = stack.enter_context(open_session(options.bus))
-        bus = stack.enter_context(MonitorBus(session, Inbox()))
+        bus = stack.enter_context(closing(MonitorBus(session, Inbox())))
         monitor = Monitor(options, bus, recorder, log, clock)
         stack.callback(monitor.close)
         monitor.begin(recovered)

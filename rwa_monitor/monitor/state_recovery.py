@@ -27,7 +27,6 @@ from rwa_monitor.monitor.recording.reader import (
     PassingRecording,
     RecordedMessage,
     Recording,
-    last_settings,
 )
 from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.setup import Setup, key_of_name
@@ -52,14 +51,15 @@ class RecordingRun:
         The outputs for the inputs, changepoints and diagnoses, in order.
     inputs
         Messages of samples processed.
-    spans_ns
-        First and last time of the samples on each topic [ns].
+    inherited, own
+        The outputs that the recording holds: those before the first input are for inputs of its predecessor.
     """
 
     cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
     outputs: list[Output] = field(default_factory=list)
     inputs: int = 0
-    spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
+    inherited: list[Comparable] = field(default_factory=list)
+    own: list[Comparable] = field(default_factory=list)
 
 
 def run_recording(
@@ -110,6 +110,8 @@ def run_recording(
                     reason = f"holds more than {MAX_KEPT_BYTES:,} bytes of outputs"
                     raise InputError(str(recording.path), reason)
                 recording.messages.append(part)
+            if part.schema in COMPARED_SCHEMAS:
+                (run.own if run.inputs else run.inherited).append((part.topic, part.schema, part.data))
         on_progress(part)
     return run
 
@@ -124,25 +126,7 @@ def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, run: Recordi
         run.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
     events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
     run.inputs += 1
-    first_ns, last_ns = run.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
-    run.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
     run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
-
-
-def split_outputs(recording: Recording) -> tuple[list[Comparable], list[Comparable]]:
-    """Return the compared outputs that a recording holds: those for inputs of its predecessor, and its own."""
-    inherited = recording.settings().get("inherited", {})
-    counts = inherited if isinstance(inherited, dict) else {}
-    left = {topic: count for topic, count in counts.items() if isinstance(count, int)}
-    first: list[Comparable] = []
-    own: list[Comparable] = []
-    for message in recording.messages:
-        if message.schema in COMPARED_SCHEMAS:
-            is_inherited = left.get(message.topic, 0) > 0
-            if is_inherited:
-                left[message.topic] -= 1
-            (first if is_inherited else own).append((message.topic, message.schema, message.data))
-    return first, own
 
 
 # ---- from the recordings of a folder ---------------------------------------------------------------------------------
@@ -196,19 +180,16 @@ def recover_state(
     log
         Takes lines of the log; a large fleet takes minutes, with a line every `PROGRESS_S`.
     """
-    recovered = RecoveredState()
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
+    recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
     for place, path in enumerate(paths):
         try:
-            files = _that_hold_all(paths[place:], log)
-            if recovered.predecessor is None:
-                rest = predecessor_of(files[0]) if len(files) > 1 else None
-                recovered.predecessor = predecessor_of(files[-1], rest)
-            ran = _run(files, stop, log)
+            ran = _run([path], stop, log)
+            files = _with_the_one_before(paths[place:], ran[0][0], log)
+            if len(files) > 1:
+                ran = _run(files, stop, log)
             setup_then = Setup.of(ran[-1][0])
         except InputError as error:
-            if recovered.predecessor is None:
-                recovered.predecessor = predecessor_of(path)
             log(f"{error}; going back to the recording before it")
             continue
         cores, inputs = ran[-1][1].cores, sum(run.inputs for _, run in ran)
@@ -222,27 +203,26 @@ def recover_state(
         for recording, run in ran:
             for problem in recording.problems:
                 log(f"{recording.path}: {problem}")
-            recovered.unrecorded += _unrecorded(recording, run.outputs)
+            recovered.unrecorded += _unrecorded(recording, run)
             recovered.diagnoses += _diagnoses(recording.path, recording.messages)
         log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
         return recovered
     return recovered
 
 
-def _that_hold_all(paths: Sequence[Path], log: Callable[[str], None]) -> list[Path]:
+def _with_the_one_before(paths: Sequence[Path], recording: Recording, log: Callable[[str], None]) -> list[Path]:
     """Return the recordings, in order, that hold the state of all wheels: the first of `paths`, and often it alone.
 
     A monitor that ended while it brought the wheels from one recording over into the next left two.
     """
-    last = paths[0]
-    settings = last_settings(last)
+    settings = recording.settings()
     if settings.get("checkpoints") != SOME_CHECKPOINTS:
-        return [last]
+        return [paths[0]]
     before = (settings.get("predecessor") or {}).get("name")
     if len(paths) > 1 and paths[1].name == before:
-        return [paths[1], last]
-    log(f"{last}: holds some wheels only, and {before}, which holds the others, is not there")
-    return [last]
+        return [paths[1], paths[0]]
+    log(f"{paths[0]}: holds some wheels only, and {before}, which holds the others, is not there")
+    return [paths[0]]
 
 
 def _run(files: Sequence[Path], stop: Event, log: Callable[[str], None]) -> list[tuple[Recording, RecordingRun]]:
@@ -262,17 +242,17 @@ def _run(files: Sequence[Path], stop: Event, log: Callable[[str], None]) -> list
     return ran
 
 
-def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
+def _unrecorded(recording: Recording, run: RecordingRun) -> list[Output]:
     """Return the outputs that the recording does not hold.
 
     These are those after the last one that it does, by topic; where something in the middle is damaged, by content.
     """
     if recording.problems:
         present = {(message.topic, message.data) for message in recording.messages}
-        return [output for output in outputs if (output.key, output.payload) not in present]
-    held = Counter(topic for topic, _, _ in split_outputs(recording)[1])
+        return [output for output in run.outputs if (output.key, output.payload) not in present]
+    held = Counter(topic for topic, _, _ in run.own)
     missing = []
-    for output in outputs:
+    for output in run.outputs:
         if held[output.key] > 0:
             held[output.key] -= 1
         else:

@@ -1,23 +1,27 @@
-"""The discrepancy report: one self-contained HTML page that an engineer can put before a review board."""
+"""The discrepancy report: as text, and as one HTML page that an engineer can put before a review board."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
+from rich.console import RenderableType
+from rich.table import Table
 
+from rwa_monitor.discrepancy.bench import SCALED_ONLY
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
-from rwa_monitor.discrepancy.plan import plan
+from rwa_monitor.discrepancy.plan import Plan, plan
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
-from rwa_monitor.discrepancy.untested import Detectable, detectable_strengths, not_testable
-from rwa_monitor.reporting import number_formats
+from rwa_monitor.discrepancy.untested import Detectable, as_a_part, detectable_strengths, not_testable
+from rwa_monitor.reporting.number_formats import in_words, measure, probability
 from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.catalogue import effect_class
@@ -77,16 +81,16 @@ def _name_in_words(effect: FoundEffect) -> str:
 def p_in_words(search: Search, effect: FoundEffect) -> str:
     """Return a p-value, with "≤" where the table of nulls goes no further."""
     floor = built_in_null_distribution().floor(effect.family, derived=search.problem.friction_is_derived)
-    return f"{'≤ ' if effect.p_value <= floor else ''}{number_formats.probability(effect.p_value)}"
+    return f"{'≤ ' if effect.p_value <= floor else ''}{probability(effect.p_value)}"
 
 
 def steps_in_words(problem: Problem) -> str:
     """Return in what steps the torque was read, and how coarse they are beside the noise; "" where they are fine."""
-    in_words = []
+    found = []
     for steps in {record.steps: None for record in problem.records if record.steps is not None}:
-        size, share = number_formats.measure(steps.size, None, steps.unit), steps.torque_Nm / problem.noise.std
-        in_words.append(f"{steps.channel} is quantised in steps of {size}, {share:.2g} σ of the noise")
-    return "; ".join(in_words)
+        size, share = measure(steps.size, None, steps.unit), steps.torque_Nm / problem.noise.std
+        found.append(f"{steps.channel} is quantised in steps of {size}, {share:.2g} σ of the noise")
+    return "; ".join(found)
 
 
 def noise_gains(search: Search) -> list[tuple[str, float]]:
@@ -109,51 +113,99 @@ def absent_effects(search: Search) -> list[Detectable]:
     ]
 
 
+# ---- text ------------------------------------------------------------------------------------------------------------
+
+
+def details(found: Search) -> Iterator[RenderableType]:
+    """Give the table of effects, the gain, and what could not be tested, part by part."""
+    result = found.result
+    if result.effects:
+        table = Table("effect", "parameters", "gain", "p", "equivalent", "separated by", box=None)
+        for effect in result.effects:
+            parameters = "\n".join(f"{name} = {p.in_words()}" for name, p in effect.parameters.items())
+            table.add_row(
+                effect.formula.partition(",")[0] or effect.name,
+                parameters,
+                f"{effect.delta_deviance:.0f}",
+                p_in_words(found, effect),
+                ", ".join(effect.equivalent) or "-",
+                effect.separate_by,
+            )
+        yield table
+    left_out = left_out_in_words(found.problem.records)
+    yield f"{found.problem.size} samples in motion{f' ({left_out})' if left_out else ''}"
+    steps = steps_in_words(found.problem)
+    if steps:
+        yield f"{steps}; taken out as far as the values show"
+    gain = result.gain
+    if gain is not None:
+        where = ", ".join(gain.held_out) or "blocks left out in turn"
+        yield (
+            f"held out ({where}): RMSE {gain.rmse_base_Nm:.4g} → {gain.rmse_extended_Nm:.4g} N m "
+            f"(noise {gain.noise_std_Nm:.4g}), "
+            f"log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} per sample, "
+            f"jumps {gain.changepoints_base} → {gain.changepoints_extended}"
+        )
+        yield from (again.in_words() for again in (gain.searched_again, gain.searched_again_by_speed) if again)
+        for name, worth in noise_gains(found):
+            yield f"{name}: no less error; the right law of noise is worth {worth:.4f} nats per sample"
+        if gain.diagnosis is not None:
+            before, after = gain.diagnosis.before, gain.diagnosis.after
+            yield (
+                f"diagnosis of simulated windows with the effect in them: detection {before.detection:.0%} → "
+                f"{after.detection:.0%}, false positives {before.false_positive:.1%} → {after.false_positive:.1%}, "
+                f"false changepoints a window {before.false_changepoints:.1f} → {after.false_changepoints:.1f}"
+            )
+    if found.extended.terms:
+        yield from laws_in_words(extend(found))
+    not_seen = [f"{entry.name} {entry.in_words()}" for entry in absent_effects(found)]
+    if not_seen:
+        yield f"tested and not seen, down to about: {'; '.join(not_seen)}"
+    beyond = not_testable(found.problem, CANDIDATES, result.untested)
+    for name, missing in sorted(result.untested, key=lambda entry: entry[0] in beyond):
+        off = missing.startswith(SCALED_ONLY)
+        why = "not testable" if off or name in beyond else "not excited"
+        yield f"{why}: {name} ({'' if off else 'needs '}{as_a_part(missing)})"
+
+
+def plan_lines(planned: Plan) -> Iterator[str]:
+    """Give the lines of a plan: the advice, and how well each manoeuvre separates the leading causes."""
+    yield "what to fly next:"
+    for line in planned.advice:
+        yield f"  {line}"
+    if planned.manoeuvres:
+        yield f"  to {planned.question}:"
+    for entry in planned.manoeuvres:
+        pair = " and ".join(name for name in entry.worst_pair if name)
+        shows = f"; shows {', '.join(entry.shows)}" if entry.shows else ""
+        worth = f"{entry.separation:10.1f} nats in {entry.duration_s / 60:.0f} min ({entry.nats_per_hour:.1f} an hour)"
+        if entry.shows:
+            worth = f"{len(entry.shows):4d} effects, each by {worth.lstrip()}"
+        yield f"  {worth}  {entry.name}: {entry.description} (hardest: {pair}{shows})"
+
+
+# ---- the page --------------------------------------------------------------------------------------------------------
+
+
 def html(search: Search, sources: list[str], build: str = "") -> str:
     """Return the report as an HTML page; `sources` names the recordings, `build` the source of the program."""
-    views = all_views(search.problem, search.base, search.extended)
-    extended = bool(search.extended.terms)
-    extension = extend(search)
     folder = jinja2.FileSystemLoader(TEMPLATE.parent)
     environment = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["torque"] = lambda value: number_formats.measure(value, None, "N m")
-    environment.filters["probability"] = number_formats.probability
-    environment.globals["measure"] = number_formats.measure
-    environment.globals["in_words"] = number_formats.in_words
-    nested = nested_models(search)
-    facts: dict[str, Any] = {
-        "result": search.result,
-        "sentence": sentence(search.result),
-        "sources": sources,
-        "wheel": search.wheel,
-        "samples": search.problem.size,
-        "left_out": left_out_in_words(search.problem.records),
-        "steps": steps_in_words(search.problem),
-        "clipped": round(search.problem.clipped_share * search.problem.size),
-        "noise_std_Nm": search.problem.noise.std,
-        "software": f"{SOFTWARE}, build {build}" if build else SOFTWARE,
-        "effect_class": effect_class,
-        "kinds": KINDS,
-        "nested": nested,
-        "plan": plan(search),
-        "detectable": absent_effects(search),
-        "not_testable": not_testable(search.problem, CANDIDATES, search.result.untested),
-        "p_values": {effect.name: p_in_words(search, effect) for effect in search.result.effects},
-        "noise_gains": noise_gains(search),
-        "sure_p": SURE_P,
-        "accept_gain": f"{ACCEPT_GAIN:.0f}",
-        "overlay": _picture("overlay", search),
-        "friction_over_speed": _picture("friction_over_speed", search),
-        "formulas": {
-            effect.name: _picture("formula", effect_class(effect.name).formula, tight=True)
-            for effect in search.result.effects
-        },
-        "gains_picture": _picture("gains_picture", search) if extended else "",
-        "views": [(view, _picture("view_picture", view, both=extended)) for view in views],
-        "extended_toml": extension.to_toml() if extended else "",
-        "laws": laws_in_words(extension) if extended else [],
+    environment.filters |= {"torque": lambda value: measure(value, None, "N m"), "probability": probability}
+    environment.globals |= {
+        used.__name__: used
+        for used in (absent_effects, effect_class, in_words, laws_in_words, left_out_in_words, measure, nested_models)
     }
-    return environment.get_template(TEMPLATE.name).render(facts)
+    environment.globals |= {used.__name__: used for used in (noise_gains, p_in_words, plan, sentence, steps_in_words)}
+    environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "ACCEPT_GAIN": ACCEPT_GAIN}
+    return environment.get_template(TEMPLATE.name).render(
+        search=search,
+        sources=sources,
+        software=f"{SOFTWARE}, build {build}" if build else SOFTWARE,
+        extension=extend(search),
+        views=all_views(search.problem, search.base, search.extended),
+        beyond=not_testable(search.problem, CANDIDATES, search.result.untested),
+    )
 
 
 def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:

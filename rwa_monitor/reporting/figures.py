@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from typing import Final
+from typing import Any, Final
 
 import matplotlib as mpl
 import numpy as np
@@ -12,12 +12,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.finished_search import Search, nested_models
-from rwa_monitor.reporting.number_formats import scaled
 from rwa_monitor.reporting.residual_views import View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
 
 BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: apart for colour-blind eyes too
-LINES: Final = {"simulation as it is": "--", "simulation extended": "-"}  # apart without colour, too
+AS_IT_IS, WITH_EFFECTS = "simulation as it is", "simulation extended"
+STYLES: Final[dict[str, dict[str, Any]]] = {
+    AS_IT_IS: {"color": BASE, "ls": "--"},
+    WITH_EFFECTS: {"color": EXTENDED, "ls": "-"},
+}
+FRICTION: Final = "friction torque [N m]"
 MAX_POINTS: Final = 2500  # of a line in a picture
 STANDARD_ERRORS: Final = 2.0  # that the bars of all views show
 ZOOM_SLOTS: Final = 1200  # of the close-up
@@ -27,47 +31,46 @@ SLOW_RAD_S: Final = 1.0  # below which bins over speed get no narrower
 FEWEST_IN_BIN: Final = 5  # samples of which a mean is drawn
 
 
+def _residuals(search: Search) -> dict[str, FloatArray]:
+    """Return what each simulation leaves, s·torque [N m], float64 (n,)."""
+    found = {AS_IT_IS: base_residual(search.problem, search.extended)}
+    if search.extended.terms:
+        found[WITH_EFFECTS] = search.extended.fit.residual
+    return found
+
+
 def overlay(search: Search) -> Figure:
     """Draw measured friction and both simulations for the same manoeuvre, what is left, and where they part most."""
     problem, record = search.problem, search.problem.records[0]
     end = int(problem.starts[1])
     time_s = record.channels.time_s[problem.slot[:end]]
     sign = problem.sign[:end]
-    measured = (problem.z_measured[:end]) * sign
+    measured = problem.z_measured[:end] * sign
     pulled_in = (problem.z_measured - problem.z)[:end]
-    left = {"simulation as it is": (base_residual(problem, search.extended)[:end] + pulled_in) * sign}
-    if search.extended.terms:
-        left["simulation extended"] = (search.extended.fit.residual[:end] + pulled_in) * sign
-    parting = (np.array(list(left.values())) - left["simulation as it is"])[-1]
+    left = {name: (residual[:end] + pulled_in) * sign for name, residual in _residuals(search).items()}
+    parting = [*left.values()][-1] - left[AS_IT_IS]
     width = min(ZOOM_SLOTS, max(end // 6, 2))
     centre = int(np.argmax(np.convolve(parting**2, np.ones(max(width // 6, 1)), mode="same")))
     zoom = slice(max(centre - width // 2, 0), min(centre + width // 2, end))
-    colours = dict(zip(left, (BASE, EXTENDED), strict=False))
 
     figure = Figure(figsize=(11, 9.6), layout="constrained")
     axes = figure.subplot_mosaic("A;B;D;C", height_ratios=[0.8, 1.2, 1.2, 1.3])
     axes["A"].plot(*_thin(time_s, record.channels.speed_rad_s[problem.slot[:end]]), color="black", lw=0.8)
     axes["A"].set(ylabel="speed ω [rad/s]", title="the manoeuvre")
-    label, factor = scaled("friction torque [N m]", float(np.max(np.abs(measured))))
-    axes["B"].plot(*_thin(time_s, measured * factor), color=MEASURED, lw=2.0, label="measured")
-    axes["C"].plot(time_s[zoom], measured[zoom] * factor, ".", color=MEASURED, ms=2.5)
-    for axis, part, title in (
-        (axes["B"], slice(0, end), "friction, measured and simulated"),
-        (axes["C"], zoom, "close-up where the simulations part most"),
-    ):
-        for name, residual in left.items():
-            simulated = (measured - residual)[part] * factor
-            axis.plot(*_thin(time_s[part], simulated), color=colours[name], lw=1.3, ls=LINES[name], label=name)
-        axis.set(ylabel=label, title=title)
-    label, factor = scaled("difference [N m]", float(np.max(np.abs(left["simulation as it is"]))))
+    axes["B"].plot(*_thin(time_s, measured), color=MEASURED, lw=2.0, label="measured")
+    axes["C"].plot(time_s[zoom], measured[zoom], ".", color=MEASURED, ms=2.5)
     for name, residual in left.items():
-        axes["D"].plot(*_thin(time_s, residual * factor), color=colours[name], lw=0.7, label=name)
-    axes["D"].set(ylabel=label, title="measured less simulated")
+        for axis, part in ((axes["B"], slice(0, end)), (axes["C"], zoom)):
+            axis.plot(*_thin(time_s[part], (measured - residual)[part]), lw=1.3, label=name, **STYLES[name])
+        axes["D"].plot(*_thin(time_s, residual), lw=0.7, color=STYLES[name]["color"])
+    axes["B"].set(ylabel=FRICTION, title="friction, measured and simulated")
+    axes["C"].set(ylabel=FRICTION, title="close-up where the simulations part most")
+    axes["D"].set(ylabel="difference [N m]", title="measured less simulated")
     for name in "ABD":
         axes[name].sharex(axes["B"])
     for axis in axes.values():
         axis.set_xlabel("time [s]")
-        axis.grid(alpha=0.25)
+        _finish(axis)
     figure.legend(*axes["B"].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
@@ -77,19 +80,14 @@ def friction_over_speed(search: Search) -> Figure:
 
     The jumps are taken out: all is drawn at the lowest level of the dry friction.
     """
-    problem, fit = search.problem, search.extended.fit
-    above = fit.level - fit.level.min()
+    problem, level = search.problem, search.extended.fit.level
     speed = problem.speed * problem.sign
-    at_rest = (problem.z_measured - above) * problem.sign
-    simulated = {"simulation as it is": at_rest - base_residual(problem, search.extended) * problem.sign}
-    if search.extended.terms:
-        simulated["simulation extended"] = at_rest - fit.residual * problem.sign
+    at_rest = (problem.z_measured - level + level.min()) * problem.sign
     gaining = problem.sign * problem.gather([record.channels.acceleration_rad_s2 for record in problem.records])
     steady = STEADY_SHARE * np.nanmax(np.abs(gaining), initial=0.0)
 
     figure = Figure(figsize=(11, 4.6), layout="constrained")
     axis = figure.subplots()
-    label, factor = scaled("friction torque without its jumps [N m]", float(np.max(np.abs(at_rest))))
     for name, marker, part in (
         ("measured, |ω| grows", "^", gaining > steady),
         ("measured, |ω| falls", "v", gaining < -steady),
@@ -97,13 +95,13 @@ def friction_over_speed(search: Search) -> Figure:
     ):
         x, y, count = _means_over(speed[part], at_rest[part])
         error = STANDARD_ERRORS * np.sqrt(problem.noise.long_run_variance / count)
-        axis.errorbar(x, y * factor, error * factor, fmt=marker, ms=4, lw=0.8, color=MEASURED, label=name)
-    for (name, torque), colour in zip(simulated.items(), (BASE, EXTENDED), strict=False):
-        x, y, _ = _means_over(speed, torque)
+        axis.errorbar(x, y, error, fmt=marker, ms=4, lw=0.8, color=MEASURED, label=name)
+    for name, residual in _residuals(search).items():
+        x, y, _ = _means_over(speed, at_rest - residual * problem.sign)
         for k, side in enumerate((x < 0, x > 0)):
-            axis.plot(x[side], y[side] * factor, color=colour, lw=1.4, ls=LINES[name], label=name if k else None)
-    axis.set(xlabel="speed ω [rad/s]", ylabel=label)
-    axis.grid(alpha=0.25)
+            axis.plot(x[side], y[side], lw=1.4, label=name if k else None, **STYLES[name])
+    axis.set(xlabel="speed ω [rad/s]", ylabel=f"{FRICTION} without its jumps")
+    _finish(axis)
     axis.legend(fontsize=8)
     return figure
 
@@ -119,20 +117,17 @@ def view_picture(view: View, both: bool) -> Figure:
     """Draw one residual view: the base model's residual and, if `both`, the extended model's."""
     figure = Figure(figsize=(5.4, 3.4), layout="constrained")
     axis = figure.subplots()
-    y_label, y = scaled(view.y_label, float(np.max(np.abs(view.base.y), initial=0.0)))
-    x_label, x = scaled(view.x_label, float(np.max(np.abs(view.base.x), initial=0.0)))
-    axis.plot(view.base.x * x, view.expected * y, color="black", lw=0.8, ls="--", label="if nothing were missing")
-    if both:
-        _bars(axis, view.extended.x * x, view.extended.y * y, view.extended.error * y, EXTENDED, "s", "extended")
-    _bars(axis, view.base.x * x, view.base.y * y, view.base.error * y, BASE, "o", "as it is")
-    axis.set(xlabel=x_label, ylabel=y_label)
+    axis.plot(view.base.x, view.expected, color="black", lw=0.8, ls="--", label="if nothing were missing")
+    extended = [(view.extended, EXTENDED, "s", "extended")] if both else []
+    for curve, colour, marker, label in (*extended, (view.base, BASE, "o", "as it is")):
+        error = STANDARD_ERRORS * curve.error
+        axis.errorbar(curve.x, curve.y, error, fmt=marker, ms=3.5, lw=1, capsize=2, color=colour, label=label)
+    axis.set(xlabel=view.x_label, ylabel=view.y_label)
     axis.set_title(view.title, fontweight="bold")
     if view.name == "tails":
         axis.set_yscale("log")
         axis.set_ylim(bottom=1e-6)
-    else:
-        axis.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4))
-    axis.grid(alpha=0.25)
+    _finish(axis)
     axis.legend(fontsize=8)
     return figure
 
@@ -173,8 +168,11 @@ def svg(figure: Figure, *, tight: bool = False) -> str:
     return document[document.index("<svg") :]
 
 
-def _bars(axis: Axes, x: FloatArray, y: FloatArray, error: FloatArray, colour: str, marker: str, label: str) -> None:
-    axis.errorbar(x, y, STANDARD_ERRORS * error, fmt=marker, ms=3.5, lw=1, capsize=2, color=colour, label=label)
+def _finish(axis: Axes) -> None:
+    """Give axes their grid, and small values a power of ten at the axis."""
+    axis.grid(alpha=0.25)
+    if axis.get_yscale() == "linear":
+        axis.ticklabel_format(axis="y", scilimits=(-2, 4), useMathText=True)
 
 
 def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:

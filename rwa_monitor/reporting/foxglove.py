@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import cycle
+from pathlib import Path
 from typing import Any, Final
 
 from rwa_monitor.messages import (
@@ -235,128 +236,46 @@ def _readable(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, 
 
 # ---- the layout ------------------------------------------------------------------------------------------------------
 
-
-TITLES: Final = {
-    "speed_rad_s": "speed [rad/s]",
-    "friction_torque_Nm": "friction [N m]",
-    "motor_current_A": "motor current [A]",
-    "motor_torque_Nm": "motor torque [N m]",
-    "motor_voltage_V": "motor voltage [V]",
-    "bearing_temperature_degC": "bearing temperature [°C]",
-}
-PLAIN_TOPIC: Final = re.compile(r"[\w/-]+", re.ASCII)
+# Of one wheel, with the signs that stand for its key, its number and a part of its friction.
+LAYOUT_OF_A_WHEEL: Final = Path(__file__).with_name("foxglove_layout.json")
 # A colour for each part that colour-blind people can distinguish (Okabe and Ito 2008).
 COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
 
 
 class Seen:
-    """What a layout can show: the topics of each wheel, and what was measured."""
+    """What a layout shows: the wheels by their keys, and the parts of the friction of each, in the order they came."""
 
     def __init__(self) -> None:
-        self.wheels: dict[str, dict[str, None]] = {}  # by key, in the order in which they came
+        self.wheels: dict[str, dict[str, None]] = {}
 
     def add(self, views: Iterable[View]) -> None:
         """Take in what Foxglove is shown."""
         for view in views:
-            key, kind = _split(view.topic)
-            known = self.wheels.setdefault(key, {})
-            known[kind] = None
-            if kind == TELEMETRY:
-                known.update(dict.fromkeys(f"{TELEMETRY}.{name}" for name in json.loads(view.payload)))
-
-
-def _split(topic: str) -> tuple[str, str]:
-    """Return the wheel's key, and the rest of a topic."""
-    prefix, spacecraft, wheel, rest = topic.split("/", 3)
-    return f"{prefix}/{spacecraft}/{wheel}", rest
+            *key, kind = view.topic.split("/", 3)
+            parts = self.wheels.setdefault("/".join(key), {})
+            if kind.startswith(f"{PART}/"):
+                parts[kind.removeprefix(f"{PART}/")] = None
 
 
 def layout(seen: Seen) -> bytes:
     """Return a layout as JSON, in the form that Foxglove and Lichtblick import: a tab for each wheel.
 
-    A tab shows the wheel's speed, friction, jumps, parts, verdict and log.
+    A tab shows the wheel's speed, friction, current, temperature, jumps, parts, verdict and log.
     """
     panels: dict[str, Any] = {}
-    tabs = [
-        {"title": key.split("/", 1)[1], "layout": _wheel(number, key, list(known), panels)}
-        for number, (key, known) in enumerate(seen.wheels.items(), 1)
-    ]
+    tabs = []
+    template = LAYOUT_OF_A_WHEEL.read_text(encoding="utf-8")
+    for number, (key, parts) in enumerate(seen.wheels.items(), 1):
+        wheel = json.loads(template.replace("NUMBER", str(number)).replace("KEY", key))
+        for name in ("probability", "severity"):
+            panel = wheel["panels"][f"Plot!{name}_{number}"]
+            line = json.dumps(panel["paths"][0])
+            panel["paths"] = [
+                json.loads(line.replace("PART", part)) | {"color": colour}
+                for part, colour in zip(parts, cycle(COLOURS), strict=False)
+            ]
+        panels |= wheel["panels"]
+        tabs.append({"title": key.split("/", 1)[1], "layout": wheel["layout"]})
     panels["Tab!wheels"] = {"activeTabIdx": 0, "tabs": tabs}
-    content = {
-        "configById": panels,
-        "globalVariables": {},
-        "userNodes": {},
-        "playbackConfig": {"speed": 1},
-        "layout": "Tab!wheels",
-    }
-    return json.dumps(content, indent=2, ensure_ascii=False).encode() + b"\n"
-
-
-def _wheel(number: int, key: str, known: list[str], panels: dict[str, Any]) -> Any:
-    """Add the panels of a wheel; returns how they stand."""
-    left: list[str] = []
-    for channel, title in TITLES.items():
-        if f"{TELEMETRY}.{channel}" in known:
-            left.append(_plot(f"{channel}_{number}", title, [_line(key, TELEMETRY, channel, channel)], panels))
-    if JUMP in known:
-        jump = _line(key, JUMP, "jump_Nm", "jump") | {"showLine": False}
-        left.append(_plot(f"jumps_{number}", "jumps of friction, provisional [N m]", [jump], panels))
-    right: list[str] = []
-    parts = [kind for kind in known if kind.startswith(f"{PART}/")]
-    for name, title in (("probability", "probability of an anomaly"), ("severity", "severity")):
-        lines = [
-            _line(key, kind, name, kind.removeprefix(f"{PART}/"), COLOURS[i % len(COLOURS)])
-            for i, kind in enumerate(parts)
-        ]
-        if lines:
-            right.append(_plot(f"{name}_{number}", title, lines, panels))
-    if Diagnosis.kind in known:
-        verdict = {"value": _path(key, Diagnosis.kind, "verdict"), "label": "verdict", "timestampMethod": "receiveTime"}
-        right.append(f"StateTransitions!verdict_{number}")
-        panels[right[-1]] = {"paths": [verdict], "isSynced": True, "foxglovePanelTitle": "verdict"}
-    if LOG in known:
-        right.append(f"RosOut!log_{number}")
-        panels[right[-1]] = {
-            "topicToRender": f"{key}/{LOG}",
-            "minLogLevel": 1,
-            "searchTerms": [],
-            "nameFilter": {},
-            "foxglovePanelTitle": "log",
-        }
-    columns = [_stack(column, "column") for column in (left, right) if column]
-    return _stack(columns, "row")
-
-
-def _stack(panels: list[Any], direction: str) -> Any:
-    """Return panels below or beside each other, all of one size."""
-    if len(panels) == 1:
-        return panels[0]
-    rest = _stack(panels[1:], direction)
-    return {"direction": direction, "first": panels[0], "second": rest, "splitPercentage": 100 / len(panels)}
-
-
-def _plot(name: str, title: str, lines: list[dict[str, Any]], panels: dict[str, Any]) -> str:
-    panels[f"Plot!{name}"] = {
-        "paths": lines,
-        "foxglovePanelTitle": title,
-        "isSynced": True,
-        "xAxisVal": "timestamp",
-        "showLegend": True,
-        "legendDisplay": "floating",
-        "showPlotValuesInLegend": False,
-        "showXAxisLabels": True,
-        "showYAxisLabels": True,
-        "sidebarDimension": 240,
-    }
-    return f"Plot!{name}"
-
-
-def _line(key: str, kind: str, field: str, label: str, colour: str = COLOURS[0]) -> dict[str, Any]:
-    path = _path(key, kind, field)
-    return {"value": path, "label": label, "color": colour, "enabled": True, "timestampMethod": "receiveTime"}
-
-
-def _path(key: str, kind: str, field: str) -> str:
-    """Return a message path; a topic with other signs than letters, digits, _, - and / stands in quotes."""
-    topic = f"{key}/{kind}"
-    return f"{topic if PLAIN_TOPIC.fullmatch(topic) else json.dumps(topic)}.{field}"
+    whole = {"globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}, "layout": "Tab!wheels"}
+    return json.dumps({"configById": panels} | whole, indent=2, ensure_ascii=False).encode() + b"\n"

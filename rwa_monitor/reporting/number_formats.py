@@ -42,16 +42,6 @@ def thousands(size: float) -> int:
     return min(max(3 * math.floor(math.log10(size) / 3), min(PREFIXES)), max(PREFIXES))
 
 
-def scaled(label: str, size: float) -> tuple[str, float]:
-    """Return an axis label, "what [unit]", in the unit's prefix for values of a size, and the factor to that unit."""
-    what, bracket, unit = label.partition("[")
-    plain = unit.removesuffix("]")
-    if not bracket or plain in PREFIXED_ALONE or not _takes_prefix(plain):  # axes of time stay in seconds
-        return label, 1.0
-    power = thousands(size)
-    return f"{what}[{PREFIXES[power]}{unit}", 10.0**-power
-
-
 def probability(p: float) -> str:
     """Write a probability."""
     if p < NO_CHANCE:

@@ -7,7 +7,7 @@ from typing import Any, Final
 from rwa_monitor.messages import Diagnosis
 
 Row = dict[str, Any]
-ANOMALY_FIELDS: Final = ("active", "probability", "severity", "estimate", "unit")
+ANOMALY_FIELDS: Final = {"active", "probability", "severity", "estimate", "unit"}
 
 
 def diagnosis_row(diagnosis: Diagnosis) -> Row:
@@ -15,28 +15,19 @@ def diagnosis_row(diagnosis: Diagnosis) -> Row:
 
     Columns of an anomaly begin with its name: `dry_probability`, `fss_1_active`, …
     """
+    friction, fit = diagnosis.friction, diagnosis.fit
     row: Row = {
-        "source": diagnosis.source,
-        "spacecraft": diagnosis.spacecraft,
-        "wheel": diagnosis.wheel,
-        "window_start_ns": diagnosis.window_start_ns,
-        "window_end_ns": diagnosis.window_end_ns,
-        "samples": diagnosis.samples,
-        "coverage": diagnosis.coverage,
-        "partial": diagnosis.partial,
-        "verdict": diagnosis.verdict,
-        "reason": diagnosis.reason,
-        "base_dry_Nm": diagnosis.friction.base_dry.value,
-        "base_dry_std_Nm": diagnosis.friction.base_dry.std,
-        "viscous_Nm_s_rad": diagnosis.friction.viscous.value,
-        "viscous_std_Nm_s_rad": diagnosis.friction.viscous.std,
+        name: value for name, value in diagnosis if value is None or isinstance(value, bool | float | int | str)
+    }
+    row |= {
+        "base_dry_Nm": friction.base_dry.value,
+        "base_dry_std_Nm": friction.base_dry.std,
+        "viscous_Nm_s_rad": friction.viscous.value,
+        "viscous_std_Nm_s_rad": friction.viscous.std,
         "changepoints": len(diagnosis.changepoints),
-        "rmse_Nm": diagnosis.fit.rmse_Nm,
-        "noise_std_Nm": diagnosis.fit.noise_std_Nm,
-        "model_adequate": diagnosis.model_adequate,
-        "suspected_effect": diagnosis.suspected_effect,
+        "rmse_Nm": fit.rmse_Nm,
+        "noise_std_Nm": fit.noise_std_Nm,
     }
     for name, anomaly in diagnosis.anomalies.items():
-        row |= {f"{name}_{field}": getattr(anomaly, field) for field in ANOMALY_FIELDS}
-    row["message"] = diagnosis.to_json().decode("utf-8")
-    return row
+        row |= {f"{name}_{field}": value for field, value in anomaly.model_dump(include=ANOMALY_FIELDS).items()}
+    return row | {"message": diagnosis.to_json().decode("utf-8")}

@@ -52,15 +52,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations
-from rwa_monitor.switching.friction_model import (
-    Cases,
-    Posterior,
-    Priors,
-    law_moments,
-    prior_tables,
-    priors_of,
-    solve,
-)
+from rwa_monitor.switching.friction_model import Posterior, Priors, law_moments, prior_tables, priors_of, solve
 from rwa_monitor.switching.segments import Level
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -174,26 +166,6 @@ class _Inputs:
     priors: Priors
     onsets: tuple[Onset | None, ...]
     variance: float  # of the noise, see `segments.effective_variance`
-
-
-class Knowns(NamedTuple):
-    """What is known before a window, as `weigh` takes it.
-
-    Attributes
-    ----------
-    slots
-        Length of the window.
-    table, cases
-        See `friction_model.prior_tables`.
-    variance, scatter
-        See `friction_model.solve`.
-    """
-
-    slots: int
-    table: FloatArray
-    cases: Cases
-    variance: float
-    scatter: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,13 +338,12 @@ def _refine_accepted(inputs: _Inputs, level: Level, accepted: IntArray) -> IntAr
 
 def _rank(inputs: _Inputs, scores: Scores, paths: tuple[Path, ...], level: Level) -> list[_Ranked]:
     """Score the best paths by the full likelihood, best first."""
-    knowns = Knowns(
-        inputs.evidence.slots, *prior_tables(inputs.priors), inputs.variance, segments.level_scatter(inputs.variance)
-    )
+    table, cases = prior_tables(inputs.priors)
+    slots, variance, scatter = inputs.evidence.slots, inputs.variance, segments.level_scatter(inputs.variance)
     ranked = []
     for path in paths:
         start = np.array(path.start, dtype=np.int64)
-        weighed = weigh(scores, start, path.actions, level.at, level.pairs, knowns)
+        weighed = weigh(scores, start, path.actions, level.at, level.pairs, slots, table, cases, variance, scatter)
         ranked.append(_Ranked(FlatPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 

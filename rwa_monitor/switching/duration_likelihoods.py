@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy import special
 
-from rwa_monitor.kernels.laws import SOFT_SHARE, add_up, tabulate
+from rwa_monitor.kernels.laws import SOFT_SHARE, tabulate
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.durations import DurationLaw
@@ -241,7 +241,11 @@ def log_probability(
     slots
         Length of the window.
     """
-    (laws, chain), at = _laws_of(system, slots), starts[1:].astype(np.float64)
-    between = at[1:] - at[:-1]
-    survivals = _survivals(laws, np.concatenate((between, between + 1.0, at[:1], slots - at[-1:])))
-    return add_up(configurations, at, slots, survivals, chain, _first_sojourn(first, laws, at[:1], slots))
+    table, last = tabulated_durations((system,), starts[1:], slots, (first,)), starts.size - 1
+    jump, stay, turn, q = table.jump[0], table.stay[0], table.turn[0], configurations.tolist()
+    total = stay[q[last], last] + (jump[q[0], 0, 1] if last else 0.0)
+    for j in range(last):
+        total += turn[q[j], int(q[j + 1] > q[j])]
+        if j:
+            total += jump[q[j], j, j + 1]
+    return float(total)

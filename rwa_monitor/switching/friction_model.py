@@ -10,7 +10,8 @@ distinguishes the parts, all cases agree; where it does not, the mixture is the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import Final, NamedTuple
@@ -19,7 +20,7 @@ import numpy as np
 
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
 from rwa_monitor.changepoints.stage_results import FlatPath
-from rwa_monitor.kernels.friction import condition, lay_out, solve_cases
+from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
@@ -93,7 +94,11 @@ def solve(
         Variance of the levels about the model, as `segments.level_scatter`.
     """
     table, cases = prior_tables(priors)
-    evidence, mean, std, covariance, column = solve_cases(path, borders, table, statistics, cases, variance, scatter)
+    return _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
+
+
+def _posterior(path: FlatPath, solved: tuple[float, FloatArray, FloatArray, FloatArray, IntArray]) -> Posterior:
+    evidence, mean, std, covariance, column = solved
     return Posterior(evidence, mean, std, covariance, path.split(column))
 
 
@@ -118,29 +123,17 @@ def measure(
     path, borders, statistics, priors, variance, scatter
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
-    levels, column, laws = lay_out(path, borders, law_table(priors.laws))
-    columns = path.split(column)
-    free = 1 + laws.shape[1]
-    mean, std = np.zeros(levels.shape[1] + 1), np.full(levels.shape[1] + 1, priors.unattributed_std)
-    mean[0], mean[1:free], std[:free] = priors.base[0].mean, laws[1], FLAT_STD
-    mean[-1], std[-1] = priors.slope.mean, priors.slope.std
-    covariance, independent = np.empty((mean.size, mean.size)), np.arange(mean.size)
-    evidence = condition(
-        levels,
-        statistics,
-        mean.copy(),
-        np.diag(std**2),
-        independent,
-        variance,
-        scatter,
-        mean,
-        covariance,
-    )
+    table = law_table(priors.laws).copy()
+    table[table.any(axis=-1), 1] = FLAT_STD
+    flat, unchanged = Case(1.0, priors.base[0].mean, FLAT_STD), Case(1.0, 0.0, 0.0)
+    _, cases = prior_tables(replace(priors, base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
+    found = _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
+    free = 1 + sum(int(np.count_nonzero(column >= 0)) for column in found.column)
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
-    moving = [float(column.size) for column in columns if column.size and (column >= 0).all()]
-    lost = np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1]
-    evidence += (free - len(moving)) * np.log(FLAT_STD * np.sqrt(2.0 * np.pi)) + 0.5 * lost
-    return Posterior(float(evidence), mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, columns)
+    moving = [float(column.size) for column in found.column if column.size and (column >= 0).all()]
+    lost = float(np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1])
+    gained = (free - len(moving)) * math.log(FLAT_STD * math.sqrt(2.0 * math.pi)) + 0.5 * lost
+    return replace(found, log_evidence=found.log_evidence + gained)
 
 
 # ---- what is known of friction before a window: from the wheel file and from earlier windows -------------------------

@@ -45,17 +45,15 @@ def read_bytes(path: Path, limit: int) -> bytes:
     """
     try:
         with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
+            pieces, size = list[bytes](), os.fstat(file.fileno()).st_size
             # What states its size is refused by it; what does not (a pipe, a device) is read up to the limit, in
             # pieces: Python takes memory for all that it is asked to read before it reads.
-            pieces = [file.read(size)] if size <= limit else []
-            left = limit + 1 - (size if size > limit else len(pieces[0]))
-            while left > 0 and (piece := file.read(min(left, PIECE_BYTES))):
+            while size <= limit and (piece := file.read(PIECE_BYTES if pieces else max(size, PIECE_BYTES))):
                 pieces.append(piece)
-                left -= len(piece)
+                size = sum(map(len, pieces))
     except OSError as error:
         raise unreadable(path, error) from error
-    if left <= 0:
+    if size > limit:
         raise InputError(display_name(path), f"is larger than the limit of {limit:,} bytes")
     return b"".join(pieces)
 

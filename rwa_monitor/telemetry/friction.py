@@ -23,8 +23,8 @@ from rwa_monitor.wheel.torque_balance import (
     friction_torque,
     half_width,
     inertia_of,
+    mended_friction,
     motor_torque,
-    rounding_error,
 )
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -125,24 +125,20 @@ class FrictionSource:
         """
         if self.reach == 0:
             return torque, 0, []
-        around = ring.read("speed_rad_s", start - self.reach, stop + self.reach)
-        acceleration = differentiate_over_gaps(around, self.wheel.friction.derivative, self.wheel.sample_period_s)
-        acceleration = acceleration[self.reach : self.reach + stop - start]
+        speed, motor = ring.read_required(start - self.reach, stop + self.reach)
+        acceleration = differentiate_over_gaps(speed, self.wheel.friction.derivative, self.wheel.sample_period_s)
+        here = slice(self.reach, self.reach + stop - start)
+        friction = mended_friction(speed, motor, self.wheel, acceleration)[here] if self.derived else torque.copy()
+        acceleration = acceleration[here]
         masked = 0
         faults: list[Fault] = []
         if self.derived:
-            torque = friction_torque(torque, acceleration, inertia_of(self.wheel))
-            known = np.isfinite(torque)
-            of_motor = ring.read("torque_Nm", start - self.reach, stop + self.reach)
-            torque -= rounding_error(around, of_motor, self.wheel)[self.reach : self.reach + stop - start]
-            masked = int(np.count_nonzero(known & np.isnan(torque)))
+            masked = int(np.count_nonzero(np.isfinite(torque) & np.isfinite(acceleration) & np.isnan(friction)))
             self.at_corners += masked
-            stand_out, faults = self._mask_what_stands_out(ring, start, stop, acceleration, torque)
+            stand_out, faults = self._mask_what_stands_out(ring, start, stop, acceleration, friction)
             masked += stand_out
-        else:
-            torque = torque.copy()
-        self._take_effects_out(ring, start, stop, acceleration, torque)
-        return torque, masked, faults
+        self._take_effects_out(ring, start, stop, acceleration, friction)
+        return friction, masked, faults
 
     def _mask_what_stands_out(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray

@@ -47,7 +47,6 @@ class RingBuffer:
         self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
         self.channels = (*REQUIRED, *optional)
         self._values: dict[str, FloatArray] = {name: np.zeros(self.values_capacity) for name in self.channels}
-        self._speed_rad_s, self._torque_Nm = (self._values[name] for name in REQUIRED)
 
     @property
     def begin(self) -> int:
@@ -135,21 +134,12 @@ class RingBuffer:
                 return array[at : at + stop - start]
         result = np.full(stop - start, np.nan)
         if array is not None:
-            low, high = max(start, self.values_begin), min(stop, self.end)
-            if low < high:
-                at, count = low % array.size, high - low
-                first = min(count, array.size - at)
-                result[low - start : low - start + first] = array[at : at + first]
-                result[low - start + first : high - start] = array[: count - first]
+            kept = np.arange(max(start, self.values_begin), min(stop, self.end))
+            result[kept - start] = array[kept % array.size]
         return result
 
     def read_required(self, start: int, stop: int) -> tuple[FloatArray, FloatArray]:
         """Return speed and torque of the slots [start, stop), as `read` does."""
-        if self._first <= start < stop <= self.end and start >= self.end - self.values_capacity:
-            at = start % self.values_capacity
-            end = at + stop - start
-            if end <= self.values_capacity:
-                return self._speed_rad_s[at:end], self._torque_Nm[at:end]
         return self.read("speed_rad_s", start, stop), self.read("torque_Nm", start, stop)
 
     def overwrite(self, name: str, start: int, values: FloatArray) -> None:
@@ -160,9 +150,7 @@ class RingBuffer:
 def _put(array: NDArray[Any], start: int, values: NDArray[Any]) -> None:
     """Write the values of the slots from `start` on, over the array's end and on from its begin."""
     at = start % array.size
-    first = array.size - at
-    if values.size <= first:
+    if at + values.size <= array.size:
         array[at : at + values.size] = values
     else:
-        array[at:] = values[:first]
-        array[: values.size - first] = values[first:]
+        array[np.arange(at, at + values.size) % array.size] = values

@@ -4,7 +4,8 @@ The wheel's samples come when its speed does. The value of another topic is held
 Messages carry no units: they are SI, as ROS demands (REP 103), unless the map gives another.
 
 A bag is read record by record, and what it states of its sizes is compared with limits before anything is unpacked.
-Only the topics of the map are decoded, by `mcap_ros2`; what could make that work without end is refused before.
+Only the topics of the map are decoded, by the definition of their type, and no message into more values than it has
+bytes.
 """
 
 from __future__ import annotations
@@ -14,22 +15,24 @@ import re
 import struct
 import zlib
 from array import array
-from collections.abc import Callable, Iterator
-from contextlib import redirect_stderr
-from dataclasses import dataclass, replace
-from io import BytesIO, StringIO
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple
+from typing import IO, Any, Final, Literal, NamedTuple
 
 import numpy as np
 import zstandard
+from lz4.frame import LZ4FrameDecompressor
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Schema
+from mcap.records import Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
+from numpy.typing import NDArray
 
-from rwa_monitor.errors import InputError, needs_extra
+from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import display_name, first_line, unreadable
@@ -58,10 +61,9 @@ MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousa
 
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
 _HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, number, time when it was logged and published [ns]
 _MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _WANTED: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK})
-_CHANNEL_OF: Final = struct.Struct("<H")  # of a message
-_MESSAGE_BYTES: Final = 2 + 4 + 8 + 8  # of a message without its content
 
 
 def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
@@ -99,7 +101,7 @@ class _Series:
         self.values = array("d")
         self._factor, self._offset = conversion(UNITS[channel], spec.unit or SI_UNITS[channel], channel, source, place)
 
-    def take(self, message: Any, logged: Message) -> None:
+    def take(self, message: dict[str, Any], times: dict[str, int]) -> None:
         """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
         at: int | None = None
         if self.spec.joint is not None:
@@ -112,18 +114,18 @@ class _Series:
             value = value[at] if at < len(value) else float("nan")  # an array left empty was not measured
         if not isinstance(value, (int, float)):
             raise TypeError(f"{self.spec.field} is no number")
-        time_ns = self._time_of(message, logged)
+        time_ns = self._time_of(message, times)
         check_time(time_ns)
         self.times.append(time_ns)
         self.values.append(float(value) * self._factor + self._offset)
 
-    def _time_of(self, message: Any, logged: Message) -> int:
+    def _time_of(self, message: dict[str, Any], times: dict[str, int]) -> int:
         if self.spec.time != "header":
-            return int(logged.log_time if self.spec.time == "log" else logged.publish_time)
-        if not hasattr(message, "header"):
+            return times[self.spec.time]
+        if "header" not in message:
             raise ValueError('it has no header: set time = "log" or "publish" in the map')
         stamp = _field(message, "header.stamp")
-        return int(stamp.sec) * NANOSECONDS_PER_SECOND + int(stamp.nanosec)
+        return int(_field(stamp, "sec")) * NANOSECONDS_PER_SECOND + int(_field(stamp, "nanosec"))
 
 
 class _Wheel:
@@ -160,14 +162,12 @@ class _Wheel:
         return found
 
 
-def _stream(data: bytes) -> ReadDataStream:
-    """Return the stream of one record: no length in it reaches beyond."""
-    return ReadDataStream(BytesIO(data))
-
-
 def _field(message: Any, path: str) -> Any:
+    """Return a field of a message by its path; raises ValueError where there is none."""
     for name in path.split("."):
-        message = getattr(message, name)
+        if not isinstance(message, dict) or name not in message:
+            raise ValueError(f"there is no field {path}")
+        message = message[name]
     return message
 
 
@@ -179,7 +179,7 @@ class _Topic:
     """A channel of the bag that the map names."""
 
     name: str
-    decode: Callable[[bytes], Any]
+    type: MessageType
     series: list[_Series]
 
 
@@ -187,10 +187,7 @@ class _Bag:
     """Goes over the records of a bag and hands the messages of the map's topics to their series."""
 
     def __init__(self, source: str, wheels: list[_Wheel]) -> None:
-        with needs_extra("ros2"):
-            from mcap_ros2.decoder import DecoderFactory
         self._source = source
-        self._factory = DecoderFactory()
         self._series: dict[str, list[_Series]] = {}
         for wheel in wheels:
             for series in wheel.series.values():
@@ -198,11 +195,7 @@ class _Bag:
         self._schemas: dict[int, Schema] = {}
         self._topics: dict[int, _Topic | None] = {}  # None: a topic that the map does not name
         self._names: set[str] = set()
-        self._described = 0
-        self._schemas_bytes = 0
-        self._records_seen = 0
-        self._rows = 0
-        self._work_bytes = 0
+        self._seen: Counter[str] = Counter()
         self._lost: list[str] = []
         self._undescribed = 0
         self._refused = 0
@@ -239,70 +232,54 @@ class _Bag:
             if len(content) < length:
                 break
             try:
-                messages = self._messages(opcode, content)
+                for record in self._unpacked(content) if opcode == Opcode.CHUNK else [(opcode, content)]:
+                    self._take(*record)
             except _MCAP_ERRORS as error:
                 self._lost.append(f"the record at byte {position} cannot be read: {first_line(error)}")
-                messages = []
-            for topic, message in messages:
-                self._decode(topic, message)
             position = file.tell()
         self._lost.append(f"what follows byte {position} cannot be read: the bag was not closed, or is damaged")
 
-    def _messages(self, opcode: int, content: bytes) -> list[tuple[_Topic, Message]]:
-        """Return the messages in a record, of the map's topics; others are passed over unread."""
-        if opcode == Opcode.CHUNK:
-            data = self._unpacked(Chunk.read(ReadDataStream(BytesIO(content))))
-        else:
-            data = _HEAD.pack(opcode, len(content)) + content
-        messages: list[tuple[_Topic, Message]] = []
-        position = undescribed = 0
-        while position < len(data):
-            self._records_seen += 1
-            if self._records_seen > MAX_RECORDS:
-                raise InputError(self._source, f"has more than {MAX_RECORDS:,} records")
-            opcode, length = _HEAD.unpack_from(data, position)
-            start, position = position + _HEAD.size, position + _HEAD.size + length
-            if position > len(data):
-                raise ValueError("a record in it reaches beyond its end")
-            if opcode == _MESSAGE:
-                if length < _MESSAGE_BYTES:
-                    raise ValueError("a message in it has no head")
-                channel_id = _CHANNEL_OF.unpack_from(data, start)[0]
-                if channel_id not in self._topics:
-                    undescribed += 1
-                elif (topic := self._topics[channel_id]) is not None:
-                    messages.append((topic, Message.read(_stream(data[start:position]), length)))
-            elif opcode == Opcode.SCHEMA:
-                self._keep_schema(Schema.read(_stream(data[start:position])))
-            elif opcode == Opcode.CHANNEL:
-                self._keep_channel(Channel.read(_stream(data[start:position])))
-        self._undescribed += undescribed
-        return messages
+    def _count(self, what: str, size: int, limit: int) -> None:
+        """Raise InputError where a bag has more of something than a bag has."""
+        self._seen[what] += size
+        if self._seen[what] > limit:
+            raise InputError(self._source, f"has more than {limit:,} {what}")
 
-    def _unpacked(self, chunk: Chunk) -> bytes:
-        """Return the content of a chunk; raises ValueError where it is another than the chunk states."""
-        self._work_bytes += chunk.uncompressed_size
-        if self._work_bytes > MAX_WORK_BYTES:
-            raise InputError(self._source, f"asks for more than {MAX_WORK_BYTES:,} bytes to be unpacked")
+    def _unpacked(self, content: bytes) -> Iterator[tuple[int, bytes]]:
+        """Yield the records in a chunk; raises ValueError where they are others than the chunk states."""
+        chunk = Chunk.read(_stream(content))
+        self._count("bytes to be unpacked", chunk.uncompressed_size, MAX_WORK_BYTES)
         data = _unpacked(chunk)
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
             raise ValueError("it has another checksum than it states")
-        return data
+        position = 0
+        while position < len(data):
+            opcode, length = _HEAD.unpack_from(data, position)
+            position += _HEAD.size + length
+            if position > len(data):
+                raise ValueError("a record in it reaches beyond its end")
+            yield opcode, data[position - length : position]
 
-    def _keep_channel(self, channel: Channel) -> None:
-        if channel.id not in self._topics:
-            wanted = channel.topic in self._series
-            self._names.add(channel.topic if wanted else channel.topic[:MAX_NAME])
-            self._topics[channel.id] = self._topic(channel) if wanted else None
-
-    def _keep_schema(self, schema: Schema) -> None:
-        before = self._schemas.get(schema.id)
-        for sign, known in ((1, schema), (-1, before)):
-            if known is not None:
-                self._schemas_bytes += sign * (len(known.data) + len(known.name) + len(known.encoding))
-        if self._schemas_bytes > MAX_SCHEMAS_BYTES:
-            raise InputError(self._source, f"has schemas of more than {MAX_SCHEMAS_BYTES:,} bytes")
-        self._schemas[schema.id] = schema
+    def _take(self, opcode: int, content: bytes) -> None:
+        """Take a message of the map's topics, or what describes one; others are passed over unread."""
+        self._count("records", 1, MAX_RECORDS)
+        if opcode == _MESSAGE:
+            channel_id, _, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content)
+            if channel_id not in self._topics:
+                self._undescribed += 1
+            elif (topic := self._topics[channel_id]) is not None:
+                self._decode(topic, content[_MESSAGE_HEAD.size :], {"log": log_ns, "publish": publish_ns})
+        elif opcode == Opcode.SCHEMA:
+            schema = Schema.read(_stream(content))
+            if schema.id not in self._schemas:
+                self._count("bytes of schemas", len(content), MAX_SCHEMAS_BYTES)
+                self._schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(_stream(content))
+            if channel.id not in self._topics:
+                wanted = channel.topic in self._series
+                self._names.add(channel.topic if wanted else channel.topic[:MAX_NAME])
+                self._topics[channel.id] = self._topic(channel) if wanted else None
 
     def _topic(self, channel: Channel) -> _Topic:
         """Return how to decode a topic; raises InputError where it cannot be."""
@@ -311,32 +288,29 @@ class _Bag:
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             how = f"{channel.message_encoding} by {schema.encoding if schema else 'nothing'}"
             raise InputError(self._source, f"holds {how}; cdr by ros2msg is wanted", place)
-        self._described += 1
-        if self._described > MAX_CHANNELS:
-            raise InputError(self._source, f"has more than {MAX_CHANNELS:,} channels of the map's topics", place)
-        definition = checked_definition(schema.name, schema.data, self._source, place)
+        self._count("channels of the map's topics", 1, MAX_CHANNELS)
         try:
-            with redirect_stderr(StringIO()):  # the parser prints there what it also raises
-                decode = self._factory.decoder_for("cdr", replace(schema, data=definition))
-                assert decode is not None
-        except Exception as error:  # the parser raises whatever comes of a text that is no definition
+            kind = MessageType(schema.name, schema.data)
+        except ValueError as error:
             raise InputError(self._source, f"{schema.name} is no message type: {first_line(error)}", place) from error
-        return _Topic(channel.topic, decode, self._series[channel.topic])
+        return _Topic(channel.topic, kind, self._series[channel.topic])
 
-    def _decode(self, topic: _Topic, record: Message) -> None:
+    def _decode(self, topic: _Topic, data: bytes, times: dict[str, int]) -> None:
+        self._count("messages of the map's topics", 1, MAX_ROWS)
         try:
-            if len(record.data) > MAX_MESSAGE_BYTES:
-                raise ValueError(f"it has {len(record.data):,} bytes; the limit is {MAX_MESSAGE_BYTES:,}")
-            message = topic.decode(record.data)
+            if len(data) > MAX_MESSAGE_BYTES:
+                raise ValueError(f"it has {len(data):,} bytes; the limit is {MAX_MESSAGE_BYTES:,}")
+            message = topic.type.decode(data)
             for series in topic.series:
-                series.take(message, record)
-        # The decoder checks little itself: it raises whatever comes of bytes that are not as in the schema.
-        except Exception as error:  # noqa: BLE001
+                series.take(message, times)
+        except (ArithmeticError, TypeError, ValueError, struct.error) as error:  # bytes that are not as in the schema
             self._refused += 1
             self._first_refused = self._first_refused or f"topic {topic.name}: {first_line(error)}"
-        self._rows += 1
-        if self._rows > MAX_ROWS:
-            raise InputError(self._source, f"has more than {MAX_ROWS:,} messages of the map's topics")
+
+
+def _stream(data: bytes) -> ReadDataStream:
+    """Return the stream of one record: no length in it reaches beyond."""
+    return ReadDataStream(BytesIO(data))
 
 
 def _unpacked(chunk: Chunk) -> bytes:
@@ -353,8 +327,6 @@ def _unpacked(chunk: Chunk) -> bytes:
             raise ValueError(f"its frame states {stated:,} bytes, it itself {size:,}")
         data = zstandard.decompress(chunk.data, size)
     elif chunk.compression == "lz4":
-        from lz4.frame import LZ4FrameDecompressor
-
         data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
     else:
         raise ValueError(f"its compression {chunk.compression[:20]!r} is not known")
@@ -363,155 +335,126 @@ def _unpacked(chunk: Chunk) -> bytes:
     return bytes(data)
 
 
-# ---- what the definition of a type may hold, checked before `mcap_ros2` takes it -------------------------------------
-# The decoder does not check its types, and its parser has expressions that some text keeps busy without end. So types
-# are checked line by line for what either would take longer over than the bytes are worth: names of constants that the
-# parser tries in all ways (24 letters: half a minute, and six times as long with two more), fields that need no bytes,
-# more objects than bytes.
-
+# ---- types of messages, and messages by their type -------------------------------------------------------------------
 
 MAX_SCHEMA_BYTES: Final = 65_536
-MAX_LINES: Final = 2_000  # the parser compares all names of a type with each other; large types have some hundred
-MAX_LINE: Final = 1_000  # characters, without what follows a #
 MAX_DEPTH: Final = 32  # of types in types
-FEW_OBJECTS: Final = 64  # a message may have, however small it is
+FEW_VALUES: Final = 64  # a message may have beside one for each byte
 
-_COMMENT: Final = re.compile(r"#[^\n]*")
-_SEPARATOR: Final = re.compile(r"={3,}")
-_NAMED: Final = re.compile(r"MSG:\s+(\S+)")
-# Bytes that the decoder takes without looking whether there are any: a list of such types would have no end.
-_FIXED_BYTES: Final = re.compile(r"\s*(?:uint8|byte)\s*\[\s*([^\]\s<][^\]]*)\]")
-# A field's type: its name, whether there are many, of any number, or how many.
-_FIELD_TYPE: Final = re.compile(r"([^\[]*)(\[(?:(\]|<=)|([0-9]{1,9})\])?)?")
-# In CDR, at least; a string begins with its length.
-_BYTES: Final = {
-    **dict.fromkeys(("bool", "byte", "char", "int8", "uint8"), 1),
-    **dict.fromkeys(("int16", "uint16"), 2),
-    **dict.fromkeys(("int32", "uint32", "float32", "string", "wstring"), 4),
-    **dict.fromkeys(("int64", "uint64", "float64"), 8),
+# A field's type; whether there are many, and of how many it always has; its name; the equals sign of a constant.
+_FIELD: Final = re.compile(r"([\w/]+)(?:<=\d+)?(\[(?:(\d{1,9})|<=\d+)?\])?\s+([a-zA-Z]\w*)\s*(=?).*", re.ASCII)
+_NUMBERS: Final = {
+    **{name: np.dtype(name) for name in ("bool", "int8", "int16", "int32", "int64", "float32", "float64")},
+    **{name: np.dtype(name) for name in ("uint8", "uint16", "uint32", "uint64")},
+    **dict.fromkeys(("byte", "char"), np.dtype("uint8")),
 }
-_LENGTH_BYTES: Final = 4  # of a list of any length
-_TIMES: Final = ("builtin_interfaces/Time", "builtin_interfaces/Duration")  # which the decoder has built in
-_CONSTANT: Final = re.compile(r"[A-Z][A-Z0-9]*(?:_[A-Z0-9]+)*")  # as ROS has it, in an expression without two ways
 
 
-def checked_definition(name: str, data: bytes, source: str, place: str) -> bytes:
-    """Return the definition of a type without its comments.
+class _Field(NamedTuple):
+    """A field of a type: how many values it has (None: each message states them), and whether they are a list."""
+
+    name: str
+    kind: str
+    times: int | None
+    is_list: bool
+
+
+class MessageType:
+    """A type of message, as a definition (`ros2msg`) describes it and those in it.
 
     Parameters
     ----------
     name
         Of the type, such as "sensor_msgs/msg/JointState".
     data
-        Its definition and those of the types in it (`ros2msg`).
-    source, place
-        For messages: the bag, and the topic.
+        Its definition: a field or a constant a line; the types in it follow, each after "MSG:" and its name.
 
     Raises
     ------
-    InputError
-        If it exceeds a limit, or has what the decoder cannot be trusted with.
-    """
-    if len(data) > MAX_SCHEMA_BYTES:
-        raise InputError(source, f"has a schema of more than {MAX_SCHEMA_BYTES:,} bytes", place)
-    try:
-        text = _COMMENT.sub("", data.decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise InputError(source, f"{name} is no message type: {error}", place) from error
-    lines = [line.replace("\t", " ").rstrip() for line in text.splitlines() if line.strip()]
-    if len(lines) > MAX_LINES or max(map(len, lines), default=0) > MAX_LINE:
-        reason = f"has a schema of more than {MAX_LINES:,} lines, or a line of more than {MAX_LINE:,} characters"
-        raise InputError(source, reason, place)
-    for line in lines:
-        if _FIXED_BYTES.match(line):
-            raise InputError(source, "has a field of a fixed number of bytes, which is not read here", place)
-        if line.strip() == "MSG:":  # the parser would take the next line for its name
-            raise InputError(source, f"{name} is no message type: MSG: names none", place)
-        _, _, declared = line.partition(" ")
-        if "=" in declared and not _CONSTANT.fullmatch(declared.partition("=")[0].strip()):
-            raise InputError(source, f"{name} is no message type: {declared[:40]!r} names no constant", place)
-    types = _Types(name, lines)
-    try:
-        whole = types.size_of(name)
-        repeated = [types.size_of(kind) for kind in sorted(types.repeated)]
-    except RecursionError as error:
-        reason = f"has types in types, deeper than {MAX_DEPTH} levels, or a type that holds itself"
-        raise InputError(source, reason, place) from error
-    if any(size.objects > size.bytes for size in repeated) or whole.objects > max(whole.bytes, FEW_OBJECTS):
-        raise InputError(source, "has a type of more objects than bytes, which is not read here", place)
-    return text.encode()
-
-
-class _Size(NamedTuple):
-    """What the decoder makes of a type at least, its lists empty: objects, and the bytes that it takes for them."""
-
-    objects: int
-    bytes: int
-
-
-class _Field(NamedTuple):
-    """A field: its type, how often it is there at least, and the bytes that state how often."""
-
-    kind: str
-    times: int
-    length_bytes: int = 0
-
-
-class _Types:
-    """The types of a definition, and how large they are at least.
-
-    Attributes
-    ----------
-    repeated
-        Types of which there are many in a field.
+    ValueError
+        If it is no definition, or too long.
     """
 
-    def __init__(self, name: str, lines: list[str]) -> None:
-        self.repeated: set[str] = set()
-        self._fields: dict[str, list[_Field]] = {}
-        for kind, within in _sections(name, lines):
-            package = kind.split("/")[0]
-            fields = [self._field(line, package) for line in within if "=" not in line.partition(" ")[2]]
-            # As the parser does: of two types of one name the last one counts, and a name goes with and without "msg".
-            self._fields[kind] = self._fields[f"{package}/{kind.split('/')[-1]}"] = fields
-        known = {kind: _Size(1, 8) for kind in _TIMES if kind not in self._fields}
-        self._sizes = known | {kind: _Size(0, size) for kind, size in _BYTES.items()}
+    def __init__(self, name: str, data: bytes) -> None:
+        if len(data) > MAX_SCHEMA_BYTES:
+            raise ValueError(f"its schema has more than {MAX_SCHEMA_BYTES:,} bytes")
+        time = [_Field("sec", "int32", 1, False), _Field("nanosec", "uint32", 1, False)]
+        self._types = {"builtin_interfaces/Time": time, "builtin_interfaces/Duration": time}
+        self._name = current = _full_name(name)
+        fields: list[_Field] = self._types.setdefault(current, [])
+        for whole_line in data.decode("utf-8").splitlines():
+            line = whole_line.partition("#")[0].strip()
+            if line.startswith("MSG:"):
+                current = _full_name(line.removeprefix("MSG:").strip())
+                fields = self._types[current] = []
+            elif line.strip("="):  # neither empty nor between two types
+                fields += _fields(line, current.partition("/")[0])
 
-    def _field(self, line: str, package: str) -> _Field:
-        found = _FIELD_TYPE.match(line.partition(" ")[0])
-        assert found is not None  # it matches anything
-        kind, many, of_any_number, count = found.groups()
-        kind = kind.partition("<")[0]  # of a string no longer than so
-        if kind not in _BYTES and "/" not in kind:
-            kind = f"{package}/{kind}"
-        if many is None:
-            return _Field(kind, 1)
-        self.repeated.add(kind)
-        return _Field(kind, 0, _LENGTH_BYTES) if of_any_number else _Field(kind, int(count or 0))
-
-    def size_of(self, kind: str, depth: int = 0) -> _Size:
-        """Return the size of a type; raises RecursionError where types lie too deep in types."""
-        if depth > MAX_DEPTH:
-            raise RecursionError
-        if kind not in self._sizes:
-            fields = self._fields.get(kind, [])
-            sizes = [self.size_of(field.kind, depth + 1) for field in fields]
-            objects = sum(field.times * size.objects for field, size in zip(fields, sizes, strict=True))
-            taken = sum(
-                field.length_bytes + field.times * size.bytes for field, size in zip(fields, sizes, strict=True)
-            )
-            self._sizes[kind] = _Size(1 + objects, taken if fields else 1)  # one without fields has a byte
-        return self._sizes[kind]
+    def decode(self, data: bytes) -> dict[str, Any]:
+        """Return the fields of a message in CDR by their names; raises ValueError where the bytes are none."""
+        if data[:2] not in (b"\0\0", b"\0\1"):
+            raise ValueError("it is no plain CDR")
+        message: dict[str, Any] = _Cdr(data, self._types).value(self._name)
+        return message
 
 
-def _sections(name: str, lines: list[str]) -> Iterator[tuple[str, list[str]]]:
-    """Yield each type by its name, with its lines."""
-    within: list[str] = []
-    for line in [*lines, "==="]:
-        if not _SEPARATOR.fullmatch(line):
-            within.append(line)
-            continue
-        if within and (named := _NAMED.fullmatch(within[0].strip())):
-            name = named[1]
-        yield name, [of for of in within if not _NAMED.fullmatch(of.strip())]
-        within = []
+def _full_name(kind: str, package: str = "") -> str:
+    """Return the name of a type with its package, without "msg"; numbers and texts have none."""
+    if kind in _NUMBERS or kind == "string":
+        return kind
+    parts = kind.split("/")
+    return f"{parts[0] if len(parts) > 1 else package}/{parts[-1]}"
+
+
+def _fields(line: str, package: str) -> Iterator[_Field]:
+    """Yield the field in a line of a definition; a constant is none."""
+    found = _FIELD.fullmatch(line)
+    if found is None:
+        raise ValueError(f"{line[:40]!r} is no field")
+    kind, many, count, name, constant = found.groups()
+    if not constant:
+        times = int(count) if count else None if many else 1
+        yield _Field(name, _full_name(kind, package), times, many is not None)
+
+
+class _Cdr:
+    """The bytes of one message, and how far they are read; numbers are aligned to their size."""
+
+    def __init__(self, data: bytes, types: dict[str, list[_Field]]) -> None:
+        self._data, self._types = data[4:], types
+        self._order: Literal["<", ">"] = "<" if data[1] else ">"
+        self._at = 0
+        self._left = len(data) + FEW_VALUES
+
+    def value(self, kind: str, depth: int = 0) -> Any:
+        """Read a text, or the fields of a type by their names."""
+        self._left -= 1
+        if self._left < 0 or depth > MAX_DEPTH:
+            raise ValueError(f"it has more values than bytes, or types in types deeper than {MAX_DEPTH} levels")
+        if kind == "string":
+            return self._numbers("uint8", self._numbers("uint32", 1)[0]).tobytes().rstrip(b"\0").decode()
+        fields = self._types.get(kind)
+        if fields is None:
+            raise ValueError(f"the type {kind} is not in its definition")
+        if not fields:  # in its place there is a byte
+            self._at += 1
+        return {field.name: self._field(field, depth) for field in fields}
+
+    def _field(self, field: _Field, depth: int) -> Any:
+        count = int(self._numbers("uint32", 1)[0]) if field.times is None else field.times
+        if field.kind in _NUMBERS:
+            values = self._numbers(field.kind, count).tolist()
+        else:
+            values = [self.value(field.kind, depth + 1) for _ in range(count)]
+        return values if field.is_list else values[0]
+
+    def _numbers(self, kind: str, count: int) -> NDArray[Any]:
+        """Read numbers of a type; raises ValueError where there are not so many."""
+        number = _NUMBERS[kind].newbyteorder(self._order)
+        if count:
+            self._at += -self._at % number.itemsize
+        values = np.frombuffer(self._data[self._at : self._at + count * number.itemsize], number)
+        if values.size < count:
+            raise ValueError("it ends before its last value")
+        self._at += values.nbytes
+        return values

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from types import ModuleType
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -113,7 +113,6 @@ FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 
 _PLAIN_DECIMAL: Final = re.compile(r"([+-]?[0-9]{1,18})(?:\.([0-9]*))?")
 _ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
-_FIRST_LINE: Final = re.compile(rb"([^\r\n]*)(\r\n|\r|\n|$)")
 _LARGEST_INT64: Final = 2**63 - 1
 _PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which the column's name ends
 _CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
@@ -134,11 +133,12 @@ def read_csv(path: Path) -> SampleTable:
     if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
         raise InputError(source, f"has more rows than the limit of {MAX_ROWS:,}: split it, and use --carry")
     decode_utf8(content, path)
-    names, begin = _header(content, source)
+    reader = csv.reader(io.TextIOWrapper(io.BytesIO(content), encoding="utf-8", newline=""), strict=True)
+    names = _header(content, reader, source)
     layout = lay_out(names, source)
     times, channels = [], {name: [np.zeros(0)] for name in layout.channels}
     row = FIRST_DATA_ROW
-    for rows in _rows(content, begin, len(names), source):
+    for rows in _rows(reader, len(names), source):
         times.append(_nanoseconds([fields[layout.time_at].strip() for fields in rows], layout.time, source, row))
         for name, at in layout.channels.items():
             channels[name].append(_numbers([fields[at].strip() for fields in rows], name, source, row))
@@ -166,44 +166,37 @@ def _texts(values: FloatArray | IntArray) -> list[str]:
     return [repr(value).removesuffix(".0").replace("nan", "") for value in values.tolist()]
 
 
-def _header(content: bytes, source: str) -> tuple[list[str], int]:
-    """Return the names in the first row, and where the others begin."""
-    first = _FIRST_LINE.match(content)
-    line = first.group(1) if first else b""
-    if first is None or not line.strip():
-        raise InputError(source, "has no header", "row 1")
-    if len(line) > MAX_HEADER_BYTES:
-        raise InputError(source, f"is longer than the limit of {MAX_HEADER_BYTES:,} bytes", "row 1")
-    if b"\x00" in line:
-        raise InputError(source, "is no CSV: its first row holds zero bytes", "row 1")
-    header = line.decode()
+def _header(content: bytes, reader: Any, source: str) -> list[str]:
+    """Return the names in the first row."""
+    if not re.match(rb"[^\r\n]{1,%d}(?![^\r\n])" % MAX_HEADER_BYTES, content):
+        reason = f"has no header of at most {MAX_HEADER_BYTES:,} bytes"
+        raise InputError(source, reason, "row 1")
     try:
-        (names,) = csv.reader([header], strict=True)
+        names = [name.strip() for name in next(reader)]
     except csv.Error as error:
         raise InputError(source, f"is no CSV: {error}", "row 1") from error
-    if first.end() == len(content):
-        raise InputError(source, "has a header and no rows")
-    return [name.strip() for name in names], first.end()
+    if reader.line_num > 1:
+        raise InputError(source, "is no CSV: a field in quotes has no end in its row", "row 1")
+    if any("\x00" in name for name in names):
+        raise InputError(source, "is no CSV: its first row holds zero bytes", "row 1")
+    return names
 
 
-def _rows(content: bytes, begin: int, count: int, source: str) -> Iterator[list[list[str]]]:
+def _rows(reader: Any, count: int, source: str) -> Iterator[list[list[str]]]:
     """Yield the rows after the header, many at once, as their fields; an empty line is a row of empty fields."""
-    data = io.BytesIO(content)
-    data.seek(begin)
-    reader = csv.reader(io.TextIOWrapper(data, encoding="utf-8", newline=""), strict=True)
-    done = 0
+    done = 1  # the header
     try:
         while rows := [fields or [""] * count for fields in islice(reader, _ROWS_AT_ONCE)]:
-            for row, fields in enumerate(rows, start=done + FIRST_DATA_ROW):
+            for row, fields in enumerate(rows, start=done + 1):
                 if len(fields) != count:
                     raise InputError(source, f"has {len(fields)} fields, the header has {count}", f"row {row}")
             if reader.line_num > done + len(rows):
                 at = next(at for at, fields in enumerate(rows) if any({"\n", "\r"} & set(field) for field in fields))
-                raise InputError(source, "a field in quotes has no end in its row", f"row {done + at + FIRST_DATA_ROW}")
+                raise InputError(source, "a field in quotes has no end in its row", f"row {done + at + 1}")
             done += len(rows)
             yield rows
     except csv.Error as error:
-        raise InputError(source, f"is no CSV: {error}", f"row {reader.line_num + FIRST_DATA_ROW - 1}") from error
+        raise InputError(source, f"is no CSV: {error}", f"row {reader.line_num}") from error
 
 
 def _numbers(texts: Sequence[str], column: str, source: str, row: int) -> FloatArray:

@@ -244,12 +244,21 @@ def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel:
     return friction_torque(motor_torque_Nm, acceleration, inertia_of(wheel))
 
 
-def mended_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:
+def mended_friction(
+    speed_rad_s: FloatArray,
+    motor_torque_Nm: FloatArray,
+    wheel: Wheel,
+    acceleration_rad_s2: FloatArray | None = None,
+) -> FloatArray:
     """Return what `derive_friction` does, less its error where the speed bends: as the monitor sees it.
 
-    Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known.
+    Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known. dω/dt may be
+    given, float64 (n,) [rad/s²], where it is known over gaps.
     """
-    friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
+    if acceleration_rad_s2 is None:
+        friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
+    else:
+        friction = friction_torque(motor_torque_Nm, acceleration_rad_s2, inertia_of(wheel))
     return friction - rounding_error(speed_rad_s, motor_torque_Nm, wheel)
 
 

@@ -62,9 +62,9 @@ def swing(time: Array) -> Array:
 
 CONFUSING: Final[dict[Callable[[Array], Array], tuple[str, ...]]] = {
     to_and_fro: ("torque_bias", "coulomb_asymmetry", "viscous_asymmetry"),
-    few_dwells: ("sublinear_viscous", "saturating_drag", "quadratic_drag", "coulomb_asymmetry", "torque_bias"),
-    one_way: ("load_dependence", "inertia_error", "quadratic_drag", "saturating_drag", "lubricant_lag"),
-    swing: ("presliding", "stribeck", "coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "lubricant_lag"),
+    few_dwells: ("torque_bias", "coulomb_asymmetry", "saturating_drag"),
+    one_way: ("load_dependence", "inertia_error", "torque_constant_error"),
+    swing: ("presliding", "current_delay", "torque_bias", "coulomb_asymmetry"),
 }
 
 

@@ -8,12 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from rwa_monitor.changepoints.candidates import (
-    Threshold,
-    in_turn,
-    peaks_behind_gaps,
-    variance_table,
-)
+from rwa_monitor.changepoints.candidates import Threshold, peaks_behind_gaps, variance_table
 from rwa_monitor.changepoints.noise import OutlierModel
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
@@ -104,8 +99,8 @@ def _choose(sums, threshold=20.0, outliers=NO_TAILS):
 
 
 def _select(peaks, sums, table, threshold, outliers=NO_TAILS, correlation=0.0):
-    tried, bar = in_turn(peaks), Threshold(table, threshold, outliers.largest_outlier)
-    return Candidates(*select(tried.index, tried.scale, sums.slots, 0.0, correlation, sums.arrays, bar))
+    least, arrays = Threshold(table, threshold, outliers.largest_outlier), sums.arrays
+    return Candidates(*select(peaks.index, peaks.scale, peaks.statistic, sums.slots, 0.0, correlation, arrays, least))
 
 
 @pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])

@@ -15,8 +15,7 @@ from scipy import signal
 from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import Candidates
-from rwa_monitor.kernels.evidence import VARIANCE
-from rwa_monitor.kernels.wglr import CHUNK, STEP
+from rwa_monitor.kernels.wglr import CHUNK, MOST_PEAKS, STEP
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
@@ -247,7 +246,7 @@ def test_the_close_reads_a_few_samples_around_peaks_only():
     window = WindowAccumulator(WHEEL, slots=80_000)
     window.append(*samples)
     lost = np.ones(80_000, dtype=np.bool_)
-    for k in window._peaks.above(18.0, window._learned.thresholds[VARIANCE]).index.tolist():
+    for k in window._window.peaks_above(18.0, window._window.variances)[0].tolist():
         lost[k - 1100 : k + 1100] = False  # halves of 1024 slots at most, and what lies beside a checkpoint
     assert np.mean(lost) > 0.5
     window._x[lost] = window._z[lost] = np.nan
@@ -267,7 +266,9 @@ def test_a_window_of_80000_slots_fits_in_three_megabytes():
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert len(evidence.candidates) >= 20
-    assert peak < 3e6
+    assert (
+        peak + 40 * MOST_PEAKS + 0.6e6 < 3e6
+    )  # what compiled code may hold beside: peaks, blocks of the noise, histogram
 
 
 # ---- what hides jumps, or looks like them ----------------------------------------------------------------------------

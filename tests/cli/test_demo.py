@@ -37,7 +37,7 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
     assert set(anomalous) - {hidden[1]} == {"wheel_3"}
     assert "first called anomalous" in demo.stdout
     # The wheel whose model lacks an effect is searched; the answer comes before the truth, and is the truth.
-    assert f"{hidden[1]}  model does not fit, searching" in demo.stdout
+    assert f"/{hidden[1]}: its friction model does not fit; searching for the cause" in demo.stderr
     found = re.search(
         rf"^What the monitor found in {hidden[1]}.*\n  missing in its model: (\w+)", demo.stdout, re.MULTILINE
     )

@@ -11,7 +11,7 @@ import pytest
 from rwa_monitor.cli.doctor import look_at_bus, look_at_recordings
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.recording.recorder import FolderLock
+from rwa_monitor.monitor.recording.recorder import locked
 from tests.monitor.support import free_port
 
 RECORDING = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
@@ -21,7 +21,7 @@ def test_what_a_folder_holds_is_told_and_none_is_made(tmp_path: Path) -> None:
     assert look_at_recordings(tmp_path / "a").endswith("is not there yet")
     assert not (tmp_path / "a").exists()
     assert "holds no recording yet" in look_at_recordings(tmp_path)
-    with FolderLock(tmp_path), pytest.raises(RwaMonitorError, match="another monitor records in it"):
+    with locked(tmp_path), pytest.raises(RwaMonitorError, match="another monitor records in it"):
         look_at_recordings(tmp_path)
     shutil.copy(RECORDING, tmp_path)
     assert look_at_recordings(tmp_path).endswith(f"goes on from {RECORDING.name}")

@@ -47,7 +47,7 @@ def ask(
     address: str, path: str, *, headers: dict[str, str] | None = None, body: bytes | None = None
 ) -> tuple[int, Any]:
     """Ask the API; returns status and content."""
-    request = urllib.request.Request(address + path, data=body, headers=headers or {})
+    request = urllib.request.Request(address + path, body, {"Content-Type": "application/json"} | (headers or {}))
     try:
         with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
             return answer.status, json.load(answer)

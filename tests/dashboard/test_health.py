@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -81,7 +82,10 @@ def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.S
     from rwa_monitor.monitor.ingest.backfill import Inbox
 
     key = "rwa/sat/wheel_1/health"
-    with MonitorBus(session, Inbox()) as bus, serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+    with (
+        closing(MonitorBus(session, Inbox())) as bus,
+        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
+    ):
         bus.offer_health()
 
         def publish(number: int) -> None:

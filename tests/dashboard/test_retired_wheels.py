@@ -88,7 +88,7 @@ def test_a_wheel_is_back_also_while_the_history_cannot_be_written(tmp_path: Path
     with History(place) as history:
         history.add(diagnosis(0))
         retired = history.retired
-        retired.retire("sat", "wheel_1", "Ann")
+        retired.change("sat", "wheel_1", "Ann", retire=True)
         assert retired.names() == {("sat", "wheel_1")}
         assert retired.telemetry_arrived("sat", "wheel_1", diagnosis(0).window_end_ns) is None
         event = retired.telemetry_arrived("sat", "wheel_1")

@@ -13,7 +13,7 @@ from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK, PERSISTENCE_LAGS, persistence
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.kernels.laws import OTHER_SIZE, level_densities
+from rwa_monitor.kernels.laws import OTHER_SIZE, densities
 from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
 from rwa_monitor.switching import segments
 from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE, sums_of
@@ -141,11 +141,12 @@ def test_level_densities_are_those_of_the_formula():
             bands = [band for band in (levels.nominal, levels.anomalous) if band is not None]
             inside = [_softened(band.low, band.high, band.soft, value, std) for band in bands]
             learned = inside[1] if levels.anomalous else other
-            nominal, anomalous, both = level_densities(value, std, levels.numbers)
+            level = np.zeros(50, dtype=np.int64)
+            nominal, anomalous, alone = densities(level, value, std, np.zeros(1), levels.numbers[None])[:, :, 0]
             assert nominal == pytest.approx((1 - levels.stray) * inside[0] + levels.stray * stray, rel=1e-9)
             expected = (1 - levels.stray - OTHER_SIZE) * learned + OTHER_SIZE * other + levels.stray * stray
             assert anomalous == pytest.approx(expected, rel=1e-9)
-            assert both == pytest.approx(sum(inside), rel=1e-9)
+            assert alone == pytest.approx(np.maximum(1 - sum(inside) / (nominal + anomalous), 0.0), abs=1e-9)
 
 
 def _softened(low: float, high: float, soft: float, value: np.ndarray, std: np.ndarray) -> np.ndarray:

@@ -317,7 +317,7 @@ def parts() -> tuple[tuple[str, str, bytes], ...]:
     found = [
         ("", "wheel.toml", small_wheel().to_toml().encode()),
         ("", "model.json", built_in_model().to_json().encode()),
-        ("", "settings.json", dump_json({"method": "joint", "predecessor": None, "inherited": {}})),
+        ("", "settings.json", dump_json({"method": "joint", "predecessor": None})),
         ("", "checkpoint/sat/wheel_1.json", core.checkpoint().to_json()),
     ]
     for number, start in enumerate((100, 150), start=1):

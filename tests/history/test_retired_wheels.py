@@ -15,15 +15,15 @@ def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) 
     clock = iter(range(1_000))
     with History(place, wall_ns=lambda: next(clock)) as history:
         history.add(*[diagnosis(0), diagnosis(1)])
-        line = history.retired.retire("sat", "wheel_1", " Ann ", "retired")
+        line = history.retired.change("sat", "wheel_1", " Ann ", "retired", retire=True)
         assert (line.retired, line.person, line.time_ns) == (True, "Ann", diagnosis(1).window_end_ns)
         assert history.retired.latest() == [line]
         with pytest.raises(InputError, match="is retired already, by Ann"):
-            history.retired.retire("sat", "wheel_1", "Ben")
-        assert not history.retired.restore("sat", "wheel_1", "Ben").retired
+            history.retired.change("sat", "wheel_1", "Ben", retire=True)
+        assert not history.retired.change("sat", "wheel_1", "Ben", retire=False).retired
         with pytest.raises(InputError, match="is not retired"):
-            history.retired.restore("sat", "wheel_1", "Ben")
-        again = history.retired.retire("sat", "wheel_1", "Ann")
+            history.retired.change("sat", "wheel_1", "Ben", retire=False)
+        again = history.retired.change("sat", "wheel_1", "Ann", retire=True)
         back = again.model_copy(update={"event": "spoke_again", "person": ""})
         history.retired.record([back])
         history.retired.record([back])  # a second dashboard on the same database had its telemetry too
@@ -38,13 +38,13 @@ def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(place: Path | str) 
     with History(place) as history:
         history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
         with pytest.raises(InputError, match="alarms to acknowledge first: viscous"):
-            history.retired.retire("sat", "wheel_1", "Ann")
+            history.retired.change("sat", "wheel_1", "Ann", retire=True)
         history.acknowledge(1, "Ann")
-        history.retired.retire("sat", "wheel_1", "Ann")
+        history.retired.change("sat", "wheel_1", "Ann", retire=True)
         assert len(history.open_alarms("sat", "wheel_1")) == 1  # it stays as it is
 
 
 @pytest.mark.parametrize("person", ["", "  ", "n" * 101])
 def test_a_wheel_is_not_retired_without_a_name(person: str) -> None:
     with History(None) as history, pytest.raises(InputError, match="name"):
-        history.retired.retire("sat", "wheel_1", person)
+        history.retired.change("sat", "wheel_1", person, retire=True)

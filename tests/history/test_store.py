@@ -84,7 +84,7 @@ def test_estimates_are_kept_longer_than_diagnoses(place: Path | str, monkeypatch
     with History(place) as history:
         for window in windows:
             history.add(window)
-        assert history.prune() == 47
+        assert history.prune() == 47 + 39
         assert len(history.windows("sat", "wheel_1")) == 3
         kept = history.estimates("sat", "wheel_1")
         assert [one.window_end_ns for one in kept] == [window.window_end_ns for window in windows[-11:]]

@@ -22,11 +22,11 @@ from rwa_monitor.messages import (
     dump_json,
     health_message,
     samples_json,
-    schema_files,
     split_key,
 )
 from rwa_monitor.samples import MAX_TIME_NS, Samples
 from tests.monitor.support import batch_diagnoses, messages_of, run_core, telemetry, wheel
+from tools.schemas import schema_files
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"
 

@@ -64,21 +64,23 @@ def free_udp() -> UdpAddress:
 
 def test_samples_go_out_in_batches_or_when_they_have_waited(bridge: Bridge, kept: dict[str, Kept]) -> None:
     one, two = kept.values()
+    bridge.tick(100.0)
     for packet in packets_of(made.samples(19), FIRST_APID):
-        bridge.take(packet, 100.0)
-    bridge.take(next(packets_of(made.samples(1), FIRST_APID + 1)), 100.5)
+        bridge.take(packet)
+    bridge.tick(99.9 + HOLD_S)
     assert [len(batch) for batch in one.batches] == [8, 8]
     bridge.tick(100.0 + HOLD_S)
     assert [len(batch) for batch in one.batches] == [8, 8, 3]
+    bridge.take(next(packets_of(made.samples(1), FIRST_APID + 1)))
     assert two.batches == []
-    bridge.close()
+    bridge.send_all()
     assert [len(batch) for batch in two.batches] == [1]
     assert (bridge.counts()["samples"], bridge.counts()["decoded"]) == (20, 20)
 
 
 def test_a_datagram_may_hold_several_packets(bridge: Bridge, kept: dict[str, Kept]) -> None:
     packets = made.packets(8)
-    bridge.take(b"".join(packets), 0.0)
+    bridge.take(b"".join(packets))
     assert [len(batch) for batch in kept["rwa/sat/wheel_1/samples"].batches] == [8]
     assert bridge.counts()["datagrams"] == 1
 
@@ -87,7 +89,7 @@ def test_a_datagram_may_hold_several_packets(bridge: Bridge, kept: dict[str, Kep
     "datagram", [b"", b"\x00", b"\xff" * 65_507, made.packets(1)[0][:-1], b"GET / HTTP/1.1\r\n\r\n"]
 )
 def test_what_is_no_packet_is_counted_once(bridge: Bridge, datagram: bytes) -> None:
-    bridge.take(datagram, 0.0)
+    bridge.take(datagram)
     counts = bridge.counts()
     assert (counts["datagrams"], counts["packets"], counts["samples"]) == (1, 1, 0)
     assert counts["bad"] + counts["unknown"] == 1

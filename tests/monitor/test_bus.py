@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import deque
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from threading import Thread
 from typing import Literal
@@ -295,7 +296,8 @@ def test_who_does_not_number_messages_cannot_be_asked_again() -> None:
 
 
 def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
-    with open_session(BusOptions()) as session, MonitorBus(session, Inbox(max_messages=5, patience_s=0.02)) as bus:
+    inbox = Inbox(max_messages=5, patience_s=0.02)
+    with open_session(BusOptions()) as session, closing(MonitorBus(session, inbox)) as bus:
         bus.subscribe("rwa/*/*/samples")
         publisher = ReliablePublisher(session, KEY)
         for number in range(60):

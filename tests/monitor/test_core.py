@@ -127,12 +127,14 @@ def test_a_damaged_checkpoint_is_refused() -> None:
     core = WheelCore(of_wheel, model())
     run_core(core, list(pieces(samples, [1_500]))[:1])
     content = json.loads(core.checkpoint().to_json())
-    (window,) = content["windows"]["gathered"]
+    ((start, window),) = content["open"]
     endless = b64encode(np.array([np.inf]).tobytes()).decode()
     for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1], {}, None):
-        windows = content["windows"] | {"gathered": [window | {"x": damaged}]}
-        with pytest.raises(InputError, match=r"gathered.*x"):
-            resumed(json.dumps(content | {"windows": windows}).encode(), of_wheel)
+        with pytest.raises(InputError, match=r"open.*x|does not fit"):
+            resumed(json.dumps(content | {"open": [[start, window | {"x": damaged}]]}).encode(), of_wheel)
+    for name in ("channels", "memories"):
+        with pytest.raises(InputError, match="does not fit"):
+            resumed(json.dumps(content | {name: [endless] * 3}).encode(), of_wheel)
 
 
 def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
@@ -148,16 +150,21 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     assert (again.counts.used, again.counts.rejected) == (400, 100)
 
 
-def test_a_checkpoint_that_counts_something_else_or_beyond_all_bounds_is_refused() -> None:
+def test_a_checkpoint_that_counts_beyond_all_bounds_is_refused() -> None:
     core = WheelCore(wheel(), model())
     core.feed(telemetry(WINDOW)[:200])
     whole = json.loads(core.checkpoint().to_json())
-    for key, value in (("counts", {"__class__": 1}), ("counts", {"used": -1}), ("counts", {"used": 2**60})):
-        with pytest.raises(InputError, match="counts"):
-            resumed(json.dumps(whole | {key: value}).encode(), wheel())
-    for part, field in (("slots", "begin"), ("windows", "done"), ("grid", "origin_ns"), ("grid", "frontier")):
+    for part, field, value in (
+        ("sequencer", "counts", {"used": -1}),
+        ("sequencer", "counts", {"used": 2**60}),
+        ("sequencer", "expected", -(2**64)),
+        ("slots", "begin", 2**64),
+    ):
         with pytest.raises(InputError, match=field):
-            resumed(json.dumps(whole | {part: whole[part] | {field: 2**64}}).encode(), wheel())
+            resumed(json.dumps(whole | {part: whole[part] | {field: value}}).encode(), wheel())
+    for field in ("done", "origin_ns", "frontier"):
+        with pytest.raises(InputError, match=field):
+            resumed(json.dumps(whole | {field: 2**64}).encode(), wheel())
 
 
 def test_a_checkpoint_of_another_wheel_is_refused() -> None:
@@ -165,7 +172,7 @@ def test_a_checkpoint_of_another_wheel_is_refused() -> None:
     core.feed(telemetry(500))
     with pytest.raises(InputError, match="does not fit"):
         resumed(core.checkpoint().to_json(), wheel())
-    with pytest.raises(InputError, match="counts"):
+    with pytest.raises(InputError, match="said_missing"):
         resumed(b'{"version":2,"source":"","said_missing":false}', wheel())
 
 

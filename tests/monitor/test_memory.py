@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import tracemalloc
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from functools import _lru_cache_wrapper
 from pathlib import Path
@@ -62,7 +62,7 @@ class Driven:
 @contextmanager
 def driven(folder: Path, of_wheel: Wheel, max_file_bytes: int) -> Iterator[Driven]:
     folder.mkdir()
-    with open_session(BusOptions()) as session, MonitorBus(session, Inbox()) as bus:
+    with open_session(BusOptions()) as session, closing(MonitorBus(session, Inbox())) as bus:
         driver = Driven(folder, of_wheel, bus, max_file_bytes)
         yield driver
         driver.monitor.close()
@@ -142,7 +142,7 @@ def held_bytes() -> int:
 
 def test_nothing_is_kept_of_windows_that_were_closed_and_of_files_that_were_ended(tmp_path: Path) -> None:
     folder = tmp_path / "recordings"
-    with driven(folder, wheel(), max_file_bytes=100_000) as driver, traced():
+    with driven(folder, wheel(), max_file_bytes=80_000) as driver, traced():
         driver.send(2, range(24))
         held, sent_bytes, files = held_bytes(), driver.sent_bytes, len(recordings_of(folder))
         driver.send(2, range(24, 104))

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.events import Output
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.copies import recover
-from rwa_monitor.monitor.recording.reader import file_sha256, last_settings, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, FolderLock, Recorder, RecordingWriter
+from rwa_monitor.monitor.recording.reader import file_sha256, read_recording, recordings_of
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked
 from tests.monitor.recordings import TOPICS
 
 Checkpoints = dict[str, Callable[[], bytes]]
@@ -79,7 +81,7 @@ def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monk
     turns = []
     for number in range(60):
         writing.maintain(MAX_FILE_AGE_S + 1.0 + 0.1 * number, lambda: wheels, busy=number < 20)
-        turns.append(last_settings(recordings_of(tmp_path)[-1])["checkpoints"])
+        turns.append(read_recording(recordings_of(tmp_path)[-1]).settings()["checkpoints"])
     # The first at once, then one in five turns; from the twentieth turn on one in each.
     assert turns == ["some"] * (20 + 3) + ["all"] * (60 - 23)
     writing.close(MAX_FILE_AGE_S + 10.0)
@@ -119,13 +121,12 @@ def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp
 def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "rwa-000007.mcap.part").write_bytes(b"half a header")
     writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0, inherited=[(TOPICS[0], "rwa.Diagnosis", b"owed", 3)])
+    writing.begin({}, now_s=0.0, inherited=[Output(TOPICS[0], Diagnosis, b"owed", 3)])
     writing.abandon()  # as a crash right after the beginning
     (path,) = recordings_of(tmp_path)
     assert list(tmp_path.glob("*.part")) == []
     recording = read_recording(path)
     assert [message.data for message in recording.messages] == [b"owed"]
-    assert recording.settings()["inherited"] == {TOPICS[0]: 1}
 
 
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
@@ -159,8 +160,8 @@ def test_the_lists_of_a_fleets_topics_do_not_fill_the_recording(tmp_path: Path) 
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="--record"):
-        FolderLock(tmp_path / "file" / "inside")
+    with pytest.raises(InputError, match="--record"), locked(tmp_path / "file" / "inside"):
+        pass
 
 
 DISK_FULL = """

@@ -23,7 +23,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.reader import last_settings, read_chain, recordings_of
+from rwa_monitor.monitor.recording.reader import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.state_recovery import recover_state
@@ -117,7 +117,7 @@ def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Run]]:
 
 def is_between(folder: Path) -> bool:
     """Return whether the wheels are being brought over into the last recording."""
-    return bool(last_settings(recordings_of(folder)[-1])["checkpoints"] == "some")
+    return bool(read_recording(recordings_of(folder)[-1]).settings()["checkpoints"] == "some")
 
 
 def check(folder: Path) -> None:
@@ -215,7 +215,7 @@ def test_a_checkpoint_damaged_while_the_wheels_come_over_costs_nothing(tmp_path:
     run.recorder.sync(run.now_s)
     path = recordings_of(run.folder)[-1]
     data = bytearray(path.read_bytes())
-    data[data.index(b'"said_missing"')] ^= 1
+    data[data.index(b'"reported_missing"')] ^= 1
     folder = run.killed("damaged")
     (folder / path.name).write_bytes(data)
     assert "cannot be read" in go_on(start(folder)).log_lines[0]

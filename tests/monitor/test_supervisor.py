@@ -19,7 +19,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.recording.recorder import FolderLock
+from rwa_monitor.monitor.recording.recorder import locked
 from rwa_monitor.monitor.service import Supervisor, run
 from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import KEY, free_port, model, telemetry, wheel
@@ -100,7 +100,7 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
 
     def log(line: str) -> None:
         """Stall as a terminal does whose reader has stopped reading."""
-        if "message of 'p' is missing" in line:
+        if "missing: 1 message of 'p'" in line:
             stalls.set()
             goes_on.wait(60.0)
 
@@ -183,18 +183,12 @@ def test_a_file_is_touched_by_each_sign_of_life_and_by_nothing_else(tmp_path: Pa
 # ---- exit codes ------------------------------------------------------------------------------------------------------
 
 
-@contextmanager
-def taken(folder: Path) -> Iterator[None]:
-    with FolderLock(folder):
-        yield
-
-
 @pytest.mark.processes
 def test_a_supervisor_can_distinguish_what_to_repeat_from_what_to_mend(tmp_path: Path, wheel_file: Path) -> None:
     """Exit code 1: the world may be better next time. 2: somebody must change a file or an option first."""
     broken = tmp_path / "broken.toml"
     broken.write_text("[wheel]\nname = 1\n")
-    with socket.create_server(("127.0.0.1", 0)) as listening, taken(tmp_path / "taken"):
+    with socket.create_server(("127.0.0.1", 0)) as listening, locked(tmp_path / "taken"):
         taken_port = listening.getsockname()[1]
         cases = {
             ("-m", "client", "-e", f"tcp/127.0.0.1:{free_port()}"): 1,  # nobody there

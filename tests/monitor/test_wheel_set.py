@@ -17,7 +17,7 @@ from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.reader import Recording, recordings_of
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.searches import jobs_of
+from rwa_monitor.monitor.searches import job_of
 from rwa_monitor.monitor.setup import COMMON, WheelSet
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.configuration import read_wheel_folder, write_wheel
@@ -113,7 +113,7 @@ def test_an_attachment_that_is_of_no_wheel_is_refused(name: str) -> None:
 
 def test_a_search_is_repeated_with_the_wheels_own_constants() -> None:
     wheels = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
-    jobs = jobs_of([discrepancy(0, "wheel_1"), discrepancy(0, "wheel_2")], [], wheels)
+    jobs = [job_of(discrepancy(0, name), [], wheels) for name in ("wheel_1", "wheel_2")]
     assert [job.wheel_toml for job in jobs] == [wheel().to_toml(), wheel(WINDOW // 2).to_toml()]
 
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.reporting.number_formats import PREFIXES, in_words, measure, probability, scaled
+from rwa_monitor.reporting.number_formats import PREFIXES, in_words, measure, probability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 
 
@@ -40,10 +40,7 @@ def test_what_is_written_is_the_value_to_within_its_error(value: float, relative
     assert float(written[2]) * 10.0**power == pytest.approx(relative * value, rel=0.06)
 
 
-def test_axes_and_probabilities() -> None:
-    assert scaled("mean residual [N m]", 3.5e-4) == ("mean residual [µN m]", pytest.approx(1e6))
-    for label in ("autocorrelation [-]", "time [s]", "speed ω [rad/s]"):
-        assert scaled(label, 1e4) == (label, 1.0)
+def test_probabilities() -> None:
     assert [probability(p) for p in (0.0, 2.8e-4, 0.51)] == ["< 10⁻¹⁶", "2.8·10⁻⁴", "0.51"]
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_up_laws, expand, free_bounds, priced_bounds
+from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_up_laws, scores_of_expanded
 from rwa_monitor.switching.assignment import search
 from tests.switching.assignment_problems import FREE, LONG, SHORT, Problem, random_path, random_problem, step_of
 
@@ -182,13 +182,12 @@ def test_prices_change_the_work_and_not_the_paths():
     for _ in range(20):
         problem = random_problem(rng, (SHORT, LONG), 12, sized=bool(rng.integers(2)))
         found = search(problem.scores, paths=16, margin=10.0, budget=100_000)
-        free, worth = free_bounds(problem.scores)
         cutoff = found.paths[0].score - 10.0
         entries = []
         for path in (found.paths[0], random_path(rng, problem)):
-            priced = priced_bounds(problem.scores, worth, np.array(path.start), path.actions)
-            for above in (free, (free[0], *priced)):
-                score, expanded = expand(problem.scores, above, cutoff, 100_000, 4)
+            for priced in (False, True):
+                start = np.array(path.start)
+                score, expanded = scores_of_expanded(problem.scores, start, path.actions, priced, cutoff, 100_000, 4)
                 score = np.sort(score[score >= cutoff])[::-1]
                 np.testing.assert_allclose(score[:16], [path.score for path in found.paths], rtol=0, atol=1e-9)
                 entries.append(expanded)

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatPath
-from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, tell
-from rwa_monitor.kernels.friction import condition
-from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
+from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
+from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, switching_path
+from rwa_monitor.kernels.friction import solve_cases
+from rwa_monitor.kernels.laws import densities
 from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.assignment import Path, search
+from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_problems import LONG, SHORT, Problem, random_path, random_problem, step_of
 from tests.switching.assignment_windows import sums_of
 
@@ -48,7 +49,7 @@ def test_a_path_of_the_search_becomes_a_switching_path():
         paths = [*search(problem.scores, paths=8, margin=12.0, budget=20_000).paths, random_path(rng, problem)]
         for path in paths:
             kinds.update(path.actions.tolist())
-            flat, nodes, system, direction = tell(problem.actions, index, np.array(path.start), path.actions)
+            flat, nodes, system, direction = switching_path(problem.actions, index, np.array(path.start), path.actions)
             configurations, starts, alone = plain_path(problem, path, index)
             nested = FlatPath(*flat).by_system()
             assert [q.tolist() for q in nested.configurations] == configurations
@@ -104,54 +105,65 @@ def test_levels_without_samples_leave_the_sign_to_the_contrast():
     assert segments.typical_jump(np.array([np.nan])) == 0.0
 
 
-@pytest.mark.parametrize("blocks", [[0, 1, 1, 1, 4, 4, 6, 7], [0] * 8, list(range(8))])
-def test_conditioning_is_that_of_the_normal_equations(blocks):
-    """Posterior and evidence against dense linear algebra, for priors that are diagonal, in blocks, and full."""
+@pytest.mark.parametrize("spread", [(0.0, 0.0), (0.3, 0.0), (0.2, 0.7)])
+def test_the_posterior_is_that_of_the_normal_equations(spread):
+    """Mean, covariance and evidence against dense linear algebra; with a spread, sojourns vary together."""
     rng = np.random.default_rng(14)
-    unknowns, count, variance, scatter = 8, 12, 0.04, 0.01
-    levels = (rng.random((count, unknowns - 1)) < 0.4).astype(np.float64)
+    configurations, starts = np.array([0, 1, 0, 1, 1, 2, 1]), np.array([0, 100, 250, 400, 0, 180, 330])
+    system, alone, slope_at = np.array([0, 0, 0, 0, 1, 1, 1]), 500, 7
+    table = np.array([[[0.0, 0.0], [0.5, 0.1], [0.0, 0.0]], [[0.1, 0.2], [0.6, 0.3], [1.1, 0.2]]])
+    borders = np.array([0, 100, 180, 250, 330, 400, alone, 600])
+    column = np.array([-1, 1, -1, 2, 3, 4, 5])
+    ends = np.array([100, 250, 400, 600, 180, 330, 600])
+    levels = np.zeros((7, 7))
+    levels[:, 0], levels[-1, 6] = 1.0, 1.0
+    for begin, end, place in zip(starts, ends, column, strict=True):
+        if place >= 0:
+            levels[(borders[:-1] >= begin) & (borders[1:] <= end), place] = 1.0
+    # The prior: base, friction of each sojourn (1 + a) (mid + scatter), the jump that no system made, the slope.
+    base, anomaly, rest = (1.2, 0.3), np.array([[0.1, spread[0]], [-0.2, spread[1]]]), np.array([0.4, 0.9, 0.2])
+    free = column >= 0
+    mid, scatter_of = table[system, configurations][free].T
+    factor, own = 1.0 + anomaly[system[free], 0], anomaly[system[free], 1] * mid
+    mean = np.concatenate([[base[0]], factor * mid, [0.0, rest[1]]])
+    prior = np.diag(np.concatenate([[base[1]], factor * scatter_of, [rest[0], rest[2]]]) ** 2)
+    prior[1:6, 1:6] += np.outer(own, own) * np.equal.outer(system[free], system[free])
+    # Sums of segments whose samples spread about their means by `squares`, uncorrelated.
+    variance, scatter, count = 0.04, 0.01, 7
     n, x, z = rng.integers(1, 200, count).astype(np.float64), rng.uniform(0.3, 1.0, count), rng.normal(1.0, 0.5, count)
     squares = rng.uniform(0.5, 1.0, (2, count))
-    # Sums of segments whose samples spread about their means by `squares`, uncorrelated.
-    moments = np.stack([n, n * x, n * z, n * x * x + squares[0], n * x * z, n * z * z + squares[1]])
-    root = rng.normal(0.0, 0.5, (unknowns, unknowns))
-    same = np.equal.outer(blocks, blocks)
-    prior = np.where(same, root @ root.T, 0.0) + 0.2 * np.eye(unknowns)
-    mean = rng.normal(1.0, 0.3, unknowns)
-    rows = np.concatenate([np.concatenate([levels, x[:, None]], axis=1), np.zeros((count, unknowns))])
-    rows[count:, -1] = np.sqrt(squares[0])
-    values = np.concatenate([z, np.zeros(count)])
+    statistics = np.stack([n, n * x, n * z, n * x * x + squares[0], n * x * z, n * z * z + squares[1]])
+    rows = np.concatenate([np.concatenate([levels, x[:, None]], axis=1), np.zeros((count, 8))])
+    rows[count:, slope_at] = np.sqrt(squares[0])
     noise = np.concatenate([variance / n + scatter, np.full(count, variance)])
     gram = rows @ prior @ rows.T + np.diag(noise)
-    miss = values - rows @ mean
+    miss = np.concatenate([z, np.zeros(count)]) - rows @ mean
     expected = mean + prior @ rows.T @ np.linalg.solve(gram, miss)
     covariance = prior - prior @ rows.T @ np.linalg.solve(gram, rows @ prior)
     evidence = -0.5 * miss @ np.linalg.solve(gram, miss) - 0.5 * np.linalg.slogdet(gram)[1]
     evidence -= 0.5 * squares[1].sum() / variance - 0.5 * (np.log(variance / n).sum() + count * np.log(variance))
-    found, posterior = np.empty(unknowns), np.empty((unknowns, unknowns))
-    log_evidence = condition(levels, moments, mean, prior.copy(), np.array(blocks), variance, scatter, found, posterior)
-    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
-    assert posterior == pytest.approx(covariance, rel=1e-9, abs=1e-12)
-    assert log_evidence == pytest.approx(evidence, rel=1e-9)
+    path = FlatPath(configurations, starts, np.array([4, 3]), np.array([alone]))
+    cases = Cases(np.array([[base, *anomaly]]), np.zeros((1, 3), dtype=np.int64), np.zeros(1), rest)
+    found = solve_cases(path, borders, table, statistics, cases, variance, scatter)
+    assert found[0] == pytest.approx(evidence, rel=1e-9)
+    assert found[1] == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert found[2] == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-9)
+    assert found[3] == pytest.approx(covariance, rel=1e-9, abs=1e-12)
+    assert found[4].tolist() == column.tolist()
 
 
-def test_densities_of_sojourns_are_those_of_their_levels():
-    rng = np.random.default_rng(15)
+def test_values_that_are_not_known_have_no_density():
     model = built_in_model().anomalies[3]
-    configuration = np.array([0, 1, 2, 1, 2, 9])
-    friction, std = rng.uniform(0.2, 1.6, 6), rng.uniform(0.01, 0.2, 6)
-    friction[3] = np.nan
-    shift = np.linspace(-0.2, 0.2, 5)
-    found = sojourn_densities(configuration, friction, std, shift, model.numbers)
-    stray, relative = strays(configuration, friction, std, model.numbers)
-    plain = []
-    for k, q in enumerate(configuration):
-        levels = model.levels[q] if q < len(model.levels) else None
-        if levels is None or not np.isfinite(friction[k]):
-            assert (found[:, k] == 1.0).all()
-            continue
-        spread = np.full(5, std[k])
-        assert found[:, k] == pytest.approx(level_densities(friction[k] + shift, spread, levels.numbers)[:2], rel=1e-12)
-        nominal, anomalous, inside = level_densities(friction[k : k + 1], std[k : k + 1], levels.numbers)[:, 0]
-        plain.append((max(0.0, 1.0 - inside / (nominal + anomalous)), std[k] / levels.reach))
-    assert np.stack([stray, relative], axis=1) == pytest.approx(np.array(plain), rel=1e-12)
+    configuration, friction = np.array([0, 1, 2, 1, 9]), np.array([0.5, 0.5, 1.0, np.nan, 0.5])
+    std, offset = np.full(5, 0.05), np.linspace(-0.2, 0.2, 5)
+    found = densities(configuration, friction, std, offset, model.numbers)
+    for k, known in enumerate([model.levels[0] is not None, True, True, False, False]):
+        assert np.isfinite(found[2, k]).all() == known
+        assert known or (found[:2, k] == 1.0).all()
+    for k in (1, 2):  # as of one level, the offset added to the value
+        level, spread = np.zeros(5, dtype=np.int64), np.full(5, std[k])
+        one = densities(level, friction[k] + offset, spread, np.zeros(1), model.levels[configuration[k]].numbers[None])
+        assert found[:, k] == pytest.approx(one[:, :, 0], rel=1e-12)
+    stray, relative = stray_probabilities(model, configuration, friction, std)
+    assert stray == pytest.approx(found[2, 1:3, 2], rel=1e-12)
+    assert relative == pytest.approx([0.05 / model.levels[q].reach for q in (1, 2)], rel=1e-12)

@@ -196,8 +196,6 @@ class Backfill:
         self._clock_s = clock_s
         self._next: OrderedDict[str, int] = OrderedDict()  # number of the next message of each publisher
         self._gaps: dict[str, _Gap] = {}
-        self._unasked: deque[_Gap] = deque()  # of these, whose publishers were not asked yet
-        self._asked: list[_Gap] = []  # and the others
         self._held_bytes = 0
         self._ready: deque[Arrival] = deque()
         self._no_use: OrderedDict[str, None] = OrderedDict()  # who writes what cannot be read: an ordered set
@@ -223,14 +221,9 @@ class Backfill:
     def _sort(self, arrival: Arrival) -> None:
         """Pass a message on, or let it wait for those before it."""
         source, number = arrival.source, arrival.number
-        if source in self._gaps:
-            self._hold(self._gaps[source], arrival)
-            return
         following = self._next.get(source, 0)
-        if source and number > following:
-            gap = self._gaps[source] = _Gap(following, arrival)
-            self._unasked.append(gap)
-            self._hold(gap, arrival)
+        if source in self._gaps or (source and number > following):
+            self._hold(self._gaps.setdefault(source, _Gap(following, arrival)), arrival)
             return
         self._pass(arrival)
 
@@ -261,11 +254,8 @@ class Backfill:
         for arrival in following:
             self._hold(gap, arrival)
         if source in self._gaps:  # what is missing further on is found to be missing again
-            later = self._gaps.pop(source)
-            gap.held += later.held
-            (self._unasked if later.asked_s is None else self._asked).remove(later)
+            gap.held += self._gaps.pop(source).held
         self._gaps[source] = gap
-        self._unasked.appendleft(gap)
         self._ask_next()
         return True
 
@@ -284,16 +274,15 @@ class Backfill:
 
     def _ask_next(self) -> None:
         """Ask the publishers whose turn has come."""
-        if not self._unasked:
+        unasked = [gap for gap in self._gaps.values() if gap.asked_s is None]
+        if not unasked:
             return
         now_s = self._clock_s()
-        awaited = sum(gap.is_awaited(now_s) for gap in self._asked)
-        found_bytes = sum(gap.found_bytes for gap in self._asked)
-        while self._unasked and awaited < MAX_ASKED and found_bytes <= self._max_bytes:
-            gap = self._unasked.popleft()
-            self._asked.append(gap)
-            self._ask_for(gap)
-            awaited += 1
+        awaited = sum(gap.is_awaited(now_s) for gap in self._gaps.values())
+        found_bytes = sum(gap.found_bytes for gap in self._gaps.values())
+        for gap in unasked[: max(0, MAX_ASKED - awaited)]:
+            if found_bytes <= self._max_bytes:
+                self._ask_for(gap)
 
     def _ask_for(self, gap: _Gap) -> None:
         def answered() -> None:
@@ -318,7 +307,6 @@ class Backfill:
                 self._ask_for(gap)
             return
         del self._gaps[source]
-        self._asked.remove(gap)
         found = dict(gap.found)  # a late answer may still come
         if gap.unread is not None:
             found = {gap.first: found.get(gap.first, gap.unread)._replace(again=True)}

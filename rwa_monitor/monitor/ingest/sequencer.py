@@ -5,13 +5,15 @@ It has no clock: what is decided depends on the messages alone, so that a replay
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import numpy as np
 
+from rwa_monitor.messages import ClockNs, Count
 from rwa_monitor.samples import Samples
-from rwa_monitor.words import counted, is_or_are
+from rwa_monitor.words import counted
 
 # A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
 # only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
@@ -55,15 +57,15 @@ class Counts:
         Gaps in the batch numbers.
     """
 
-    received: int = 0
-    used: int = 0
-    masked: int = 0
-    late: int = 0
-    duplicate: int = 0
-    rejected: int = 0
-    queued: int = 0
-    slots_missed: int = 0
-    messages_missed: int = 0
+    received: Count = 0
+    used: Count = 0
+    masked: Count = 0
+    late: Count = 0
+    duplicate: Count = 0
+    rejected: Count = 0
+    queued: Count = 0
+    slots_missed: Count = 0
+    messages_missed: Count = 0
 
 
 class Batch(NamedTuple):
@@ -73,7 +75,7 @@ class Batch(NamedTuple):
     """
 
     publisher: str
-    number: int | None
+    number: Count | None
     samples: Samples
     passed: bool = False
 
@@ -105,21 +107,19 @@ class Sequencer:
     more likely a second live publisher than a restart, and waits `UNCERTAIN_FACTOR` times longer.
     """
 
-    counts: Counts
+    counts: Counts = field(default_factory=Counts)
     current: str | None = None
-    expected: int | None = None
+    expected: Count | None = None
     held: dict[int, Batch] = field(default_factory=dict)
     skipped: dict[int, None] = field(default_factory=dict)  # an ordered set
     takeover: list[Batch] = field(default_factory=list)
     takeover_uncertain: bool = False
-    largest: int = 0  # samples of the current publisher's largest message
+    largest: Count = 0  # samples of the current publisher's largest message
     replaced: list[str] = field(default_factory=list)
-    latest_ns: int | None = None  # median time of the current publisher's latest message, before any step of its clock
-    _ready: list[Batch] = field(default_factory=list)  # of the call that is being worked on, as the events
-    _events: list[Trouble] = field(default_factory=list)
+    latest_ns: ClockNs | None = None  # median time of the current publisher's latest message, before any clock step
 
-    def put(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[Trouble]]:
-        """Take a message; return the messages that are ready now, in order, and what happened.
+    def put(self, batch: Batch, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
+        """Take a message; yield the messages that are ready now, in order, and what happened.
 
         Parameters
         ----------
@@ -128,29 +128,25 @@ class Sequencer:
         frontier_ns
             Time of the latest sample taken so far, None before the first [ns].
         """
-        self._ready, self._events = [], []
         count = len(batch.samples)
         self.counts.received += count
         self.counts.queued += count
         if self.current is None:
             self._begin(batch)
         if batch.publisher == self.current:
-            self._reject_takeover()
-            self._in_order(batch, frontier_ns)
+            yield from self._reject_takeover()
+            yield from self._in_order(batch, frontier_ns)
         else:
-            self._other_publisher(batch, frontier_ns)
-        return self._ready, self._events
+            yield from self._other_publisher(batch, frontier_ns)
 
-    def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[Trouble]]:
+    def flush(self, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
         """Release everything that waits, in order: nothing more will come."""
-        self._ready, self._events = [], []
-        self._release(len(self.held))
+        yield from self._release(len(self.held))
         if self.takeover_uncertain:
-            self._reject_takeover()
+            yield from self._reject_takeover()
         if self.takeover:
-            self._take_over(frontier_ns)
-            self._release(len(self.held))
-        return self._ready, self._events
+            yield from self._take_over(frontier_ns)
+            yield from self._release(len(self.held))
 
     def _begin(self, batch: Batch) -> None:
         self.current = batch.publisher
@@ -162,16 +158,16 @@ class Sequencer:
         # A publisher whose first message overtook others has small numbers; one that we join late has any.
         self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
 
-    def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> None:
+    def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
         if self.takeover and self.takeover[0].publisher != batch.publisher:
-            self._reject_takeover()
+            yield from self._reject_takeover()
         if not self.takeover:
             repeats = frontier_ns is not None and len(batch.samples) > 0 and batch.samples.time_ns[-1] <= frontier_ns
             self.takeover_uncertain = bool(repeats) or batch.publisher in self.replaced
         self.takeover.append(batch)
         if self._is_restart():
-            self._release(len(self.held))
-            self._take_over(frontier_ns)
+            yield from self._release(len(self.held))
+            yield from self._take_over(frontier_ns)
 
     def _is_restart(self) -> bool:
         """Return whether the other publisher has sent enough for a restart."""
@@ -179,7 +175,7 @@ class Sequencer:
         samples = messages * min(self.largest, TAKEOVER_SAMPLES)
         return len(self.takeover) >= messages and sum(len(batch.samples) for batch in self.takeover) >= samples
 
-    def _reject_takeover(self) -> None:
+    def _reject_takeover(self) -> Iterator[Trouble]:
         """Reject what a second publisher sent, if there is one, while the current one is alive."""
         if not self.takeover:
             return
@@ -190,36 +186,36 @@ class Sequencer:
         self.counts.queued -= count
         self.counts.rejected += count
         text = f"two live publishers on one wheel: {counted(count, 'sample')} of {refused!r} rejected"
-        self._events.append(Trouble("publisher conflict", f"{text}, {self.current!r} goes on"))
+        yield Trouble("publisher conflict", f"{text}, {self.current!r} goes on")
 
-    def _take_over(self, frontier_ns: int | None) -> None:
+    def _take_over(self, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
         batches, self.takeover, self.takeover_uncertain = self.takeover, [], False
         if self.current is not None:
             self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
         text = f"publisher {batches[0].publisher!r} took over from {self.current!r}, which had gone silent"
-        self._events.append(Trouble("publisher change", text))
+        yield Trouble("publisher change", text)
         self.latest_ns = None
         self._begin(min(batches, key=lambda batch: -1 if batch.number is None else batch.number))
         for batch in batches:
-            self._in_order(batch, frontier_ns)
+            yield from self._in_order(batch, frontier_ns)
 
-    def _in_order(self, batch: Batch, frontier_ns: int | None) -> None:
+    def _in_order(self, batch: Batch, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
         """Take a message of the current publisher, in its turn or not."""
         self.largest = max(self.largest, len(batch.samples))
         if batch.number is None or self.expected is None:
             if batch.number is not None:
                 self.expected = batch.number + 1
-            self._ready.append(batch)
+            yield batch
         elif batch.number == self.expected and not self.held:  # as nearly always
             self.expected += 1
-            self._ready.append(batch)
+            yield batch
         elif batch.number < self.expected:
-            self._passed(batch, batch.number, frontier_ns)
+            yield from self._passed(batch, batch.number, frontier_ns)
         elif batch.number in self.held:  # the same message twice while it waits
             self._count_duplicate(batch)
         else:
             self.held[batch.number] = batch
-            self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
+            yield from self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
         time_ns = batch.samples.time_ns
         if time_ns.size:
             # The middle one: a single wild time does not matter.
@@ -227,20 +223,20 @@ class Sequencer:
             middle_ns = int(np.partition(time_ns, rank)[rank])
             self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
 
-    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> None:
+    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
         """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
         times = batch.samples.time_ns
         known_ns = [time_ns for time_ns in (frontier_ns, self.latest_ns) if time_ns is not None]
         if number in self.skipped:
             del self.skipped[number]
-            self._ready.append(batch._replace(passed=True))
+            yield batch._replace(passed=True)
         elif number < HOLD_BACK_MESSAGES and known_ns and times.size and int(times.min()) > max(known_ns):
             # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name. What comes
             # again out of a history is earlier than something before it, also when the clock has stepped back since.
-            self._release(len(self.held))
+            yield from self._release(len(self.held))
             self._begin(batch)
             self.expected = number + 1
-            self._ready.append(batch)
+            yield batch
         else:
             self._count_duplicate(batch)
 
@@ -248,7 +244,7 @@ class Sequencer:
         self.counts.queued -= len(batch.samples)
         self.counts.duplicate += len(batch.samples)
 
-    def _release(self, at_least: int) -> None:
+    def _release(self, at_least: int) -> Iterator[Batch | Trouble]:
         """Release what is next in order, and at least so many of those that wait, over the gaps before them."""
         released = 0
         while self.held:
@@ -256,18 +252,17 @@ class Sequencer:
             if number != self.expected:
                 if released >= at_least:
                     break
-                self._skip(number)
-            self._ready.append(self.held.pop(number))
+                yield self._skip(number)
             self.expected = number + 1
+            yield self.held.pop(number)
             released += 1
 
-    def _skip(self, number: int) -> None:
+    def _skip(self, number: int) -> Trouble:
         """Give up the batches before `number`, but keep their numbers."""
         first = number if self.expected is None else self.expected
         self.counts.messages_missed += number - first
         self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
         while len(self.skipped) > MAX_SKIPPED:
             del self.skipped[next(iter(self.skipped))]
-        missing = f"{is_or_are(number - first)} missing, from batch {first} on"
-        text = f"{counted(number - first, 'message')} of {self.current!r} {missing}"
-        self._events.append(Trouble("messages missed", text))
+        text = f"missing: {counted(number - first, 'message')} of {self.current!r}, from batch {first} on"
+        return Trouble("messages missed", text)

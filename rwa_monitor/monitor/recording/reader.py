@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from errno import EIO
 from hashlib import sha256
-from io import SEEK_END, BytesIO, FileIO
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
 
@@ -49,11 +49,10 @@ MAX_PASSING_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
 MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
 _HEAD_BYTES: Final = 9  # opcode and length
-_FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
+_FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4 + len(MCAP0_MAGIC)
 _COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
 _CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
-_ATTACHMENT_NAME: Final = 8 + 8  # where the name of an attachment begins, with its length, after two times
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
 _MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
@@ -165,6 +164,8 @@ class PassingRecording:
         self.share = 0.0
         self._limit = limit
         self._work_share = work_share
+        self._file: BinaryIO
+        self._size = 0
         self._found: list[Attached | RecordedMessage] = []  # in the record at hand
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, tuple[str, str]] = {}  # topic and schema
@@ -182,19 +183,35 @@ class PassingRecording:
         """
         path = self.recording.path
         try:
-            with path.open("rb", buffering=0) as file:
-                self._file = _Pieces(file)
-                if self._file.size > self._limit:
+            with path.open("rb", buffering=PIECE_BYTES) as self._file:
+                self._size = os.fstat(self._file.fileno()).st_size
+                if self._size > self._limit:
                     raise InputError(display_name(path), f"is larger than the limit of {self._limit:,} bytes")
-                if self._file.read(0, len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
                     raise InputError(str(path), "is no MCAP file")
-                self._most_work_bytes = max(MAX_WORK_BYTES, self._work_share * self._file.size)
-                yield from self._parts(self._file.size)
+                self._most_work_bytes = max(MAX_WORK_BYTES, self._work_share * self._size)
+                yield from self._parts()
         except OSError as error:
             raise unreadable(path, error) from error
 
-    def _parts(self, size: int) -> Iterator[Attached | RecordedMessage]:
-        position = len(MCAP0_MAGIC)
+    def _read(self, start: int, stop: int) -> bytes:
+        """Return the bytes between two positions; fewer where the file ends before."""
+        self._file.seek(start)
+        data = self._file.read(stop - start)
+        if start + len(data) < min(stop, self._size):
+            raise OSError(EIO, "it became shorter while it was read")
+        return data
+
+    def _find(self, wanted: bytes, start: int) -> int:
+        """Return where some bytes are found first from `start` on, -1 where they are not."""
+        while start + len(wanted) <= self._size:
+            if (found := self._read(start, start + PIECE_BYTES).find(wanted)) >= 0:
+                return start + found
+            start += PIECE_BYTES - len(wanted) + 1  # what is looked for may lie across the border
+        return -1
+
+    def _parts(self) -> Iterator[Attached | RecordedMessage]:
+        position, size = len(MCAP0_MAGIC), self._size
         while position < size and not self.recording.finished:
             stop = self._record_end(position)
             if stop is None or not self._take_record(position, stop):
@@ -209,23 +226,23 @@ class PassingRecording:
 
     def _record_end(self, position: int) -> int | None:
         """Return where the record at `position` ends, None where no record can be."""
-        if position + _HEAD_BYTES > self._file.size:
+        if position + _HEAD_BYTES > self._size:
             return None
-        length = int.from_bytes(self._file.read(position + 1, position + _HEAD_BYTES), "little")
+        length = int.from_bytes(self._read(position + 1, position + _HEAD_BYTES), "little")
         stop = position + _HEAD_BYTES + length
-        return stop if length <= MAX_RECORD_BYTES and stop <= self._file.size else None
+        return stop if length <= MAX_RECORD_BYTES and stop <= self._size else None
 
     def _take_record(self, position: int, stop: int) -> bool:
         """Take in one record; False where it is damaged."""
         self._begin_work(stop - position)
-        record = self._file.read(position, stop)
+        record = self._read(position, stop)
         opcode, content = record[0], record[_HEAD_BYTES:]
         if opcode == Opcode.CHUNK:
             return self._take_chunk(content)
         if opcode == Opcode.ATTACHMENT:
             return self._take_attachment(content)
         if opcode == Opcode.DATA_END:
-            self.recording.finished = self._summary_is_whole(stop)
+            self.recording.finished = self._is_end(stop)
             return self.recording.finished
         return _is_ignored(opcode, content)
 
@@ -303,78 +320,35 @@ class PassingRecording:
         self._found.append(Attached(attachment.name, attachment.data))
         return True
 
-    def _summary_is_whole(self, start: int) -> bool:
-        """Check what follows the data: it only repeats it, but a damaged one may not be the end at all."""
-        end = self._file.size - len(MCAP0_MAGIC)
-        footer = end - _FOOTER_BYTES
-        if footer < start:
-            return False
-        summary, magic = self._file.read(start, end), self._file.read(end, self._file.size)
-        if summary[footer - start] != Opcode.FOOTER or magic != MCAP0_MAGIC:
-            return False
-        return zlib.crc32(summary[:-4]) == int.from_bytes(summary[-4:], "little")
+    def _is_end(self, stop: int) -> bool:
+        """Return whether the data ends here: the footer names where the summary begins, which only repeats them."""
+        footer = self._read(max(0, self._size - _FOOTER_BYTES), self._size)
+        return footer.endswith(MCAP0_MAGIC) and int.from_bytes(footer[_HEAD_BYTES : _HEAD_BYTES + 8], "little") == stop
 
     def _next_chunk(self, position: int) -> int:
         """Return where the next whole chunk begins, the file's end where there is none."""
-        while (found := self._file.find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
+        while (found := self._find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
             start = found - _COMPRESSION_OFFSET
             stop = self._record_end(start)
             if stop is not None and self._is_chunk(start, stop):
                 return start
             position = start + 1
-        return self._file.size
+        return self._size
 
     def _is_chunk(self, start: int, stop: int) -> bool:
         """Return whether a whole chunk lies between two positions; looks at its head before it copies anything."""
-        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self._file.read(start, start + _CHUNK_HEAD.size))
+        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self._read(start, start + _CHUNK_HEAD.size))
         data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
-        length = int.from_bytes(self._file.read(data - 8, data), "little")
+        length = int.from_bytes(self._read(data - 8, data), "little")
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
             return False
         self._begin_work(stop - start)
         try:
-            return bool(self._unpack(self._file.read(start + _HEAD_BYTES, stop)))
+            return bool(self._unpack(self._read(start + _HEAD_BYTES, stop)))
         except InputError:
             raise
         except Exception:  # noqa: BLE001 - as above
             return False
-
-
-class _Pieces:
-    """The content of a file, of which only a piece is in memory."""
-
-    def __init__(self, file: FileIO) -> None:
-        self.size = os.fstat(file.fileno()).st_size
-        self._file = file
-        self._begin = 0
-        self._piece = b""
-
-    def read(self, start: int, stop: int) -> bytes:
-        """Return the bytes between two positions; fewer where the file ends before."""
-        stop = min(stop, self.size)
-        if not self._begin <= start <= stop <= self._begin + len(self._piece):
-            self._file.seek(start)
-            self._begin, self._piece = start, self._load(max(stop - start, min(PIECE_BYTES, self.size - start)))
-        return self._piece[start - self._begin : stop - self._begin]
-
-    def find(self, wanted: bytes, start: int) -> int:
-        """Return where some bytes are found first from `start` on, -1 where they are not."""
-        while start + len(wanted) <= self.size:
-            stop = min(start + PIECE_BYTES, self.size)
-            if (found := self.read(start, stop).find(wanted)) >= 0:
-                return start + found
-            start = stop - len(wanted) + 1  # what is looked for may lie across the border
-        return -1
-
-    def _load(self, count: int) -> bytes:
-        pieces = []
-        while count > 0:
-            piece = self._file.read(count)
-            if not piece:
-                raise OSError(EIO, "it became shorter while it was read")
-            pieces.append(piece)
-            count -= len(piece)
-        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
 
 
 def _is_ignored(opcode: int, content: bytes) -> bool:
@@ -499,32 +473,6 @@ def file_sha256(path: Path) -> str:
 # ---- what is read from the heads of the records alone ----------------------------------------------------------------
 
 
-def _heads(path: Path) -> Iterator[tuple[int, int, BinaryIO]]:
-    """Yield opcode and length of each record before the end of the data, and the file, which stands behind the head.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
-    try:
-        with path.open("rb") as file:
-            size = file.seek(0, SEEK_END)
-            position = len(MCAP0_MAGIC)
-            for _ in range(MAX_RECORDS):
-                file.seek(position)
-                head = file.read(_HEAD_BYTES)
-                if len(head) < _HEAD_BYTES:
-                    break
-                opcode, length = _RECORD_HEAD.unpack(head)
-                position += _HEAD_BYTES + length
-                if opcode == Opcode.DATA_END or position > size:
-                    break
-                yield opcode, length, file
-    except OSError as error:
-        raise unreadable(path, error) from error
-
-
 def time_span(path: Path) -> tuple[int, int] | None:
     """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it has none.
 
@@ -537,32 +485,19 @@ def time_span(path: Path) -> tuple[int, int] | None:
         If the file cannot be read.
     """
     first_ns: int | None = None
-    last_ns = 0
-    for opcode, length, file in _heads(path):
-        if opcode == Opcode.CHUNK and length >= _CHUNK_SPAN.size:
-            start_ns, end_ns = _CHUNK_SPAN.unpack(file.read(_CHUNK_SPAN.size))
-            if end_ns:
-                first_ns = first_ns or start_ns or end_ns
-                last_ns = max(last_ns, end_ns)
+    last_ns, position = 0, len(MCAP0_MAGIC)
+    try:
+        with path.open("rb") as file:
+            for _ in range(MAX_RECORDS):
+                file.seek(position)
+                head = file.read(_RECORD_HEAD.size + _CHUNK_SPAN.size)
+                if len(head) < _RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
+                    break
+                opcode, length = _RECORD_HEAD.unpack_from(head)
+                start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, _RECORD_HEAD.size)
+                if opcode == Opcode.CHUNK and end_ns:
+                    first_ns, last_ns = first_ns or start_ns or end_ns, max(last_ns, end_ns)
+                position += _RECORD_HEAD.size + length
+    except OSError as error:
+        raise unreadable(path, error) from error
     return None if first_ns is None else (first_ns, last_ns)
-
-
-def last_settings(path: Path) -> dict[str, Any]:
-    """Return the settings that a recording was given last, empty where it has none; all else is passed over unread.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
-    recording = Recording(path)
-    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
-    for opcode, length, file in _heads(path):
-        if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
-            continue
-        begin = file.read(_ATTACHMENT_NAME + len(named))
-        if begin[_ATTACHMENT_NAME:] == named:
-            content = begin + file.read(length - len(begin))
-            if attachment := _checked_attachment(content):
-                recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
-    return recording.settings() if recording.attachments else {}

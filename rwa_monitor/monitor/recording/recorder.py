@@ -24,19 +24,19 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import shutil
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import IO, Any, Final, Self, cast
+from typing import IO, Any, Final, NamedTuple, cast
 
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
+from rwa_monitor.monitor.events import Output
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
@@ -63,31 +63,18 @@ MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go 
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
+_NAME: Final = re.compile(rf"rwa-(\d+){re.escape(RECORDING_SUFFIX)}")
 
 # Of each wheel, "<spacecraft>/<wheel>" and what makes its checkpoint. They are made one by one when they are written:
 # those of fifty wheels have 85 MB when their windows are nearly full.
 Checkpoints = Mapping[str, Callable[[], bytes]]
 
 
-@dataclass(frozen=True, slots=True)
-class Predecessor:
-    """The recording before this one; `sha256` is None while that one is still being written.
-
-    `rest` is the one before it where it holds the state of some wheels only, and that one the state of the others.
-    """
+class Predecessor(NamedTuple):
+    """The recording before this one; `sha256` is None while that one is still being written."""
 
     name: str
     sha256: str | None
-    rest: Predecessor | None = None
-
-    def names(self) -> set[str]:
-        """Return the names of all files without which the state would be lost."""
-        return {self.name} | (self.rest.names() if self.rest else set())
-
-    def to_settings(self) -> dict[str, Any]:
-        """Return what a recording holds of it."""
-        named: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
-        return named if self.rest is None else named | {"rest": self.rest.to_settings()}
 
 
 class Recorder:
@@ -156,7 +143,7 @@ class Recorder:
         """The file that is being written."""
         return None if self._writer is None else self._writer.path
 
-    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[RecordedOutput] = ()) -> None:
+    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[Output] = ()) -> None:
         """Begin a new file, with the state of all wheels before anything else.
 
         Parameters
@@ -186,34 +173,28 @@ class Recorder:
         predecessor: Predecessor | None,
         which: str,
         checkpoints: Checkpoints,
-        inherited: Sequence[RecordedOutput] = (),
+        inherited: Sequence[Output] = (),
     ) -> RecordingWriter:
-        number = 1 if predecessor is None else _number_of(predecessor.name) + 1
-        path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
-        while path.exists():
-            number += 1
-            path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+        numbers = [int(name[1]) for one in self.folder.iterdir() if (name := _NAME.fullmatch(one.name))]
+        path = self.folder / f"rwa-{max(numbers, default=0) + 1:06d}{RECORDING_SUFFIX}"
 
         def attachments() -> Iterator[tuple[str, bytes]]:
             yield from self._attachments.items()
-            yield SETTINGS_ATTACHMENT, self._settings_of(predecessor, which, inherited)
+            yield SETTINGS_ATTACHMENT, self._settings_of(predecessor, which)
             for name, make in checkpoints.items():
                 yield _attachment_of(name), make()
 
         return RecordingWriter(path, self._with_room_for(attachments()), self._wall_ns, inherited)
 
-    def _settings_of(
-        self, predecessor: Predecessor | None, which: str, inherited: Sequence[RecordedOutput] = ()
-    ) -> bytes:
+    def _settings_of(self, predecessor: Predecessor | None, which: str) -> bytes:
         """Return the settings that a recording holds."""
         return dump_json(
             {
                 **self._settings,
                 "recording_version": RECORDING_VERSION,
                 "software": SOFTWARE,
-                "predecessor": None if predecessor is None else predecessor.to_settings(),
+                "predecessor": None if predecessor is None else predecessor._asdict(),
                 "checkpoints": which,
-                "inherited": dict(Counter(topic for topic, _, _, _ in inherited)),
             }
         )
 
@@ -305,15 +286,13 @@ class Recorder:
         except OSError as error:
             self._fail(error, now_s)
 
-    def _end(self, which: str) -> Predecessor | None:
-        """Close the file before, and write into the new one what it was; return that, None where there is none."""
-        if self._ending is None or self._writer is None:
-            return None
-        self._ending.close()
-        ended = Predecessor(self._ending.path.name, self._ending.sha256)
-        self._writer.attach(SETTINGS_ATTACHMENT, self._settings_of(ended, which))
-        self._ending = None
-        return ended
+    def _end(self, which: str) -> None:
+        """Close the file before, if wheels are left in it or not, and write into the new one what it was."""
+        if self._ending is not None and self._writer is not None:
+            self._ending.close()
+            ended = Predecessor(self._ending.path.name, self._ending.sha256)
+            self._writer.attach(SETTINGS_ATTACHMENT, self._settings_of(ended, which))
+            self._ending = None
 
     def close(self, now_s: float) -> None:
         """Write the end of the file; where wheels are left in the one before, the two go together."""
@@ -321,25 +300,22 @@ class Recorder:
             return
         writer = self._writer
         try:
-            ended = self._end(SOME_CHECKPOINTS)
+            self._end(SOME_CHECKPOINTS)
             writer.close()
         except OSError as error:
             self._fail(error, now_s)
             return
         self._writer = None
         self._left = {}
-        self._predecessor = Predecessor(writer.path.name, writer.sha256, ended)
+        self._predecessor = Predecessor(writer.path.name, writer.sha256)
 
     def abandon(self) -> None:
         """Close the file as it is, without its end, as a crash would leave it."""
-        if self._writer is None:
-            return
-        rest: Predecessor | None = None
         if self._ending is not None:
             self._ending.abandon()
-            rest = predecessor_of(self._ending.path)
-        self._writer.abandon()
-        self._predecessor = predecessor_of(self._writer.path, rest)
+        if self._writer is not None:
+            self._writer.abandon()
+            self._predecessor = predecessor_of(self._writer.path)
         self._writer, self._ending, self._left = None, None, {}
 
     def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
@@ -383,17 +359,14 @@ class Recorder:
             return
         recordings = sorted(self.folder.glob(f"rwa-*{RECORDING_SUFFIX}"))
         sizes = [path.stat().st_size for path in recordings]
-        # The last one stays in any case, and so does what it goes on from: what comes goes on from them.
-        kept = {recordings[-1].name} if recordings else set()
-        kept |= self._predecessor.names() if self._predecessor else set()
-        kept |= {self._ending.path.name} if self._ending else set()
+        # What comes goes on from the last one; where that holds some wheels only, or no file is whole yet, from two.
+        kept = 1 if self._writer is not None and self._ending is None else 2
         total = sum(sizes)
-        for path, size in zip(recordings, sizes, strict=True):
+        for path, size in zip(recordings[:-kept], sizes, strict=False):
             if total + needed <= self._max_total_bytes:
                 return
-            if path.name not in kept:
-                path.unlink()
-                total -= size
+            path.unlink()
+            total -= size
 
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
@@ -409,12 +382,12 @@ def last_recording(folder: Path) -> Path | None:
     return max((path for path in folder.iterdir() if path.suffix == RECORDING_SUFFIX), default=None)
 
 
-def predecessor_of(path: Path, rest: Predecessor | None = None) -> Predecessor:
+def predecessor_of(path: Path) -> Predecessor:
     """Return name and hash of a recording; an empty hash where it cannot be read."""
     try:
-        return Predecessor(path.name, file_sha256(path), rest)
+        return Predecessor(path.name, file_sha256(path))
     except OSError:
-        return Predecessor(path.name, "", rest)
+        return Predecessor(path.name, "")
 
 
 def _attachment_of(name: str) -> str:
@@ -426,39 +399,26 @@ def _wheel_of(topic: str) -> str:
     return "/".join(topic.split("/")[1:3])
 
 
-def _number_of(name: str) -> int:
-    digits = "".join(character for character in Path(name).stem if character.isdigit())
-    return int(digits or "0")
-
-
-class FolderLock:
-    """Keeps two monitors from recording in one folder; held until closed, or until the process ends.
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other monitors from recording in a folder, until the block or the process ends.
 
     Raises
     ------
     InputError
         If the folder cannot be made or written, or another monitor holds it.
     """
-
-    def __init__(self, folder: Path) -> None:
-        make_folder(folder, "--record")
+    make_folder(folder, "--record")
+    try:
+        file = (folder / LOCK_NAME).open("ab")
+    except OSError as error:
+        raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
+    with file:
         try:
-            self._file = (folder / LOCK_NAME).open("ab")
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
-            raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            self._file.close()
             raise InputError(str(folder), "another monitor records in it", "--record") from error
-
-    def __enter__(self) -> Self:
-        """Enter; the folder is locked already."""
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        """Let go of the folder."""
-        self._file.close()
+        yield
 
 
 # ---- one file, whose attachments stand among its messages in the order in which they came ----------------------------
@@ -466,10 +426,7 @@ class FolderLock:
 
 PROFILE: Final = "rwa-monitor"
 CHUNK_BYTES: Final = 64 * 2**10
-FEW_CHANNELS: Final = 64  # so many are listed whole each time that one is new
 PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
-
-RecordedOutput = tuple[str, str, bytes, int | None]  # topic, schema, payload and time
 
 
 class Sink:
@@ -534,7 +491,6 @@ class TopicWriter:
         self._known = schemas
         self._schemas: dict[str, int] = {"": 0}
         self._channels: dict[tuple[str, str], int] = {}
-        self._sequences: dict[int, int] = {}
 
     def schema(self, name: str) -> int:
         """Return the number of a schema."""
@@ -551,10 +507,7 @@ class TopicWriter:
 
     def write(self, topic: str, schema: str, data: bytes, log_time: int, publish_time: int) -> None:
         """Add a message; both times in ns."""
-        channel = self.channel(topic, schema)
-        sequence = self._sequences.get(channel, 0)
-        self._sequences[channel] = (sequence + 1) % 2**32
-        self.mcap.add_message(channel, log_time, data, publish_time, sequence)
+        self.mcap.add_message(self.channel(topic, schema), log_time, data, publish_time)
 
     def attach(self, name: str, data: bytes, time_ns: int = 0, media_type: str = "application/octet-stream") -> None:
         """Add an attachment."""
@@ -582,7 +535,7 @@ class RecordingWriter:
     wall_ns
         The wall clock [ns], for publish times.
     inherited
-        Messages that the file begins with: topic, schema, payload and time, as for `write`.
+        Messages that the file begins with.
 
     Raises
     ------
@@ -595,19 +548,20 @@ class RecordingWriter:
         path: Path,
         attachments: Iterable[tuple[str, bytes]],
         wall_ns: Callable[[], int],
-        inherited: Iterable[RecordedOutput] = (),
+        inherited: Iterable[Output] = (),
     ) -> None:
         self.path = path
         self.wall_ns = wall_ns
         self._log_time = 0
-        self._described: dict[str, tuple[str, str]] = {}
-        self._described_whole = 0  # how many there were when all of them were written down last
+        self._described: set[str] = set()
         part = path.with_name(path.name + PART_SUFFIX)
         self._sink = Sink(part)
         try:
-            self._begin(attachments)
-            for topic, schema, payload, time_ns in inherited:
-                self.write(topic, schema, payload, time_ns)
+            self._writer = TopicWriter(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
+            for name, data in attachments:
+                self.attach(name, data)
+            for output in inherited:
+                self.write(output.key, output.schema, output.payload, output.time_ns)
             self.sync()
             part.rename(path)
             _sync_folder(path.parent)
@@ -616,13 +570,6 @@ class RecordingWriter:
             part.unlink(missing_ok=True)
             raise
         self.size_at_begin = self.size
-
-    def _begin(self, attachments: Iterable[tuple[str, bytes]]) -> None:
-        self._writer = TopicWriter(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
-        for message in MESSAGES:
-            self._writer.schema(message.schema_name())
-        for name, data in attachments:
-            self.attach(name, data)
 
     @property
     def size(self) -> int:
@@ -638,21 +585,11 @@ class RecordingWriter:
         """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
         channel = str(self._writer.channel(topic, schema))
         if channel not in self._described:
-            self._describe(channel, (topic, schema))
+            # Apart from the chunks, too: the messages of those that are whole must not need one that is damaged.
+            self._described.add(channel)
+            self.attach(CHANNELS_ATTACHMENT, dump_json({channel: (topic, schema)}))
         self._log_time = max(self._log_time, time_ns or 0)
         self._writer.write(topic, schema, payload, self._log_time, self.wall_ns())
-
-    def _describe(self, channel: str, topic: tuple[str, str]) -> None:
-        """Write down, apart from the chunks, which channel is what: all, so that one list that is whole is enough.
-
-        Of a fleet only what is new, but for when their number has doubled: else the lists would fill the file.
-        """
-        self._described[channel] = topic
-        count = len(self._described)
-        whole = count <= FEW_CHANNELS or count >= 2 * self._described_whole
-        if whole:
-            self._described_whole = count
-        self.attach(CHANNELS_ATTACHMENT, dump_json(self._described if whole else {channel: topic}))
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment; of several with one name the last one counts."""
