@@ -68,26 +68,24 @@ def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> No
 
     The wheel of each window lies beside its table, for the recipes draw wheels too.
     """
-    from rwa_monitor.simulation.datasets import generate, label_columns, label_row
+    from rwa_monitor.simulation.datasets import generate
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.telemetry.labels import write_labels, write_truth
     from rwa_monitor.telemetry.table import table_writer
     from rwa_monitor.words import counted
 
     windows = track(generate(recipe, count, seed), count, "simulating")
-    rows: list[tuple[str, ...]] = []
-    header: tuple[str, ...] = ()
+    rows: list[dict[str, str]] = []
     left_out = ""
     for window in windows:
         if not rows:
             # Only now: a recipe that does not exist leaves no empty folder behind.
-            header = label_columns(window.wheel)
             make_folder(output)
         table = output / f"{window.name}.{format}"
         table_writer(table)(window.telemetry.samples, table)
         left_out = write_truth(window, table, recipe=recipe, seed=seed)
-        rows.append(label_row(window, table.name))
-    write_labels(header, rows, output / "labels.csv")
+        rows.append({"file": table.name, **{name: str(int(active)) for name, active in window.labels.items()}})
+    write_labels(rows, output / "labels.csv")
     log(left_out)
     log(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
 
@@ -146,4 +144,4 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
 
     scenario, wheel = read_scenario(scenario_file), read_wheel(wheel_file)
     telemetry = simulate(scenario, wheel, np.random.default_rng(seed))
-    return LabelledWindow(name, wheel, scenario, telemetry, dict(telemetry.truth.labels))
+    return LabelledWindow(name, wheel, scenario, telemetry)

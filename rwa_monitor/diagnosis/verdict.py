@@ -74,25 +74,9 @@ def listed(names: Sequence[str]) -> str:
     return titles[0] if len(titles) == 1 else f"{', '.join(titles[:-1])} and {titles[-1]}"
 
 
-def explain(
-    findings: Findings,
-    verdict: Verdict,
-    reason: str,
-    *,
-    windows_before: int,
-    remedy: str = "",
-) -> str:
-    """Return two or three plain sentences an operator can act on.
-
-    Parameters
-    ----------
-    findings, verdict, reason
-        Of the diagnosis.
-    windows_before
-        Earlier windows that were used.
-    remedy
-        What helps an inconclusive verdict where waiting does not; "" where it does.
-    """
+def explain(findings: Findings, verdict: Verdict, reason: str) -> str:
+    """Return two or three plain sentences an operator can act on, the reason first."""
+    remedy = remedy_of(findings) if verdict == "inconclusive" else ""
     worst = max((one for one in findings.anomalies if one.active), key=lambda one: one.severity or 0.0, default=None)
     qualification = ""
     if verdict == "anomalous" and worst is not None:
@@ -101,8 +85,9 @@ def explain(
     elif verdict == "nominal":
         qualification = "" if findings.base_known else _NEVER_RESTED
         earlier = "there is no earlier window to compare with"
-        if windows_before:
-            earlier = f"{counted(windows_before, 'earlier window')} of this wheel went into this"
+        carried = findings.inputs.carried
+        if carried.windows and findings.inputs.method == "joint":
+            earlier = f"{counted(carried.windows, 'earlier window')} of this wheel went into this"
         action = f"No action is needed; {earlier}."
     else:
         action = remedy or "Wait for the next window, or give this one more samples, before acting."

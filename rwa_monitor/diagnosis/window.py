@@ -25,7 +25,7 @@ from rwa_monitor.diagnosis.features import (
     without_prior,
 )
 from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, remedy_of, verdict_of
+from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
@@ -216,13 +216,7 @@ def concluded(
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
-        explanation=explain(
-            findings,
-            verdict,
-            reason,
-            windows_before=inputs.carried.windows if inputs.method == "joint" else 0,
-            remedy=remedy_of(findings) if verdict == "inconclusive" else "",
-        ),
+        explanation=explain(findings, verdict, reason),
         features=stages.features,
         **inputs.provenance(),
     )

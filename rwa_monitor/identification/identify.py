@@ -109,6 +109,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     fitted = fit(problem)
     viscous = float(fitted.coefficients[0])
     names = ", ".join(name for name, _ in recordings)
+    slots = sum(record.used.size for record in problem.records)
     if viscous < 0:
         raise InputError(
             names, why_negative(problem, fitted, bare, f"viscous friction is negative ({viscous:.3g} N m s/rad)")
@@ -121,13 +122,12 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     if warming and systems:
         reason = "; ".join((*drift, "--no-systems (systems=False) learns friction and noise as they are"))
         raise InputError(names, reason)
-    found: list[_System] = []
-    laws: list[Sequence[LearnedLaw]] = []
+    found: list[tuple[_System, Sequence[LearnedLaw]]] = []
     if systems:
-        hours = sum(record.used.size for record in problem.records) * start.sample_period_s / SECONDS_PER_HOUR
+        hours = slots * start.sample_period_s / SECONDS_PER_HOUR
         try:
-            found, (base, base_std) = _systems(records, base, hours)
-            laws = [_laws_of(number, system, hours) for number, system in enumerate(found, start=1)]
+            seen, (base, base_std) = _systems(records, base, hours)
+            found = [(system, _laws_of(number, system, hours)) for number, system in enumerate(seen, start=1)]
         except InputError as error:
             raise InputError(error.source, "; ".join((*drift, error.reason)), error.place) from error
     if base <= 0:
@@ -135,11 +135,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     nominal_speed = _rounded(float(np.quantile(problem.speed, 0.95)), 2)
     cause = cause_of(problem, fitted, bare)
     check_enough(problem, base, viscous, names, cause)
-    blocks, notes = [], []
-    for number, (of_one, system) in enumerate(zip(laws, found, strict=True), start=1):
-        blocks.append(_block_of(f"fss_{number}", of_one, system, base))
-        notes.append(_note(blocks[-1].name, of_one, system))
-    slots = sum(record.used.size for record in problem.records)
+    blocks = [_block_of(f"fss_{number}", laws, system, base) for number, (system, laws) in enumerate(found, start=1)]
+    notes = [_note(block.name, laws, system) for block, (system, laws) in zip(blocks, found, strict=True)]
     dry_std, viscous_std = friction_errors(problem)
     dry_std = float(np.hypot(dry_std, base_std))
     wheel = bare.model_copy(
@@ -159,10 +156,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    warnings = [*drift, *(why for why in (unnamed_jumps(problem, fitted.jumps, blocks), cause) if why)]
-    if start.nominal is not None:
-        asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
-        warnings += [asked] if asked else []
+    asked = start.nominal and slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
+    warnings = [why for why in (*drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
     return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *warnings))
 
 

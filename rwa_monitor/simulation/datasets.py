@@ -66,15 +66,17 @@ class LabelledWindow:
         What was simulated.
     telemetry
         Samples and truth.
-    labels
-        By anomaly name: whether it is active.
     """
 
     name: str
     wheel: Wheel
     scenario: Scenario
     telemetry: Telemetry
-    labels: dict[str, bool]
+
+    @property
+    def labels(self) -> dict[str, bool]:
+        """By anomaly name: whether it is active."""
+        return self.telemetry.truth.labels
 
     @property
     def status(self) -> str:
@@ -158,7 +160,7 @@ def wheel_windows(
     scenario = recipe.scenario(wheel, number, life, rng)
     record = simulate(scenario, wheel, rng)
     if life == 1:
-        yield LabelledWindow(wheel.name, wheel, scenario, record, dict(record.truth.labels))
+        yield LabelledWindow(wheel.name, wheel, scenario, record)
         return
     samples, anomalies = wheel.window.samples, scenario.anomalies
     for window in range(life):
@@ -169,7 +171,7 @@ def wheel_windows(
         labels = dict.fromkeys(wheel.anomalies, False)
         labels |= {name: bool(anomaly.share_at(middle_s) >= LABEL_SHARE) for name, anomaly in anomalies.items()}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
-        yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece, dict(labels))
+        yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece)
 
 
 # ---- wheels ----------------------------------------------------------------------------------------------------------
@@ -344,16 +346,6 @@ RECIPES: Final[Mapping[str, Recipe]] = {
 
 
 # ---- what is written -------------------------------------------------------------------------------------------------
-
-
-def label_columns(wheel: Wheel) -> tuple[str, ...]:
-    """Return the header of labels.csv: `file`, then the wheel's anomalies."""
-    return ("file", *wheel.anomalies)
-
-
-def label_row(window: LabelledWindow, file: str) -> tuple[str, ...]:
-    """Return the row of labels.csv for the file that holds this window: its name, then 0 or 1 per anomaly."""
-    return (file, *(str(int(active)) for active in window.labels.values()))
 
 
 def truth_document(window: LabelledWindow) -> dict[str, Any]:

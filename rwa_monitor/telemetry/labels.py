@@ -15,7 +15,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -62,11 +62,11 @@ def read_labels(path: Path) -> list[LabelledFile]:
     return labelled
 
 
-def write_labels(header: Sequence[str], rows: Iterable[Sequence[str]], path: Path) -> None:
-    """Write a labels.csv from its header and rows, as `simulation.datasets.label_columns` and `label_row` give them."""
+def write_labels(rows: Sequence[Mapping[str, str]], path: Path) -> None:
+    """Write a labels.csv: a row for each file, with its name under `file` and 0 or 1 under each anomaly's name."""
     text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
     writer.writerows(rows)
     write_text(path, text.getvalue())
 

@@ -227,7 +227,8 @@ def read_some_labels(data: bytes) -> None:
 
 def label_seeds() -> list[bytes]:
     kept("table.csv", b"")
-    write_labels(["file", "dry", "viscous", "fss_1"], [["table.csv", "0", "1", "0"]], scratch() / "labels.csv")
+    row = {"file": "table.csv", "dry": "0", "viscous": "1", "fss_1": "0"}
+    write_labels([row], scratch() / "labels.csv")
     return [(scratch() / "labels.csv").read_bytes(), b'file,dry,viscous\n"table.csv",1,0\n\n']
 
 

@@ -16,8 +16,6 @@ from rwa_monitor.simulation.datasets import (
     PAPER_JUMP_RATE,
     PAPER_SEVERITIES,
     generate,
-    label_columns,
-    label_row,
     scaled_law,
     truth_document,
 )
@@ -122,8 +120,7 @@ def test_a_record_depends_on_seed_and_number_only():
 
 def test_labels_and_truth_can_be_written():
     window = list(generate("hard", 3, 2))[2]
-    assert label_columns(window.wheel) == ("file", "dry", "viscous", "fss_1", "fss_2", "fss_3")
-    assert label_row(window, "a.csv") == ("a.csv", *(str(int(active)) for active in window.labels.values()))
+    assert list(window.labels) == ["dry", "viscous", "fss_1", "fss_2", "fss_3"]
     document = json.loads(json.dumps(truth_document(window), allow_nan=False))
     truth = window.telemetry.truth
     assert [jump["index"] for jump in document["changepoints"]] == truth.changepoints.index.tolist()

@@ -53,7 +53,8 @@ def test_labels_come_back_with_paths_beside_them(tmp_path: Path) -> None:
     for name in ("a.csv", "b, c.csv"):
         (tmp_path / name).touch()
     path = tmp_path / "labels.csv"
-    write_labels(("file", "dry", "viscous", "fss_1"), [("a.csv", "0", "0", "1"), ("b, c.csv", "1", "0", "0")], path)
+    rows = [("a.csv", "0", "0", "1"), ("b, c.csv", "1", "0", "0")]
+    write_labels([dict(zip(("file", "dry", "viscous", "fss_1"), row, strict=True)) for row in rows], path)
     assert path.read_text() == 'file,dry,viscous,fss_1\na.csv,0,0,1\n"b, c.csv",1,0,0\n'
     first, second = read_labels(path)
     assert first.path == tmp_path / "a.csv"

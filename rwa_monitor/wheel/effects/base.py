@@ -195,6 +195,19 @@ class Effect:
             samples=samples,
         )
 
+    @property
+    def shape(self) -> dict[str, float]:
+        """Values of the shape parameters, by name."""
+        return {parameter.name: self.values[parameter.name] for parameter in self.shape_parameters()}
+
+    def weighted(self, columns: FloatArray) -> FloatArray:
+        """Return the columns, float64 (n, strengths), times the strengths, float64 (n,)."""
+        # A sum in fixed order, not a matrix product: the same bits on every machine and however a record is cut.
+        torque = np.zeros(columns.shape[0])
+        for parameter, column in zip(self.strength_parameters(), columns.T, strict=True):
+            torque += self.values[parameter.name] * column
+        return torque
+
     def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
         """Return what the tachometer reads of a speed [rad/s]; unchanged by most effects.
 
@@ -305,14 +318,8 @@ class MeanEffect(Effect):
 
     def torque(self, channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return the torque of the effect [N m], float64 (n,), and the memory after the last slot."""
-        shape = {parameter.name: self.values[parameter.name] for parameter in self.shape_parameters()}
-        columns, memory = self.columns(channels, shape, memory)
-        strengths = np.array([self.values[parameter.name] for parameter in self.strength_parameters()])
-        # A sum in fixed order, not a matrix product: the same bits on every machine and however a record is cut.
-        torque = np.zeros(columns.shape[0])
-        for j, strength in enumerate(strengths):
-            torque += strength * columns[:, j]
-        return torque, memory
+        columns, memory = self.columns(channels, self.shape, memory)
+        return self.weighted(columns), memory
 
 
 # ---- what effects share: columns side by side, what an unknown channel gives, what a record can show -----------------

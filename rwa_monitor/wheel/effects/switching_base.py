@@ -180,9 +180,4 @@ class SwitchingEffect(Effect):
 
     def torque(self, channels: Channels, jumps: Jumps) -> FloatArray:
         """Return the torque that depends on the jumps [N m], float64 (n,)."""
-        shape = {parameter.name: self.values[parameter.name] for parameter in self.shape_parameters()}
-        columns = self.columns(channels, jumps, shape)
-        torque = np.zeros(len(channels))
-        for parameter, column in zip(self.strength_parameters(), columns.T, strict=True):
-            torque += self.values[parameter.name] * column
-        return torque
+        return self.weighted(self.columns(channels, jumps, self.shape))

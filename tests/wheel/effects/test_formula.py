@@ -39,8 +39,7 @@ BY_UNIT = ("power", "hinge")  # of the speed: the column is a power of the speed
 
 
 def shape_of(law: type[Formula]) -> dict[str, float]:
-    values = law.typical().values
-    return {parameter.name: values[parameter.name] for parameter in law.shape_parameters()}
+    return law.typical().shape
 
 
 def in_units(channels: Channels, angle: float, time: float) -> Channels:

@@ -18,12 +18,8 @@ GRID = 60  # start values of a profiled shape: a dead zone's sum of squares is a
 every_mean_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
 
 
-def shape_of(effect: MeanEffect) -> dict[str, float]:
-    return {parameter.name: effect.values[parameter.name] for parameter in effect.shape_parameters()}
-
-
 def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
-    return shape_of(effect.typical())
+    return effect.typical().shape
 
 
 @every_mean_effect
@@ -161,7 +157,7 @@ def test_simulate_then_fit_gives_the_parameters_back(effect: type[MeanEffect], n
     expected = np.array([truth.values[p.name] for p in effect.strength_parameters()])
     if noise_share == 0.0:
         assert residual < 1e-3 * np.sqrt(np.mean(torque**2))
-        for name, value in shape_of(truth).items():
+        for name, value in truth.shape.items():
             assert fitted[name] == pytest.approx(value, rel=2e-2)
         np.testing.assert_allclose(strengths, expected, rtol=5e-2, atol=1e-3 * np.abs(expected).max())
     else:
