@@ -198,7 +198,7 @@ def _scores(explained: Explained, aside: Problem | None, each: Mapper) -> tuple[
     """Return the score of each model of the nested sequence on data that it was not fitted to."""
     problem, nested = explained.problem, explained.found.nested
     if aside is not None:
-        return tuple(each(partial(on_other_recordings, problem, aside), nested))
+        return tuple(each(partial(on_other_recordings, problem, aside, jumps=explained.jumps), nested))
     return tuple(each(partial(held_out, problem), nested))
 
 

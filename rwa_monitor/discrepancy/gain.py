@@ -56,9 +56,8 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     series = Series.of(problem).with_jumps(model.fit.jumps)
     rows, low, high = regressors(series, model.terms)
     white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
-    energy, block = np.sum(white**2, axis=1), np.zeros(series.size, dtype=np.int64)
-    block[_first_of(blocks, series.size)[1:]] = 1
-    block = np.cumsum(block)
+    energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
+    block = np.searchsorted(_first_of(blocks, series.size), np.arange(series.size), side="right") - 1
     residual, variance = np.zeros((2, series.size))
     for b in range(blocks):
         here, train = block == b, white[:, block != b]
@@ -68,18 +67,18 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
         equations = replace(Equations.of_products(series, products, low, high, 0.0), samples=train.shape[1])
         coefficients, _ = equations.solve()
         variance[here] = equations.rss(coefficients) / train.shape[1]
-        residual[here] = _residual(problem, coefficients @ rows, model.fit.jumps)[here]
-    return _scored(problem, model, residual, model.fit.jumps, variance, blocks)
+        residual[here] = _residual(problem, coefficients @ rows, jumps)[here]
+    return _scored(problem, model, residual, jumps, variance, blocks)
 
 
-def on_other_recordings(problem: Problem, other: Problem, model: Model) -> HeldOut:
+def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps: bool) -> HeldOut:
     """Score a model on recordings that it was not found on: slope, strengths, shapes and noise as fitted on `problem`.
 
-    Columns that follow the dry level follow the level that the other recordings show with that model. A model without
-    jumps has none there.
+    Columns that follow the dry level follow the level that the other recordings show with that model. `jumps`: whether
+    friction may jump, so that its levels are their own there; else they are that of the searched ones.
     """
     other = replace(other, noise=problem.noise)
-    viscous, terms, jumps = float(model.fit.coefficients[0]), model.terms, model.fit.jumps[:0]
+    viscous, terms = float(model.fit.coefficients[0]), model.terms
     drag = viscous * other.speed
     for _ in range(LEVEL_ROUNDS):
         level, beside = levels(other, other.z - drag), drag - viscous * other.speed
@@ -87,12 +86,11 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model) -> HeldO
         drag = design_of(other, terms) @ model.fit.coefficients
         if not any(depends_on_level(term.effect) for term in terms):
             break
-    if model.fit.jumps.size:
-        jumps = segment_records(other, other.z - drag, jump_price(other))
+    there = segment_records(other, other.z - drag, jump_price(other)) if jumps else None
     searched = Series.of(problem).with_jumps(model.fit.jumps)
     left, _ = searched.whitened(model.fit.residual * problem.sign, law_of(model))
-    residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), jumps)
-    return _scored(other, model, residual, jumps, np.full(other.size, float(np.mean(left**2))), BLOCKS)
+    residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
+    return _scored(other, model, residual, there, np.full(other.size, float(np.mean(left**2))), BLOCKS)
 
 
 def _first_of(blocks: int, size: int) -> IntArray:
@@ -100,23 +98,24 @@ def _first_of(blocks: int, size: int) -> IntArray:
     return np.linspace(0, size, blocks + 1).astype(np.int64)[:-1]
 
 
-def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray) -> FloatArray:
-    """Return what a torque leaves of the friction, float64 (n,), less the levels where these jump [N m]."""
+def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -> FloatArray:
+    """Return what a torque leaves of the friction, float64 (n,), less the levels between the jumps, if any [N m]."""
     rest = problem.z - problem.sign * torque_Nm
-    return remove_levels(rest, segment_starts(problem, jumps)) if jumps.size else rest
+    return remove_levels(rest, segment_starts(problem, jumps)) if jumps is not None else rest
 
 
 def _scored(
-    problem: Problem, model: Model, residual: FloatArray, jumps: IntArray, variance: FloatArray, blocks: int
+    problem: Problem, model: Model, residual: FloatArray, jumps: IntArray | None, variance: FloatArray, blocks: int
 ) -> HeldOut:
     """Return the scores of a residual beside jumps [N m], under a model's noise of a given variance, float64 (n,)."""
     series, law = Series.of(problem), law_of(model)
-    whitening = Whitening.of(series, replace(law, level_spread=0.0) if jumps.size else law)
+    whitening = Whitening.of(series, law if jumps is None else replace(law, level_spread=0.0))
     innovations = whitening.innovations((residual * problem.sign)[None].copy())[0]
     variance = np.maximum(variance, series.smallest_variance)
     spread = np.sqrt(variance) * (1.0 if whitening.spread is None else whitening.spread) / whitening.gains[:, 0]
     density = -np.log(np.sqrt(2.0 * np.pi) * spread) - 0.5 * innovations**2 / variance
-    density[jumps] -= 0.5 * JUMP_PENALTY * problem.log_size
+    if jumps is not None:
+        density[jumps] -= 0.5 * JUMP_PENALTY * problem.log_size
     first = _first_of(blocks, series.size)
     of_block = np.add.reduceat(density, first) / np.diff(first, append=series.size)
     return HeldOut(float(np.sqrt(np.mean(residual**2))), float(np.mean(density)), of_block)

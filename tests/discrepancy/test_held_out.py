@@ -52,7 +52,9 @@ def found(searched: Samples) -> Search:
 def score(found: Search, *recordings: Samples) -> tuple[HeldOut, HeldOut]:
     """Score the base model and the extended one on other recordings."""
     other = prepare([make_record(samples, WHEEL, "aside") for samples in recordings], WHEEL)
-    base, extended = (on_other_recordings(found.problem, other, model) for model in (found.base, found.extended))
+    base, extended = (
+        on_other_recordings(found.problem, other, model, jumps=True) for model in (found.base, found.extended)
+    )
     return base, extended
 
 
