@@ -15,7 +15,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS = 230, 28_923, 302_784
+MOST_FILES, MOST_LINES, MOST_TOKENS = 230, 29_000, 303_000
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

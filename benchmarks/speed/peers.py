@@ -51,13 +51,19 @@ def _package(name: str) -> ModuleType:
         raise MissingPeerError(f"{package} is not installed (pip install {package}); it is left out") from error
 
 
+def _skchange(name: str) -> ModuleType:
+    """Return a module of skchange, which without numba runs uncompiled, a hundred times slower: no peer at its best."""
+    _package("numba")
+    return _package(name)
+
+
 def _penalty(series: FloatArray) -> float:
     return PENALTIES * 2.0 * float(np.log(series.size))
 
 
 def skchange_fpop() -> Peer:
     """Return skchange's FPOP: exact optimal partitioning with functional pruning, compiled; the fastest peer known."""
-    detectors = _package("skchange.detectors")
+    detectors = _skchange("skchange.detectors")
     return Peer(
         "skchange FPOP",
         lambda series: (
@@ -68,7 +74,7 @@ def skchange_fpop() -> Peer:
 
 def skchange_moving_window() -> Peer:
     """Return skchange's MovingWindow: the same idea as the wGLR, at one scale."""
-    detectors, scorers = _package("skchange.detectors"), _package("skchange.interval_scorers")
+    detectors, scorers = _skchange("skchange.detectors"), _skchange("skchange.interval_scorers")
 
     def search(series: FloatArray) -> object:
         detector = detectors.MovingWindow(scorers.CUSUM(), bandwidth=HALF_WIDTH)
