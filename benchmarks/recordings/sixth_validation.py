@@ -57,6 +57,27 @@ def rowing(mirrors: Path, out: Path) -> None:
         save(out, name, {"time_s": time[rows], "speed_rad_s": speed[rows]}, {"inertia_kg_m2": inertia}, True, 0.5)
 
 
+def spinner(mirrors: Path, out: Path) -> None:
+    """From xavieryn/P1: a fidget spinner with three lobes running down, filmed at 60 Hz.
+
+    Mean brightness of a spot. The frequency of the lobes, every half second, is that of the strongest sine under a Hann
+    window of 1 s or four periods, from below half the rate of the film. J is not given: 1e-4 kg m² (scales everything
+    alike).
+    """
+    film = loadmat(io.BytesIO(fetch(mirrors, "xavieryn/P1", "IMG_9567.MOV.mat")))  # type: ignore[arg-type]
+    light, rate = film["y"].ravel(), film["Fs"].item()
+    middles, frequency = np.arange(14.0, 69.0, 0.5), [26.5]
+    for middle in middles:
+        reach = max(0.5, 2.0 / frequency[-1])
+        rows = np.arange(int((middle - reach) * rate), int((middle + reach) * rate) + 1)
+        window = np.hanning(rows.size) * (light[rows] - light[rows].mean())
+        tried = frequency[-1] * np.linspace(0.8, 1.02, 2000)
+        power = np.abs(np.exp(-2j * np.pi / rate * np.outer(tried, rows - middle * rate)) @ window)
+        frequency.append(float(tried[power.argmax()]))
+    speed = 2 * np.pi / 3 * np.array(frequency[1:])
+    save(out, "fidget_spinner", {"time_s": middles, "speed_rad_s": speed}, {"inertia_kg_m2": 1e-4}, True, 0.5)
+
+
 def ur5(mirrors: Path, out: Path) -> None:
     """From SedkiLmm/dynamic-identification (MIT): joints of a UR5 on a sine of 10 s, one after the other, 100 Hz.
 
@@ -243,6 +264,8 @@ def coasting_car(mirrors: Path, out: Path) -> None:
     for file, top in (("baixas ioniq_16012026", 50.0), ("altas ioniq_16012026", 95.0)):
         text = fetch(mirrors, "FelipeEckert/coastdown-mda-split", f"sample_data/Split/coastdown/{file}.csv")
         for row in csv.reader(io.StringIO(text.decode("utf-8-sig"))):
+            if row[:3:2] == ["", "Average"]:  # the same runs follow once more, by direction
+                break
             if len(row) > 9 and row[0] in ("On", "Off"):
                 way = 1.0 if row[1] == "+" else -1.0
                 for k, lapse in enumerate(float(x) for x in row[7:] if x):
@@ -254,7 +277,7 @@ def coasting_car(mirrors: Path, out: Path) -> None:
     save(out, "coasting_car", columns)
 
 
-ALL = (rowing, ur5, kinova, seals, wheel_motors, winches, pendulums, seven_joints, coasting_car)
+ALL = (rowing, spinner, ur5, kinova, seals, wheel_motors, winches, pendulums, seven_joints, coasting_car)
 
 if __name__ == "__main__":
     for one in ALL:
