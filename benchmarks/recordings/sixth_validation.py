@@ -165,8 +165,9 @@ def winches(mirrors: Path, out: Path) -> None:
 
     `winch_N`: motor N with its drum free, torque lowered by 1 mN m at a time (four motors in turn, 2.2 s) until it
     stands, several times; torque set [N m], that of the step before the logged one, and speed. Rows below the limit of
-    the speed. `winch_lift`: a weight of 5 kg (`_light`: 1 kg) up, down and up, torque from the current, K_T =
-    8.27/150 N m/A (Plot.m), 31 Hz, rows at more than 0.2 turns/s.
+    the speed. `winch_lift`: a weight of 5 kg up, down and up, `_slow`: up at half a turn a second, `_light` and
+    `winch_lower_light`: 1 kg up and down; torque from the current, K_T = 8.27/150 N m/A (Plot.m), angle of the motor,
+    31 Hz, rows at more than 0.2 turns/s.
     """
     logs = loadmat(io.BytesIO(fetch(mirrors, WINCHES, "DynamicTorque/DynamicalTorque.mat")))  # type: ignore[arg-type]
     for motor in (0, 1, 3):
@@ -178,16 +179,22 @@ def winches(mirrors: Path, out: Path) -> None:
             "friction_torque_Nm": torque[good] + 0.001,
         }
         save(out, f"winch_{motor}", columns)
-    for name, file, motor in (("winch_lift", "5kg/ODrive3/Up1", 3), ("winch_lift_light", "1kg/ODrive2/Up1", 2)):
+    for name, file, motor in (
+        ("winch_lift", "5kg/ODrive3/Up1", 3),
+        ("winch_lift_slow", "5kg/ODrive2/Up05", 2),
+        ("winch_lift_light", "1kg/ODrive2/Up05", 2),
+        ("winch_lower_light", "1kg/ODrive2/Down05", 2),
+    ):
         text = fetch(mirrors, WINCHES, f"Lifting_tests/{file}.csv")
         rows = np.genfromtxt(io.BytesIO(text), delimiter=",", skip_header=1)
-        time, speed, current = rows[:, 0], rows[:, 5 + motor], rows[:, 9 + motor]
-        good = np.isfinite(time + speed + current) & (np.abs(speed) > 0.2)
+        time, angle, speed, current = rows[:, 0], rows[:, 1 + motor], rows[:, 5 + motor], rows[:, 9 + motor]
+        good = np.isfinite(time + angle + speed + current) & (np.abs(speed) > 0.2)
         good &= np.diff(time, prepend=time[0] - 1) > 0
         columns = {
             "time_s": time[good],
             "speed_rad_s": 2 * np.pi * speed[good],
             "friction_torque_Nm": -8.27 / 150 * current[good],
+            "angle_rad": 2 * np.pi * angle[good],
         }
         save(out, name, columns)
 
