@@ -306,7 +306,7 @@ SWUNG = Expected((f"torque_ripple {SLEW}", f"stribeck formula {CONCAVE}"), f"vis
 # Rows at the turning points −20 … −22 %, a tilt or an inertia then −15 … −19 %; a deficit near zero −13 %.
 TURNS = Expected((SLEW,), f"stribeck formula torque_ripple {CONCAVE} {SLEW}")
 LIMIT_CYCLE = Expected((), f"formula {CONCAVE} {SLEW}", nothing=True)  # a negative slope −12 %, d²ω/dt² −10 %
-# One speed each way: pressure times area is off (−56 … −73 %), friction builds up over 0.3 mm (then −24 … −38 %).
+# One speed each way: pressure times area is off (−58 … −73 %), friction builds up over 0.3 mm (then −24 … −38 %).
 SEAL = Expected((f"viscous_asymmetry {OFFSET}", SLEW), f"stribeck formula run_in_drift {CONCAVE} {OFFSET}")
 FLAT = Expected(nothing=True)  # at most −1 %
 SMOOTH = Expected((), f"torque_ripple {SLEW}", nothing=True)  # 10 and 20 s, low-pass filtered; a ripple −17 … −19 %
