@@ -162,9 +162,9 @@ def expected_windows() -> list[Diagnosis]:
     events = diagnose_samples(telemetry(), built_in_wheel(), built_in_model())
     whole = [event for event in events if not event.partial]
     return [
-        Diagnosis.parse(output.payload, output.key)
+        Diagnosis.parse(output.payload, output.topic)
         for output in outputs_of(whole, "fleet", "wheel_0")
-        if output.message is Diagnosis
+        if output.schema == Diagnosis.schema_name()
     ]
 
 

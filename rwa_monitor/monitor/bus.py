@@ -22,7 +22,7 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, Health, Message
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage
 from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arrival_of, ask_publisher
 from rwa_monitor.telemetry.files import read_text
 
@@ -203,7 +203,7 @@ class MonitorBus:
         self._open = True  # callbacks go on after undeclare(): they check this
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        self._health: dict[str, tuple[bytes, Any]] = {}  # the latest of each wheel, and when it was published
+        self._health: dict[str, tuple[EncodedMessage, Any]] = {}  # of each wheel the latest, and when it was published
 
     def subscribe(self, key_expression: str) -> None:
         """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
@@ -244,30 +244,31 @@ class MonitorBus:
         token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
         self._declared += [queryable, token]
 
-    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+    def publish(self, message: EncodedMessage) -> None:
         """Publish a message; all but `status` reliably and with a history for late subscribers."""
+        key, kind = message.topic, message.topic.rpartition("/")[2]
         if key not in self._publishers:
-            if message.kind == "status":
-                self._publishers[key] = self.session.declare_publisher(key, encoding=message.encoding())
+            if kind == "status":
+                self._publishers[key] = self.session.declare_publisher(key, encoding=message.encoding)
             else:
                 self._publishers[key] = ext.declare_advanced_publisher(
                     self.session,
                     key,
-                    encoding=message.encoding(),
+                    encoding=message.encoding,
                     congestion_control=zenoh.CongestionControl.BLOCK,
-                    cache=ext.CacheConfig(max_samples=1 if message.kind == "health" else OUTPUT_HISTORY),
+                    cache=ext.CacheConfig(max_samples=1 if kind == "health" else OUTPUT_HISTORY),
                     sample_miss_detection=ext.MissDetectionConfig(
-                        heartbeat=OUTPUT_HEARTBEAT_S if message.kind == "diagnosis" else None,
-                        sporadic_heartbeat=None if message.kind == "diagnosis" else OUTPUT_HEARTBEAT_S,
+                        heartbeat=OUTPUT_HEARTBEAT_S if kind == "diagnosis" else None,
+                        sporadic_heartbeat=None if kind == "diagnosis" else OUTPUT_HEARTBEAT_S,
                     ),
                     publisher_detection=True,
                 )
-        if message.kind == "health":
+        timestamp = None
+        if kind == "health":
             # A dashboard publishes the same wheel's health when an alarm changes: a query shall get the later of both.
-            self._health[key] = payload, self.session.new_timestamp()
-            self._publishers[key].put(payload, timestamp=self._health[key][1])
-        else:
-            self._publishers[key].put(payload)
+            timestamp = self.session.new_timestamp()
+            self._health[key] = message, timestamp
+        self._publishers[key].put(message.payload, timestamp=timestamp)
 
     def close(self) -> None:
         """Undeclare everything; what still arrives is ignored."""
@@ -287,9 +288,9 @@ class MonitorBus:
             self.inbox.put(arrival.key, arrival.payload, arrival.source, arrival.number)
 
     def _on_query(self, query: zenoh.Query) -> None:
-        for key, (payload, timestamp) in dict(self._health).items():  # a copy: others are published meanwhile
+        for key, (health, timestamp) in dict(self._health).items():  # a copy: others are published meanwhile
             if self._open and query.key_expr.intersects(zenoh.KeyExpr(key)):
-                query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
+                query.reply(key, health.payload, encoding=health.encoding, timestamp=timestamp)
         query.drop()  # type: ignore[no-untyped-call]
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
@@ -17,17 +18,19 @@ import zenoh
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, SamplesMessage, Status, is_json, key_of, split_key
+from rwa_monitor.messages import (
+    Diagnosis,
+    EncodedMessage,
+    SamplesMessage,
+    Status,
+    health_message,
+    is_json,
+    key_of,
+    split_key,
+)
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import (
-    Event,
-    Output,
-    WindowDiagnosed,
-    health_output,
-    output_of,
-    outputs_of,
-)
+from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
@@ -176,8 +179,11 @@ class Monitor:
         health = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
             self._publish(output)
-            if output.message is Diagnosis:
-                health[output.key] = health_output(Diagnosis.parse(output.payload, output.key))
+            if output.schema == Diagnosis.schema_name():
+                with suppress(InputError):  # of another release
+                    found = health_message(Diagnosis.parse(output.payload, output.topic))
+                    wheel = found.spacecraft, found.wheel
+                    health[wheel] = found.encoded(*wheel, found.window_end_ns)
         for output in health.values():
             self._publish(output)
 
@@ -248,7 +254,7 @@ class Monitor:
         if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
             self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
-        self._record(Output(key, SamplesMessage, payload, message.time_ns[-1]))
+        self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
         served.publisher = message.publisher
         self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
@@ -326,15 +332,15 @@ class Monitor:
 
     # ---- out -----------------------------------------------------------------------------------------------------
 
-    def _record(self, output: Output) -> None:
+    def _record(self, output: EncodedMessage) -> None:
         if self.recorder is not None:
-            self.recorder.write(output.key, output.schema, output.payload, output.time_ns)
+            self.recorder.write(output)
 
-    def _publish(self, output: Output) -> None:
-        if not output.published:
+    def _publish(self, output: EncodedMessage) -> None:
+        if output.schema == Carried.schema_name():  # for the recording alone
             return
         try:
-            self.bus.publish(output.key, output.message, output.payload)
+            self.bus.publish(output)
         except zenoh.ZError as error:
             self._log_once(f"cannot publish: {error}")
 
@@ -389,7 +395,7 @@ class Monitor:
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
         )
-        published = output_of(status, None, spacecraft, wheel)
+        published = status.encoded(spacecraft, wheel)
         if record:
             self._record(published)
         self._publish(published)

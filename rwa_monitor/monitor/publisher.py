@@ -181,7 +181,8 @@ def replay_to_bus(
     publishers: dict[str, ReliablePublisher] = {}
     sent = 0
     try:
-        for topic, payload in _paced(recorded_inputs(recordings), speed, stop):
+        inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
+        for topic, payload in _paced(inputs, speed, stop):
             if topic not in publishers:
                 publishers[topic] = ReliablePublisher(session, topic)
             publishers[topic].put(payload)

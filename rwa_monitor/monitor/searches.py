@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.messages import Discrepancy, SamplesMessage, key_of
-from rwa_monitor.monitor.events import Output, output_of
+from rwa_monitor.messages import Discrepancy, EncodedMessage, SamplesMessage, key_of
 from rwa_monitor.monitor.setup import WheelKey, WheelSet
 from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text
@@ -148,7 +147,7 @@ class Searches:
             watched.searched, watched.payloads, watched.size = True, [], 0  # they are kept until the search begins
         self._forget(watched)
 
-    def poll(self) -> list[Output]:
+    def poll(self) -> list[EncodedMessage]:
         """Start the next search where none runs, and return what the last one found, ready to be published."""
         if self._running is None:
             if self._waiting:
@@ -165,7 +164,7 @@ class Searches:
             return []
         if self.folder is not None:
             self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, report)
-        return [output_of(message, message.end_ns, job.spacecraft, job.wheel)]
+        return [message.encoded(job.spacecraft, job.wheel, message.end_ns)]
 
     def close(self) -> None:
         """Stop the search that runs; nothing of it is lost that a replay could not find again."""
@@ -200,7 +199,7 @@ class Searches:
         watched.payloads, watched.size = [], 0
 
 
-def job_of(report: Discrepancy, inputs: Iterable[tuple[str, bytes]], wheels: WheelSet) -> SearchJob:
+def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelSet) -> SearchJob:
     """Return the search that a recorded report came from, for a replay.
 
     Parameters
@@ -208,15 +207,15 @@ def job_of(report: Discrepancy, inputs: Iterable[tuple[str, bytes]], wheels: Whe
     report
         As it was recorded.
     inputs
-        Topic and payload of samples recorded, in order.
+        Messages of samples recorded, in order.
     wheels
         The recording's constants.
     """
     payloads: list[bytes] = []
-    for topic, payload in inputs:
-        if topic == key_of(SamplesMessage, report.spacecraft, report.wheel):
-            time_ns = SamplesMessage.parse(payload, topic).time_ns
+    for message in inputs:
+        if message.topic == key_of(SamplesMessage, report.spacecraft, report.wheel):
+            time_ns = SamplesMessage.parse(message.payload, message.topic).time_ns
             if min(time_ns) >= report.start_ns and max(time_ns) <= report.end_ns:
-                payloads.append(payload)
+                payloads.append(message.payload)
     constants = wheels.of(report.spacecraft, report.wheel).to_toml()
     return SearchJob(report.spacecraft, report.wheel, constants, tuple(payloads))

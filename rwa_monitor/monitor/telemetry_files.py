@@ -92,7 +92,7 @@ def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> 
             continue
         batches = wheels.setdefault(message.topic, [])
         try:
-            parsed = SamplesMessage.parse(message.data, message.topic)
+            parsed = SamplesMessage.parse(message.payload, message.topic)
         except InputError as error:
             refused.append(error)
             continue

@@ -14,10 +14,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.messages import SamplesMessage, dump_json
+from rwa_monitor.messages import EncodedMessage, SamplesMessage, dump_json
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.recording.reader import RecordedMessage, read_recording, recordings_of
+from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
@@ -194,7 +194,7 @@ def _state(rig: Rig, history: History) -> str:
     """Describe what the monitor has got, for whoever looks for the fault."""
     status = {_wheel_of(key): rig.status(_wheel_of(key)) for key in history.sent}
     batches = [
-        json.loads(message.data)["batch"]
+        json.loads(message.payload)["batch"]
         for path in recordings_of(rig.recordings)
         for message in read_recording(path).messages
         if message.topic in history.sent
@@ -258,7 +258,7 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
             outcome.lost += len(samples)
             continue
         outcome.told += status["messages_missed"]
-        recorded = [m.data for m in messages if m.topic == key.replace("samples", "diagnosis")]
+        recorded = [m.payload for m in messages if m.topic == key.replace("samples", "diagnosis")]
         heard = rig.heard["diagnosis", name]
         oracle = _oracle(samples)
         expected = [payload.replace(b"wheel_1", name.encode()) for payload in oracle.diagnoses]
@@ -282,7 +282,7 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
     if history.recoverable and outcome.lost:
         problems.append(f"{outcome.lost} samples were lost")
     if history.recoverable and not history.loses_recording:
-        refused = {message.data for message in messages if message.topic.endswith("/refused")}
+        refused = {message.payload for message in messages if message.topic.endswith("/refused")}
         if refused != set(history.garbage):
             problems.append("messages refused and messages that cannot be read differ")
     if "second_publisher" in history.kinds and "two live publishers" not in _talk(rig):
@@ -323,17 +323,17 @@ def _compare(
 
 
 def _check_account(
-    name: str, rig: Rig, messages: list[RecordedMessage], key: str, problems: list[str], *, whole: bool
+    name: str, rig: Rig, messages: list[EncodedMessage], key: str, problems: list[str], *, whole: bool
 ) -> None:
     """Check the sums of every status, and the last one against the recorded samples."""
     topic = key.replace("samples", "status")
-    for payload in (*rig.heard["status", name], *(m.data for m in messages if m.topic == topic)):
+    for payload in (*rig.heard["status", name], *(m.payload for m in messages if m.topic == topic)):
         status = json.loads(payload)
         parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
         if status["samples_received"] != sum(status[f"samples_{part}"] for part in parts):
             problems.append(f"{name}: the account does not add up: {payload.decode()}")
             return
-    recorded = sum(len(SamplesMessage.parse(m.data, "").time_ns) for m in messages if m.topic == key)
+    recorded = sum(len(SamplesMessage.parse(m.payload, "").time_ns) for m in messages if m.topic == key)
     received = rig.status(name)["samples_received"]
     if whole and recorded != received:
         problems.append(f"{name}: {received} samples received, {recorded} recorded")

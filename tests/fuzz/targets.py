@@ -28,6 +28,7 @@ from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
     Discrepancy,
+    EncodedMessage,
     SamplesMessage,
     Status,
     dump_json,
@@ -305,7 +306,7 @@ def read_bytes_of_a_recording(data: bytes) -> None:
     again = read_recording(out)
     assert again.finished
     assert not again.problems
-    assert [m.data for m in again.messages] == [m.data for m in recording.messages]
+    assert [m.payload for m in again.messages] == [m.payload for m in recording.messages]
 
 
 @cache
@@ -324,7 +325,7 @@ def parts() -> tuple[tuple[str, str, bytes], ...]:
         piece = samples[start : start + 50]
         found.append((KEY, SamplesMessage.schema_name(), samples_json(piece, "p", number)))
         said_of_it = outputs_of(core.feed(piece, "p", number), "sat", "wheel_1")
-        found += [(output.key, output.schema, output.payload) for output in said_of_it]
+        found += [(output.topic, output.schema, output.payload) for output in said_of_it]
     return tuple(found)
 
 
@@ -336,7 +337,7 @@ def with_part(place: int, content: bytes) -> Path:
     writer = RecordingWriter(path, [(name, data) for topic, name, data in changed if not topic], lambda: 0)
     for topic, schema, payload in changed:
         if topic:
-            writer.write(topic, schema, payload, 0)
+            writer.write(EncodedMessage(topic, schema, payload, 0))
     writer.close()
     return path
 

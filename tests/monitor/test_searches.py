@@ -56,7 +56,7 @@ def batches(samples: Samples) -> list[bytes]:
 def wait_for_output(searches: Searches) -> list[Discrepancy]:
     """Poll until an answer is there."""
     outputs = wait_for(searches.poll, "an answer", LIMIT_S)
-    return [Discrepancy.parse(output.payload, output.key) for output in outputs]
+    return [Discrepancy.parse(output.payload, output.topic) for output in outputs]
 
 
 @pytest.fixture

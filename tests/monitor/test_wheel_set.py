@@ -10,10 +10,9 @@ import zenoh
 
 from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, samples_json
+from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.reader import Recording, recordings_of
 from rwa_monitor.monitor.replay import replay
@@ -24,7 +23,7 @@ from rwa_monitor.telemetry.configuration import read_wheel_folder, write_wheel
 from rwa_monitor.wheel.wheel import Wheel
 from tests.history.support import discrepancy
 from tests.monitor.processes import Listener, monitor, wait_for
-from tests.monitor.support import WINDOW, model, recorded, telemetry, wheel
+from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel
 from tests.program import run
 
 OWN, OTHER = ("sat", "wheel_2"), ("sat", "wheel_1")
@@ -42,8 +41,7 @@ def send(session: zenoh.Session, name: str, samples: Samples, first: int) -> Non
 
 
 def expected(name: str, samples: Samples, of_wheel: Wheel) -> list[bytes]:
-    events = WheelCore(of_wheel, model()).feed(samples)
-    return [output.payload for output in outputs_of(events, "sat", name) if output.message is Diagnosis]
+    return diagnoses(messages_of(WheelCore(of_wheel, model()).feed(samples), name))
 
 
 def run_once(record: Path, own: Wheel, parts: dict[str, Samples], first: int, received: dict[str, int]) -> list[str]:
@@ -106,9 +104,10 @@ def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["wheels/../../x.toml", "wheels/sat.toml", "wheels/sat/*.toml"])
 def test_an_attachment_that_is_of_no_wheel_is_refused(name: str) -> None:
-    text = wheel().to_toml().encode()
+    recording = Recording(Path("here"))
+    recording.attachments |= dict.fromkeys((COMMON, name), wheel().to_toml().encode())
     with pytest.raises(InputError):
-        WheelSet.of_recording(Recording(Path("here"), attachments={COMMON: text, name: text}))
+        WheelSet.of_recording(recording)
 
 
 def test_a_search_is_repeated_with_the_wheels_own_constants() -> None:

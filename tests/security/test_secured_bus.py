@@ -281,7 +281,7 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
         for message in read_recording(path).messages
         if message.topic.startswith("rwa/") and message.schema in {SamplesMessage.schema_name(), "rwa.Refused"}
     ]
-    assert sum(len(SamplesMessage.parse(m.data, m.topic).time_ns) for m in recorded) == len(samples)
+    assert sum(len(SamplesMessage.parse(m.payload, m.topic).time_ns) for m in recorded) == len(samples)
 
 
 def test_each_container_has_its_own_certificate_and_no_other() -> None:
