@@ -156,7 +156,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
     if options.mode == "client" and not options.connect and options.config is None:
         raise InputError("--mode", "a client needs an endpoint to connect to (-e tcp/HOST:PORT)")
     zenoh.init_log_from_env_or("error")
-    if _only_connects(options):
+    if options.mode is None and options.config is None and options.connect and not options.listen:
         as_client = session_config(replace(options, mode="client"))
         with suppress(zenoh.ZError):  # none answers: as a peer it can wait
             return zenoh.open(as_client)
@@ -165,11 +165,6 @@ def open_session(options: BusOptions) -> zenoh.Session:
     except zenoh.ZError as error:
         where = ", ".join((*options.connect, *options.listen)) or str(options.config or "embedded")
         raise RwaMonitorError(f"the bus cannot be opened ({where}): {_plain(error)}") from error
-
-
-def _only_connects(options: BusOptions) -> bool:
-    """Return whether a session only connects, and its role is not set."""
-    return options.mode is None and options.config is None and bool(options.connect) and not options.listen
 
 
 # ---- the monitor's end of the bus ------------------------------------------------------------------------------------
@@ -183,6 +178,17 @@ def check_wheels(key_expression: str) -> None:
         raise InputError("--wheels", f"{key_expression!r} is no key expression: {error}") from error
     if not matches:
         raise InputError("--wheels", f"{key_expression!r} takes no samples: they come on {ALL_SAMPLES}")
+
+
+def _subscriber(session: zenoh.Session, key_expression: str, on_sample: Callable[[zenoh.Sample], None]) -> Any:
+    """Subscribe to messages from now on, and to what their publishers still hold of before."""
+    return ext.declare_advanced_subscriber(
+        session,
+        key_expression,
+        on_sample,
+        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    )
 
 
 class MonitorBus:
@@ -208,14 +214,7 @@ class MonitorBus:
     def subscribe(self, key_expression: str) -> None:
         """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
         check_wheels(key_expression)
-        subscriber = ext.declare_advanced_subscriber(
-            self.session,
-            key_expression,
-            self._on_sample,
-            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
-        self._declared.append(subscriber)
+        self._declared.append(_subscriber(self.session, key_expression, self._on_sample))
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
@@ -284,8 +283,7 @@ class MonitorBus:
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if self._open and sample.kind == zenoh.SampleKind.PUT:
-            arrival = arrival_of(sample)
-            self.inbox.put(arrival.key, arrival.payload, arrival.source, arrival.number)
+            self.inbox.put(arrival_of(sample))
 
     def _on_query(self, query: zenoh.Query) -> None:
         for key, (health, timestamp) in dict(self._health).items():  # a copy: others are published meanwhile
@@ -376,13 +374,7 @@ class BusThread:
         self._inbox = Inbox()
         self._stop = Event()
         self._thread = Thread(target=self._run, name=name, daemon=True)
-        self._subscriber: Any = ext.declare_advanced_subscriber(
-            session,
-            key_expression,
-            self._on_sample,
-            history=ext.HistoryConfig(detect_late_publishers=True),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
+        self._subscriber = _subscriber(session, key_expression, self._on_sample)
 
     def start(self) -> None:
         """Begin to work on what came since the subscription."""
@@ -399,7 +391,7 @@ class BusThread:
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Called in Zenoh's threads: append, and nothing else."""
         if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
-            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
+            self._inbox.put(arrival_of(sample))
 
     def _run(self) -> None:
         while not self._stop.is_set():

@@ -36,11 +36,11 @@ MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches that may com
 
 @dataclass(frozen=True, slots=True)
 class SearchJob:
-    """One search: the wheel, its constants as wheel.toml, and the messages that hold its samples."""
+    """One search: the wheel, its constants, and the messages that hold its samples."""
 
     spacecraft: str
     wheel: str
-    wheel_toml: str
+    constants: Wheel
     payloads: tuple[bytes, ...]
 
     @property
@@ -49,23 +49,13 @@ class SearchJob:
         return f"{self.spacecraft}/{self.wheel}"
 
 
-def search(job: SearchJob) -> Discrepancy:
-    """Run a search; the same job always gives the same message.
-
-    Raises
-    ------
-    InputError
-        If the samples cannot be searched.
-    """
-    return _search(job)[0]
-
-
-def _search(job: SearchJob) -> tuple[Discrepancy, Search]:
+def search(job: SearchJob) -> tuple[Discrepancy, Search]:
+    """Run a search; the same job always gives the same message. Raises InputError if the samples cannot be searched."""
     from rwa_monitor.discrepancy.find import find_discrepancy  # noqa: PLC0415 - the monitor starts without the search
 
     samples = concatenate([SamplesMessage.parse(payload, job.wheel).samples() for payload in job.payloads])
     samples = samples[np.unique(samples.time_ns, return_index=True)[1]]
-    found = find_discrepancy([(job.name, samples)], Wheel.from_toml(job.wheel_toml, job.wheel))
+    found = find_discrepancy([(job.name, samples)], job.constants)
     content = {
         "spacecraft": job.spacecraft,
         "wheel": job.wheel,
@@ -81,7 +71,7 @@ def _search_and_report(job: SearchJob) -> tuple[Discrepancy, dict[str, str]]:
     from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
     from rwa_monitor.reporting.discrepancy_report import html  # noqa: PLC0415
 
-    message, found = _search(job)
+    message, found = search(job)
     return message, {"report.html": html(found, [f"{job.name}, live"]), "extended_wheel.toml": extend(found).to_toml()}
 
 
@@ -92,7 +82,6 @@ class _Watched:
     inadequate: int = 0
     searched: bool = False
     payloads: list[bytes] = field(default_factory=list)
-    size: int = 0
 
 
 class Searches:
@@ -129,7 +118,6 @@ class Searches:
             watched.searched = True
             return
         watched.payloads.append(payload)
-        watched.size += len(payload)
         self._kept_bytes += len(payload)
 
     def take_diagnosis(self, spacecraft: str, wheel: str, *, adequate: bool) -> None:
@@ -141,10 +129,10 @@ class Searches:
             return
         watched.inadequate += 1
         if watched.inadequate >= PATIENCE and not watched.searched and watched.payloads:
-            constants = self.wheels.of(spacecraft, wheel).to_toml()
+            constants = self.wheels.of(spacecraft, wheel)
             self._waiting.append(SearchJob(spacecraft, wheel, constants, tuple(watched.payloads)))
             self.log(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
-            watched.searched, watched.payloads, watched.size = True, [], 0  # they are kept until the search begins
+            watched.searched, watched.payloads = True, []  # they are kept until the search begins
         self._forget(watched)
 
     def poll(self) -> list[EncodedMessage]:
@@ -195,8 +183,8 @@ class Searches:
             self.log(f"discrepancy report in {folder}")
 
     def _forget(self, watched: _Watched) -> None:
-        self._kept_bytes -= watched.size
-        watched.payloads, watched.size = [], 0
+        self._kept_bytes -= sum(map(len, watched.payloads))
+        watched.payloads = []
 
 
 def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelSet) -> SearchJob:
@@ -217,5 +205,5 @@ def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelS
             time_ns = SamplesMessage.parse(message.payload, message.topic).time_ns
             if min(time_ns) >= report.start_ns and max(time_ns) <= report.end_ns:
                 payloads.append(message.payload)
-    constants = wheels.of(report.spacecraft, report.wheel).to_toml()
+    constants = wheels.of(report.spacecraft, report.wheel)
     return SearchJob(report.spacecraft, report.wheel, constants, tuple(payloads))

@@ -63,19 +63,19 @@ def test_a_bus_that_cannot_be_reached_is_reported() -> None:
 def test_a_full_inbox_drops_and_counts() -> None:
     inbox = Inbox(max_messages=3, max_bytes=10, patience_s=0.01)
     for number in range(5):
-        inbox.put("key", bytes([number]))
+        inbox.put(Arrival("key", bytes([number])))
     assert (len(inbox), inbox.dropped) == (3, 2)
     assert inbox.take() == Arrival("key", b"\0")
-    inbox.put("key", bytes(9))  # 2 bytes wait: 11 are too many
+    inbox.put(Arrival("key", bytes(9)))  # 2 bytes wait: 11 are too many
     assert inbox.dropped == 3
-    inbox.put("key", bytes(8))
+    inbox.put(Arrival("key", bytes(8)))
     left = [inbox.take() for _ in range(4)]
     assert left == [Arrival("key", b"\1"), Arrival("key", b"\2"), Arrival("key", bytes(8)), None]
 
 
 def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
     inbox = Inbox(max_messages=3, patience_s=30.0)
-    thread = Thread(target=lambda: [inbox.put("key", bytes([number])) for number in range(100)])
+    thread = Thread(target=lambda: [inbox.put(Arrival("key", bytes([number]))) for number in range(100)])
     thread.start()
     taken: list[int] = []
     while len(taken) < 100:

@@ -151,7 +151,7 @@ def test_a_search_whose_process_is_killed_is_reported(searches: Searches, log_li
 
 @pytest.mark.slow
 def test_the_same_job_gives_the_same_message() -> None:
-    job = SearchJob("sat", "a", small_wheel().to_toml(), tuple(batches(telemetry(1))))
+    job = SearchJob("sat", "a", small_wheel(), tuple(batches(telemetry(1))))
     assert search(job) == search(job)
 
 

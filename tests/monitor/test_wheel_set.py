@@ -113,7 +113,7 @@ def test_an_attachment_that_is_of_no_wheel_is_refused(name: str) -> None:
 def test_a_search_is_repeated_with_the_wheels_own_constants() -> None:
     wheels = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
     jobs = [job_of(discrepancy(0, name), [], wheels) for name in ("wheel_1", "wheel_2")]
-    assert [job.wheel_toml for job in jobs] == [wheel().to_toml(), wheel(WINDOW // 2).to_toml()]
+    assert [job.constants for job in jobs] == [wheel(), wheel(WINDOW // 2)]
 
 
 def test_a_folder_gives_each_wheel_its_file(tmp_path: Path) -> None:

@@ -88,9 +88,9 @@ class Inbox:
         """Count the messages that wait."""
         return len(self._messages)
 
-    def put(self, key: str, payload: bytes, source: str = "", number: int = 0) -> None:
+    def put(self, message: Arrival) -> None:
         """Append a message; when full, wait for room, or drop and count it after a while."""
-        message = Arrival(key, payload, source, number)
+        source = message.source
         with self._room:
             # A reader that stands still costs the wait once, not once for each message.
             if not self._fits(message) and not (

@@ -137,24 +137,23 @@ class SlotAssignment:
         self.frontier = 0
         self.last_ns: int | None = None
 
-    def is_clean(self, samples: Samples) -> bool:
-        """Return whether all samples can be telemetry of this wheel and every value is there, as nearly always."""
-        if not all_between(samples.time_ns, MIN_TIME_NS, MAX_TIME_NS):
-            return False
-        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
-            if values is not None and not all_between(values, -limit, limit):
-                return False
-        return True
-
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
-        """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
-        wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
-        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
-            if values is not None:
-                wrong |= (np.abs(values) > limit) & np.isfinite(values)
-        count = int(np.count_nonzero(wrong))
-        if count == 0:
+        """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected.
+
+        None where every value is there and all can be, as nearly always.
+        """
+        channels = [
+            (values, limit)
+            for values, limit in zip(_channels_of(samples), self._limits, strict=True)
+            if values is not None
+        ]
+        clean = all(all_between(values, -limit, limit) for values, limit in channels)
+        if clean and all_between(samples.time_ns, MIN_TIME_NS, MAX_TIME_NS):
             return None
+        wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
+        for values, limit in channels:
+            wrong |= (np.abs(values) > limit) & np.isfinite(values)
+        count = int(np.count_nonzero(wrong))
         self.counts.rejected += count
         self.counts.queued -= count
         return ~wrong
