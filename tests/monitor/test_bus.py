@@ -216,34 +216,6 @@ def test_publishers_that_do_not_answer_let_others_be_asked() -> None:
     assert {before.source for before, *_ in history.asked} == set(list(fleet)[: 2 * MAX_ASKED])
 
 
-def test_what_was_dropped_is_asked_for_although_nothing_follows() -> None:
-    history, backfill = asking()
-    sent = arrivals("one", range(9))
-    assert drained(backfill, deque(sent[:3])) == sent[:3]
-    backfill.miss(sent[8])
-    backfill.miss(sent[1])  # has arrived since
-    (question,) = history.asked
-    assert (question[0].number, question[1]) == (9, 3)
-    answer(question, *sent[3:])
-    assert drained(backfill, deque()) == sent[3:]
-    assert (len(backfill), len(history.asked), backfill.missed) == (0, 1, {})
-
-
-def test_what_could_not_be_read_is_asked_for_again_and_what_follows_waits_for_it() -> None:
-    history, backfill = asking()
-    sent, other = arrivals("one", range(8)), arrivals("other", range(3))
-    assert drained(backfill, deque([*sent[:3], other[0]])) == [*sent[:3], other[0]]
-    assert backfill.ask_again(sent[2])
-    assert drained(backfill, deque([*sent[3:5], other[1], sent[6]])) == [other[1]]
-    (question,) = history.asked
-    assert (question[0].source, question[0].number, question[1]) == ("one", 3, 2)
-    answer(question, sent[2])
-    assert drained(backfill, deque([other[2]])) == [sent[2]._replace(again=True), *sent[3:5], other[2]]
-    answer(history.asked[1], sent[5])  # what was missing besides
-    assert drained(backfill, deque([sent[7]])) == sent[5:]
-    assert (len(backfill), backfill.missed) == (0, {})
-
-
 def test_what_could_not_be_read_may_be_followed_by_a_gap_that_was_found_before() -> None:
     history, backfill = asking()
     sent = arrivals("one", range(9))

@@ -72,7 +72,9 @@ def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(
         recording = read_recording(damaged)
         got = [message.payload for message in recording.messages]
         assert got in (payloads, payloads[:2], payloads[2:])
-        assert recording.problems or got == payloads
+        assert recording.problems or (
+            got == payloads and recording.attachments.keys() >= {"settings.json", "wheel.toml"}
+        )
         if number % 97:
             continue
         recovery = recover(damaged, target)

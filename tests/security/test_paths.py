@@ -36,15 +36,20 @@ def test_a_key_names_nothing_that_is_no_plain_name(name: str) -> None:
         assert str(caught.value).isprintable()
 
 
+@pytest.mark.parametrize("of", ["checkpoint", "wheels"])
 @pytest.mark.parametrize("name", LEADING_OUT)
-def test_a_recording_names_no_wheel_that_leads_out(name: str, tmp_path: Path) -> None:
+def test_a_recording_names_no_wheel_that_leads_out(name: str, of: str, tmp_path: Path) -> None:
     made_with = {
         "wheel.toml": wheel().to_toml(),
         "model.json": model().to_json(),
         "settings.json": '{"method": "joint"}',
-        f"checkpoint/sat/{name}.json": WheelCore(wheel(), model()).checkpoint().to_json().decode(),
+        "checkpoint/sat/wheel_1.json": WheelCore(wheel(), model()).checkpoint().to_json().decode(),
     }
-    attachments = [(attached, text.encode()) for attached, text in made_with.items()]
+    named = {"wheels/sat/wheel_1.toml": made_with["wheel.toml"], **made_with} if of == "wheels" else made_with
+    attachments = [
+        (attached.replace("wheel_1", name) if attached.startswith(of) else attached, text.encode())
+        for attached, text in named.items()
+    ]
     RecordingWriter(tmp_path / "x.mcap", attachments, lambda: 0).close()
     with pytest.raises(InputError, match=r"wheel|name"):
         run_recording(tmp_path / "x.mcap", Event(), lambda *_: None)
