@@ -144,7 +144,7 @@ class WheelCore:
             events += self._place(self._waiting, last=True)
             self._waiting = None
         events += self._windows.end_epoch()
-        self._assignment.end_epoch()
+        self._assignment.grid = None  # the next sample begins a new epoch
         return events
 
     @property
@@ -196,9 +196,7 @@ class WheelCore:
         strays: list[int] = []
         start = 0
         while start < len(rows):
-            piece = self._assignment.next_piece(
-                rows.time_ns, good, start, windows.ring.is_filled, passed=passed, last=last
-            )
+            piece = self._assignment.next_piece(rows.time_ns, good, start, windows.ring, passed=passed, last=last)
             if piece.waits:
                 self._waiting = rows[start : start + 1]
                 break
@@ -225,9 +223,10 @@ class WheelCore:
         """Bring new slots, and the empty ones before them, into the ring buffer piece by piece."""
         events: list[Event] = []
         ring = self._windows.ring
-        while ring.end < self._assignment.frontier:
-            end = min(ring.end + PIECE_SLOTS, self._assignment.frontier)
-            if slots.size and ring.end <= slots[0] and end == self._assignment.frontier:  # all at once
+        frontier = int(slots[-1]) + 1 if slots.size else 0
+        while ring.end < frontier:
+            end = min(ring.end + PIECE_SLOTS, frontier)
+            if ring.end <= slots[0] and end == frontier:  # all at once
                 ring.extend(end, slots, values)
             else:
                 rows = slice(*np.searchsorted(slots, (ring.end, end)))
@@ -247,7 +246,7 @@ class WheelCore:
             sequencer=self._sequencer,
             waiting=self._waiting,
             origin_ns=grid.origin_ns if grid else None,
-            frontier=self._assignment.frontier,
+            frontier=self._windows.ring.end,
             last_ns=self._assignment.last_ns,
             **self._windows.state(),
         )
@@ -268,7 +267,7 @@ class WheelCore:
         core._reported_missing, core._waiting = checkpoint.reported_missing, checkpoint.waiting
         origin_ns, assignment = checkpoint.origin_ns, core._assignment
         assignment.grid = None if origin_ns is None else SlotGrid(origin_ns, wheel.period_ns)
-        assignment.frontier, assignment.last_ns = checkpoint.frontier, checkpoint.last_ns
+        assignment.last_ns = checkpoint.last_ns
         core._windows.resume(checkpoint)
         return core
 

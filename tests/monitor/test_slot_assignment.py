@@ -21,6 +21,7 @@ from rwa_monitor.monitor.ingest.sequencer import (
 )
 from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
+from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.wheel.wheel import Limits, Wheel
 from rwa_monitor.words import time_text
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
@@ -290,12 +291,13 @@ def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: i
     """The compiled loop, against the grid's own arithmetic."""
     guard = SlotAssignment(period_ns, 100, Limits(), None, Counts())
     grid = guard.grid = SlotGrid(origin_ns, period_ns)
-    guard.frontier = frontier
+    ring = RingBuffer(100, (), 100)
+    ring.clear(frontier)
     time_ns = origin_ns + (frontier + np.arange(len(jitter))) * period_ns + (np.array(jitter) * period_ns).astype(int)
     expected, furthest = [], frontier - 1
     for slot in grid.slot_of(time_ns).tolist():
         if slot > furthest:
             expected.append(slot)
         furthest = max(furthest, slot)
-    piece = guard.next_piece(time_ns, np.ones(time_ns.size, dtype=np.bool_), 0, lambda s: np.zeros(s.size, np.bool_))
+    piece = guard.next_piece(time_ns, np.ones(time_ns.size, dtype=np.bool_), 0, ring)
     assert piece.slots.tolist() == expected
