@@ -30,7 +30,9 @@ from rwa_monitor.telemetry.files import read_text
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
-OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses repeat their last number, what is less important sends it once
+# How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
+# when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
+HEARTBEAT_S: Final = 1.0
 MAX_CONFIG_BYTES: Final = 1_000_000
 ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
 MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
@@ -191,6 +193,27 @@ def _subscriber(session: zenoh.Session, key_expression: str, on_sample: Callable
     )
 
 
+def reliable_publisher(
+    session: zenoh.Session, key: str, encoding: str, kept: int, *, repeats_number: bool = True
+) -> Any:
+    """Declare a publisher that keeps so many messages for whoever comes late; its `undeclare` drops them.
+
+    It repeats the number of its last message, or sends it once.
+    """
+    return ext.declare_advanced_publisher(
+        session,
+        key,
+        encoding=encoding,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        cache=ext.CacheConfig(max_samples=kept),
+        sample_miss_detection=ext.MissDetectionConfig(
+            heartbeat=HEARTBEAT_S if repeats_number else None,
+            sporadic_heartbeat=None if repeats_number else HEARTBEAT_S,
+        ),
+        publisher_detection=True,
+    )
+
+
 class MonitorBus:
     """What the monitor does on a session: takes samples, publishes messages, answers questions about health.
 
@@ -250,17 +273,9 @@ class MonitorBus:
             if kind == "status":
                 self._publishers[key] = self.session.declare_publisher(key, encoding=message.encoding)
             else:
-                self._publishers[key] = ext.declare_advanced_publisher(
-                    self.session,
-                    key,
-                    encoding=message.encoding,
-                    congestion_control=zenoh.CongestionControl.BLOCK,
-                    cache=ext.CacheConfig(max_samples=1 if kind == "health" else OUTPUT_HISTORY),
-                    sample_miss_detection=ext.MissDetectionConfig(
-                        heartbeat=OUTPUT_HEARTBEAT_S if kind == "diagnosis" else None,
-                        sporadic_heartbeat=None if kind == "diagnosis" else OUTPUT_HEARTBEAT_S,
-                    ),
-                    publisher_detection=True,
+                kept = 1 if kind == "health" else OUTPUT_HISTORY
+                self._publishers[key] = reliable_publisher(
+                    self.session, key, message.encoding, kept, repeats_number=kind == "diagnosis"
                 )
         timestamp = None
         if kind == "health":

@@ -109,7 +109,6 @@ class _Served:
     core: WheelCore | None = None
     messages_rejected: int = 0
     last_error: str | None = None
-    last_sample_ns: int | None = None
     publisher: str = ""
     verdict: tuple[str, ...] = ()  # and what is anomalous, as it was logged last
     windows: int = 0
@@ -122,6 +121,11 @@ class _Served:
     def name(self) -> str:
         """Spacecraft and wheel, as the log has them."""
         return "/".join(self.key)
+
+    def checkpoint(self) -> bytes:
+        """Return the state of its core."""
+        assert self.core is not None
+        return self.core.checkpoint().to_json()
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,9 +204,22 @@ class Monitor:
     def tick(self) -> None:
         """Do what is due by the clock: flush and rotate the recording, publish status."""
         now_s = self.clock.monotonic_s()
-        if now_s >= self._tick_due_s:
-            self._tick_due_s = now_s + TICK_S
-            self._tick(now_s)
+        if now_s < self._tick_due_s:
+            return
+        self._tick_due_s = now_s + TICK_S
+        if self.recorder is not None:
+            self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
+            self._log_recorder()
+        for found in self.searches.poll():
+            self._record(found)
+            self._publish(found)
+        for served in self._served.values():
+            if now_s >= served.status_due_s:
+                served.status_due_s = now_s + self.options.status_period_s
+                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
+                if record:
+                    served.status_recorded_s = now_s
+                self._status(served, record=record)
 
     def close(self) -> None:
         """Write the last status of each wheel and the end of the recording."""
@@ -259,7 +276,6 @@ class Monitor:
         self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch)
-        served.last_sample_ns = core.last_sample_ns
         if any(isinstance(event, WindowDiagnosed) for event in events):
             served.diagnosis_s = self.clock.monotonic_s() - begin_s
         self._handle(served, events)
@@ -344,21 +360,6 @@ class Monitor:
         except zenoh.ZError as error:
             self._log_once(f"cannot publish: {error}")
 
-    def _tick(self, now_s: float) -> None:
-        if self.recorder is not None:
-            self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
-            self._log_recorder()
-        for found in self.searches.poll():
-            self._record(found)
-            self._publish(found)
-        for served in self._served.values():
-            if now_s >= served.status_due_s:
-                served.status_due_s = now_s + self.options.status_period_s
-                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
-                if record:
-                    served.status_recorded_s = now_s
-                self._status(served, record=record)
-
     def _status(self, served: _Served, *, record: bool) -> None:
         """Publish how a wheel's monitor is doing."""
         spacecraft, wheel = served.key
@@ -391,7 +392,7 @@ class Monitor:
             model_sha256=self._model_sha256,
             publisher=served.publisher,
             windows=served.windows,
-            last_sample_ns=served.last_sample_ns,
+            last_sample_ns=core.last_sample_ns if core else None,
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
         )
@@ -402,11 +403,7 @@ class Monitor:
 
     def _checkpoints(self) -> Checkpoints:
         """Return what makes the checkpoint of each wheel, as it then stands."""
-
-        def write(core: WheelCore) -> bytes:
-            return core.checkpoint().to_json()
-
-        return {served.name: partial(write, served.core) for served in self._served.values() if served.core is not None}
+        return {served.name: served.checkpoint for served in self._served.values() if served.core is not None}
 
     def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:

@@ -34,7 +34,7 @@ from zenoh import ext
 from rwa_monitor.cli.console import stop_on_signals
 from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import ReliablePublisher
+from rwa_monitor.monitor.publisher import messages_publisher
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
 from rwa_monitor.monitor.service import run
 from tests.faults.history import Put, wheel
@@ -75,7 +75,7 @@ def publisher_process(config: Path, port: int, kept: int, connection: Connection
                 publishers[name] = (
                     _plain_publisher(session, put.key)
                     if put.publisher == "intruder"
-                    else ReliablePublisher(session, put.key, kept)
+                    else messages_publisher(session, put.key, kept)
                 )
             publishers[name].put(put.payload)
 

@@ -16,7 +16,7 @@ import zenoh
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session, session_config
 from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill, Inbox
-from rwa_monitor.monitor.publisher import ReliablePublisher
+from rwa_monitor.monitor.publisher import messages_publisher
 from tests.monitor.processes import wait_for
 from tests.monitor.support import KEY, free_port
 
@@ -271,7 +271,7 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
     inbox = Inbox(max_messages=5, patience_s=0.02)
     with open_session(BusOptions()) as session, closing(MonitorBus(session, inbox)) as bus:
         bus.subscribe("rwa/*/*/samples")
-        publisher = ReliablePublisher(session, KEY)
+        publisher = messages_publisher(session, KEY)
         for number in range(60):
             publisher.put(b"%d" % number)
         wait_for(lambda: len(bus.inbox) == 5, "the first messages")
@@ -284,7 +284,7 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
             return len(taken) >= 60
 
         wait_for(took_all, "all messages")
-        publisher.close()
+        publisher.undeclare()
     assert taken == list(range(60))
     assert bus.missed == {}
 

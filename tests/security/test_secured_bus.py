@@ -25,7 +25,7 @@ from zenoh import ext
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher
+from rwa_monitor.monitor.publisher import SamplesPublisher, messages_publisher
 from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from tests.monitor.processes import wait_for
 from tests.monitor.support import WINDOW, batch_diagnoses, telemetry, wheel
@@ -84,7 +84,7 @@ def send(session: zenoh.Session, key: str, payload: bytes) -> None:
     """Publish in all ways there are: plainly, and with a history that late subscribers ask for."""
     session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
     if "*" not in key:
-        ReliablePublisher(session, key).put(payload)
+        messages_publisher(session, key).put(payload)
     session.delete(key)
 
 

@@ -15,7 +15,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from errno import EIO
 from hashlib import file_digest
 from io import BytesIO
@@ -215,17 +215,9 @@ class Recording:
             return self.finished
         if opcode not in {Opcode.CHUNK, Opcode.ATTACHMENT}:
             return _is_ignored(opcode, content)
-        try:
-            if opcode == Opcode.CHUNK:
-                self._take_records(self._unpack(content))
-            else:
-                self._take_attachment(content)
-        except InputError:
-            raise
-        # The parsers raise whatever a damaged byte leads them to.
-        except Exception:  # noqa: BLE001
-            return False
-        return True
+        if opcode == Opcode.CHUNK:
+            return _is_sound(lambda: self._take_records(self._unpack(content)))
+        return _is_sound(lambda: self._take_attachment(content))
 
     def _unpack(self, content: bytes) -> bytes:
         """Return the data of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
@@ -311,12 +303,19 @@ class Recording:
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
             return False
         self._begin_work(stop - start)
-        try:
-            return bool(self._unpack(self._read(start + _HEAD_BYTES, stop)))
-        except InputError:
-            raise
-        except Exception:  # noqa: BLE001 - as above
-            return False
+        return _is_sound(lambda: self._unpack(self._read(start + _HEAD_BYTES, stop)))
+
+
+def _is_sound(parse: Callable[[], object]) -> bool:
+    """Return whether something can be parsed; raises InputError where a limit is exceeded."""
+    try:
+        parse()
+    except InputError:
+        raise
+    # The parsers raise whatever a damaged byte leads them to.
+    except Exception:  # noqa: BLE001
+        return False
+    return True
 
 
 def _is_ignored(opcode: int, content: bytes) -> bool:

@@ -131,7 +131,6 @@ class Recorder:
         self._ending: RecordingWriter | None = None  # the file before, for as long as wheels are left in it
         self._left: dict[str, Callable[[], bytes]] = {}  # these wheels, and what makes their checkpoints
         self._moved_s = 0.0
-        self._room = 0  # bytes for which there is room in the new file
         self._begun_s = 0.0
         self._synced_s = 0.0
         self._retry_s = float("-inf")
@@ -158,7 +157,6 @@ class Recorder:
         try:
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
                 part.unlink()  # of a run that was killed while it began a file
-            self._room = 0
             self._writer = self._new_file(self._predecessor, ALL_CHECKPOINTS, checkpoints, inherited)
         except OSError as error:
             self._fail(error, now_s)
@@ -255,7 +253,6 @@ class Recorder:
         ending = self._writer
         assert ending is not None
         try:
-            self._room = 0
             self._ensure_room(ending.size_at_begin)
             self._writer = self._new_file(Predecessor(ending.path.name, None), SOME_CHECKPOINTS, {})
         except OSError as error:
@@ -338,9 +335,7 @@ class Recorder:
     def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
         """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
         needed = max(self._max_file_bytes, 2 * (begin + SCHEMAS_BYTES)) + Sink.GATHERED_BYTES
-        if needed > self._room:
-            self._make_room(needed - written)
-            self._room = needed
+        self._make_room(needed - written)
         self._check_free(more)
 
     def _check_free(self, needed: int) -> None:
