@@ -30,18 +30,29 @@ def test_what_is_carried_after_any_window_is_what_its_file_holds() -> None:
     assert unseen > 3  # windows that did not show the base dry friction, whose value is carried with doubt
 
 
-def test_a_damaged_checkpoint_is_refused() -> None:
-    core, of_wheel = WheelCore(wheel(), model()), wheel()
+ENDLESS = b64encode(np.array([np.inf]).tobytes()).decode()
+GATHERED = r"open.*x|does not fit"
+# Where a checkpoint is changed, to what, and why it is refused then.
+DAMAGED = [
+    *((("open", 0, 1, "x"), value, GATHERED) for value in ("AAAA", ENDLESS, "0.5", [0.1], {}, None)),
+    *(((name,), [ENDLESS] * 3, "does not fit") for name in ("channels", "memories")),
+    *((("sequencer", "counts"), {"used": used}, "counts") for used in (-1, 2**60)),
+    (("sequencer", "expected"), -(2**64), "expected"),
+    (("slots", "begin"), 2**64, "begin"),
+    *(((name,), 2**64, name) for name in ("done", "origin_ns", "frontier")),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "reason"), DAMAGED)
+def test_a_damaged_checkpoint_is_refused(place: tuple[str | int, ...], value: object, reason: str) -> None:
+    core = WheelCore(wheel(), model())
     core.feed(telemetry(1_500))
-    content = json.loads(core.checkpoint().to_json())
-    ((start, window),) = content["open"]
-    endless = b64encode(np.array([np.inf]).tobytes()).decode()
-    for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1], {}, None):
-        with pytest.raises(InputError, match=r"open.*x|does not fit"):
-            resumed(json.dumps(content | {"open": [[start, window | {"x": damaged}]]}).encode(), of_wheel)
-    for name in ("channels", "memories"):
-        with pytest.raises(InputError, match="does not fit"):
-            resumed(json.dumps(content | {name: [endless] * 3}).encode(), of_wheel)
+    content = within = json.loads(core.checkpoint().to_json())
+    for step in place[:-1]:
+        within = within[step]
+    within[place[-1]] = value
+    with pytest.raises(InputError, match=reason):
+        resumed(json.dumps(content).encode(), wheel())
 
 
 def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
@@ -55,23 +66,6 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     assert again.counts == core.counts
     again.feed(parts[1], "p", 1)
     assert (again.counts.used, again.counts.rejected) == (400, 100)
-
-
-def test_a_checkpoint_that_counts_beyond_all_bounds_is_refused() -> None:
-    core = WheelCore(wheel(), model())
-    core.feed(telemetry(WINDOW)[:200])
-    whole = json.loads(core.checkpoint().to_json())
-    for part, field, value in (
-        ("sequencer", "counts", {"used": -1}),
-        ("sequencer", "counts", {"used": 2**60}),
-        ("sequencer", "expected", -(2**64)),
-        ("slots", "begin", 2**64),
-    ):
-        with pytest.raises(InputError, match=field):
-            resumed(json.dumps(whole | {part: whole[part] | {field: value}}).encode(), wheel())
-    for field in ("done", "origin_ns", "frontier"):
-        with pytest.raises(InputError, match=field):
-            resumed(json.dumps(whole | {field: 2**64}).encode(), wheel())
 
 
 def test_a_checkpoint_of_another_wheel_is_refused() -> None:
