@@ -109,6 +109,7 @@ class _Served:
     core: WheelCore | None = None
     messages_rejected: int = 0
     last_error: str | None = None
+    last_sample_ns: int | None = None
     publisher: str = ""
     verdict: tuple[str, ...] = ()  # and what is anomalous, as it was logged last
     windows: int = 0
@@ -276,6 +277,7 @@ class Monitor:
         self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch)
+        served.last_sample_ns = core.last_sample_ns
         if any(isinstance(event, WindowDiagnosed) for event in events):
             served.diagnosis_s = self.clock.monotonic_s() - begin_s
         self._handle(served, events)
@@ -392,7 +394,7 @@ class Monitor:
             model_sha256=self._model_sha256,
             publisher=served.publisher,
             windows=served.windows,
-            last_sample_ns=core.last_sample_ns if core else None,
+            last_sample_ns=served.last_sample_ns,
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
         )
