@@ -274,7 +274,7 @@ class Monitor:
         served.core = core
         self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
         served.publisher = message.publisher
-        self.searches.take_input(spacecraft, wheel, payload)
+        self.searches.take_input(served.key, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch)
         served.last_sample_ns = core.last_sample_ns
@@ -307,7 +307,7 @@ class Monitor:
         for event in closed:
             self._log_verdict(served, event)
             if not event.partial:
-                self.searches.take_diagnosis(*served.key, adequate=event.diagnosis.model_adequate)
+                self.searches.take_diagnosis(served.key, adequate=event.diagnosis.model_adequate)
 
     def _log_verdict(self, served: _Served, event: WindowDiagnosed) -> None:
         """Log what a window amounts to where the verdict changes; a line for each window of a fleet would hide it."""

@@ -36,29 +36,28 @@ MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches that may com
 
 @dataclass(frozen=True, slots=True)
 class SearchJob:
-    """One search: the wheel, its constants, and the messages that hold its samples."""
+    """One search: spacecraft and wheel, its constants, and the messages that hold its samples."""
 
-    spacecraft: str
-    wheel: str
+    key: WheelKey
     constants: Wheel
     payloads: tuple[bytes, ...]
 
     @property
     def name(self) -> str:
         """Spacecraft and wheel, as the log has them."""
-        return f"{self.spacecraft}/{self.wheel}"
+        return "/".join(self.key)
 
 
 def search(job: SearchJob) -> tuple[Discrepancy, Search]:
     """Run a search; the same job always gives the same message. Raises InputError if the samples cannot be searched."""
     from rwa_monitor.discrepancy.find import find_discrepancy  # noqa: PLC0415 - the monitor starts without the search
 
-    samples = concatenate([SamplesMessage.parse(payload, job.wheel).samples() for payload in job.payloads])
+    samples = concatenate([SamplesMessage.parse(payload, job.name).samples() for payload in job.payloads])
     samples = samples[np.unique(samples.time_ns, return_index=True)[1]]
     found = find_discrepancy([(job.name, samples)], job.constants)
     content = {
-        "spacecraft": job.spacecraft,
-        "wheel": job.wheel,
+        "spacecraft": job.key[0],
+        "wheel": job.key[1],
         "start_ns": int(samples.time_ns[0]),
         "end_ns": int(samples.time_ns[-1]),
         **found.result.to_json(),
@@ -107,31 +106,31 @@ class Searches:
         self._running: tuple[SearchJob, Future[tuple[Discrepancy, dict[str, str]]]] | None = None
         self._children: set[BaseProcess] = set()
 
-    def take_input(self, spacecraft: str, wheel: str, payload: bytes) -> None:
+    def take_input(self, key: WheelKey, payload: bytes) -> None:
         """Keep a message of a wheel that may have to be searched."""
-        watched = self._watched.get((spacecraft, wheel))
+        watched = self._watched.get(key)
         if watched is None or not watched.inadequate or watched.searched:
             return
         if self._kept_bytes + len(payload) > MAX_KEPT_BYTES:
-            self.log(f"{spacecraft}/{wheel}: no room to keep its samples for a discrepancy search")
+            self.log(f"{'/'.join(key)}: no room to keep its samples for a discrepancy search")
             self._forget(watched)
             watched.searched = True
             return
         watched.payloads.append(payload)
         self._kept_bytes += len(payload)
 
-    def take_diagnosis(self, spacecraft: str, wheel: str, *, adequate: bool) -> None:
+    def take_diagnosis(self, key: WheelKey, *, adequate: bool) -> None:
         """Take note of a closed window."""
-        watched = self._watched.setdefault((spacecraft, wheel), _Watched())
+        watched = self._watched.setdefault(key, _Watched())
         if adequate:
             self._forget(watched)
             watched.inadequate, watched.searched = 0, False
             return
         watched.inadequate += 1
         if watched.inadequate >= PATIENCE and not watched.searched and watched.payloads:
-            constants = self.wheels.of(spacecraft, wheel)
-            self._waiting.append(SearchJob(spacecraft, wheel, constants, tuple(watched.payloads)))
-            self.log(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
+            job = SearchJob(key, self.wheels.of(*key), tuple(watched.payloads))
+            self._waiting.append(job)
+            self.log(f"{job.name}: its friction model does not fit; searching for the cause")
             watched.searched, watched.payloads = True, []  # they are kept until the search begins
         self._forget(watched)
 
@@ -151,8 +150,8 @@ class Searches:
             self.log(f"{job.name}: the discrepancy search could not be made: {error}")
             return []
         if self.folder is not None:
-            self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, report)
-        return [message.encoded(job.spacecraft, job.wheel, message.end_ns)]
+            self._write_report(self.folder / "discrepancy" / job.name, report)
+        return [message.encoded(*job.key, message.end_ns)]
 
     def close(self) -> None:
         """Stop the search that runs; nothing of it is lost that a replay could not find again."""
@@ -199,11 +198,10 @@ def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelS
     wheels
         The recording's constants.
     """
-    payloads: list[bytes] = []
+    key, payloads = (report.spacecraft, report.wheel), list[bytes]()
     for message in inputs:
-        if message.topic == key_of(SamplesMessage, report.spacecraft, report.wheel):
+        if message.topic == key_of(SamplesMessage, *key):
             time_ns = SamplesMessage.parse(message.payload, message.topic).time_ns
             if min(time_ns) >= report.start_ns and max(time_ns) <= report.end_ns:
                 payloads.append(message.payload)
-    constants = wheels.of(report.spacecraft, report.wheel)
-    return SearchJob(report.spacecraft, report.wheel, constants, tuple(payloads))
+    return SearchJob(key, wheels.of(*key), tuple(payloads))
