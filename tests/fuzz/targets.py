@@ -51,11 +51,11 @@ from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
 from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import read_text
 from rwa_monitor.telemetry.labels import read_labels, write_labels
-from rwa_monitor.telemetry.reader import Decoding, TextFile
+from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.table import read_table, table_writer
 from rwa_monitor.wheel.wheel import Wheel
-from tests.monitor.support import telemetry, wheel
+from tests.monitor.support import adds_up, telemetry, wheel
 from tests.telemetry import bags
 from tests.telemetry import packets as made
 
@@ -136,9 +136,8 @@ def read_message(data: bytes) -> None:
         events = [*core.feed(samples, message.publisher, message.batch), *core.feed(samples, message.publisher, None)]
         for output in outputs_of([*events, *core.finish()], "sat", "wheel_1"):
             json.loads(output.payload)
-        counts = core.counts
-        taken = counts.used + counts.masked + counts.late + counts.duplicate + counts.rejected + counts.queued
-        assert counts.received == taken == 2 * len(samples)
+        assert adds_up(core.counts)
+        assert core.counts.received == 2 * len(samples)
     else:
         assert kind.parse(message.to_json(), KEY).to_json() == message.to_json()
         show(message)
@@ -252,19 +251,18 @@ def read_some_packets(data: bytes) -> None:
         decoder.take(data[start : start + 36])
     counts = decoder.counts
     assert counts.packets == counts.decoded + counts.bad + counts.unknown + counts.idle + counts.other
-    for wheel_of_file in read_packets(kept("packets.ccsds", data), made.decoding()).telemetry:
-        for batch in wheel_of_file.batches:
-            core = WheelCore(small_wheel(), built_in_model())
-            core.feed(batch.samples)
-            core.finish()
+    use_all(read_packets(kept("packets.ccsds", data), made.decoding()))
 
 
 def read_a_bag(data: bytes) -> None:
-    for wheel_of_file in read_bag(kept("bag.mcap", data), bags.decoding(bags.map_of(small_samples()))).telemetry:
-        for batch in wheel_of_file.batches:
-            core = WheelCore(small_wheel(), built_in_model())
-            core.feed(batch.samples)
-            core.finish()
+    use_all(read_bag(kept("bag.mcap", data), bags.decoding(bags.map_of(small_samples()))))
+
+
+def use_all(file: TelemetryFile) -> None:
+    for batch in (batch for of_wheel in file.telemetry for batch in of_wheel.batches):
+        core = WheelCore(small_wheel(), built_in_model())
+        core.feed(batch.samples)
+        core.finish()
 
 
 def bag_seeds() -> list[bytes]:
@@ -278,14 +276,16 @@ def bag_seeds() -> list[bytes]:
 def read_a_definition(data: bytes) -> None:
     """Read bytes as an XTCE definition, as a file of one would come, and packets by it."""
     text = read_text(kept("x.xml", data), 100_000)
-    decoder = PacketDecoder(Decoding(made.decoding().map, TextFile("x.xml", text)), "test")
-    for packet in made.packets(4):
-        decoder.take(packet)
+    decode(Decoding(made.decoding().map, TextFile("x.xml", text)))
 
 
 def read_a_map(data: bytes) -> None:
     text = read_text(kept("map.toml", data), 100_000)
-    decoder = PacketDecoder(Decoding(TextFile("map.toml", text), made.decoding().xtce), "test")
+    decode(Decoding(TextFile("map.toml", text), made.decoding().xtce))
+
+
+def decode(decoding: Decoding) -> None:
+    decoder = PacketDecoder(decoding, "test")
     for packet in made.packets(4):
         decoder.take(packet)
 
