@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 from scipy import stats
+
+from benchmarks.machine import describe_machine
 
 NONE = "–"  # in a cell: there is nothing to show
 
@@ -26,6 +29,19 @@ def section(title: str, *parts: str, level: int = 2) -> str:
 def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return a Markdown table."""
     return "\n".join("| " + " | ".join(line) + " |" for line in (header, ["---"] * len(header), *rows))
+
+
+def made_at() -> str:
+    """Return the commit that a page was made at, its date, whether the tree differed from it, and the machine."""
+    git = ("git", "-C", str(Path(__file__).parent))
+    try:
+        commit, changed = (
+            subprocess.run((*git, *asked), capture_output=True, text=True, check=True).stdout.strip()
+            for asked in (("log", "-1", "--format=%h of %cs"), ("status", "--porcelain", ".", "../rwa_monitor"))
+        )
+    except (OSError, subprocess.CalledProcessError):  # an archive, without its history
+        commit, changed = "not known", ""
+    return f"Commit {commit}{', with changes' if changed else ''}; {describe_machine()['processor']}."
 
 
 # ---- figures ---------------------------------------------------------------------------------------------------------
@@ -70,7 +86,8 @@ def add_output_option(parser: argparse.ArgumentParser) -> None:
 
 
 def put_out(text: str, output: Path | None) -> None:
-    """Print a page, and write it to the file, None for no file."""
+    """Print a page with the commit that it was made at, and write it to the file, None for no file."""
+    text += f"\n*{made_at()}*\n"
     sys.stdout.write(text)
     if output is not None:
         output.write_text(text, encoding="utf-8")

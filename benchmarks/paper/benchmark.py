@@ -15,6 +15,7 @@ from benchmarks.paper.bins import BinsSweep, sweep
 from benchmarks.paper.examine import ERROR_STEP, HARD, ORACLE, Examined, examine
 from benchmarks.paper.peers import FPOP, Detected, SecondSource, add_second_source, compare
 from benchmarks.paper.run_length import RunLengths, run_lengths
+from benchmarks.paper.widths import Width, sweep_widths, try_widths
 from benchmarks.speed.peers import (
     MissingPeerError,
     Peer,
@@ -53,6 +54,8 @@ class Size:
         Windows of the recipe `paper`.
     splits
         Random splits of the paper's protocol.
+    swept
+        Windows of the sweep over the half-width of the paper's detector.
     timed
         Windows whose stages are timed and whose changepoints are compared with other packages'.
     peers
@@ -62,12 +65,13 @@ class Size:
     windows: int = 300
     seed: int = 8_130
     splits: int = SPLITS
+    swept: int = 300
     timed: int = 20
     peers: tuple[Callable[[], Peer], ...] = PEERS
 
     def quick(self) -> Size:
         """Return a small version, for a look and for tests."""
-        return replace(self, windows=40, splits=3, timed=1, peers=QUICK_PEERS)
+        return replace(self, windows=40, splits=3, swept=2, timed=1, peers=QUICK_PEERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +90,8 @@ class PaperBenchmark:
         One for each window.
     bins
         The sweep of the number of bins.
+    widths
+        The sweep of the half-width of the paper's detector.
     run_lengths
         Average run lengths.
     detected
@@ -103,6 +109,7 @@ class PaperBenchmark:
     hard: Accuracy
     examined: tuple[Examined, ...]
     bins: BinsSweep
+    widths: tuple[Width, ...]
     run_lengths: RunLengths
     detected: Mapping[str, tuple[Detected, ...]]
     second_source: Mapping[str, SecondSource]
@@ -143,6 +150,8 @@ def run(size: Size, workers: int = 2) -> PaperBenchmark:
         track(in_processes(examine, generate(RECIPE, size.windows, size.seed), workers), size.windows, "windows")
     )
     outcomes = [one.outcome for one in examined]
+    swept = min(size.swept, size.windows)
+    widths = list(track(in_processes(try_widths, generate(RECIPE, swept, size.seed), workers), swept, "half-widths"))
     wheel = built_in_wheel()  # all wheels of the recipe have its systems
     peers, missing = _installed(size.peers)
     compared = {recipe: list(generate(recipe, size.timed, size.seed)) for recipe in (RECIPE, HARD_RECIPE)}
@@ -153,6 +162,7 @@ def run(size: Size, workers: int = 2) -> PaperBenchmark:
         hard=measure(outcomes, HARD, "paper", wheel, size.seed, size.splits),
         examined=examined,
         bins=sweep(outcomes, "paper", size.seed, size.splits),
+        widths=sweep_widths(outcomes[:swept], widths, size.seed, size.splits),
         run_lengths=run_lengths(size.seed),
         detected={recipe: tuple(compare(windows, peers)) for recipe, windows in compared.items()},
         second_source={recipe: add_second_source(windows, peers[0]) for recipe, windows in compared.items()}

@@ -14,7 +14,7 @@ from benchmarks.accuracy.campaign import STAGES
 from benchmarks.paper.benchmark import PAPER_ERROR, PaperBenchmark
 from benchmarks.paper.bins import BinsSweep
 from benchmarks.paper.examine import ERROR_BINS, ERROR_STEP, ORACLE
-from benchmarks.paper.run_length import PAPER_WEIGHTS, RunLengths
+from benchmarks.paper.run_length import LONGEST_RUN, PAPER_WEIGHTS, SIMULATED_AT, RunLengths
 from rwa_monitor.reporting.figures import svg
 from rwa_monitor.samples import FloatArray
 
@@ -55,6 +55,13 @@ def draw_run_lengths(curves: RunLengths) -> Figure:
         for weight, colour in zip(PAPER_WEIGHTS, COLOURS.values(), strict=True):
             label = f"W_b = {weight:.0e}" if a == 1 else None
             left.plot(curves.half_widths, curves.by_weight[acceleration, weight], LINES[a], color=colour, label=label)
+    for weight, colour in zip(PAPER_WEIGHTS, COLOURS.values(), strict=True):
+        left.plot(curves.half_widths, curves.true[weight], color=colour, lw=4, alpha=0.3)
+        for w in SIMULATED_AT:
+            length = curves.simulated[w, weight].run_length
+            if length.value < LONGEST_RUN:
+                below, above = length.value - length.low, length.high - length.value
+                left.errorbar([w], [length.value], [[below], [above]], fmt="o", ms=3, color=colour)
     left.set(xlabel="w [samples]", ylabel="ARL at 0.1 % missed [samples]", yscale="log", title="jump of 3 σ")
     for (jump, lengths), line in zip(curves.by_jump.items(), LINES, strict=True):
         right.plot(curves.half_widths, lengths, line, color=COLOURS["joint"], label=f"jump of {jump:g} σ")

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import optimize, stats
+from scipy import optimize, special, stats
 
-from rwa_monitor.changepoints.tuning import Tuning, TuningCheck, check
+from rwa_monitor.changepoints.tuning import StatisticLaw, Tuning, TuningCheck, check, statistic_law
 from rwa_monitor.samples import FloatArray
 
 MISSED: Final = 1e-3  # the paper's missed detection rate
@@ -20,27 +20,15 @@ JUMP_SIGMAS: Final = 3.0  # the paper's jump in its figure over w and W_b
 PAPER_WEIGHTS: Final = (1e-8, 1e-6, 1e-4)  # W_b; the paper's text names the outer two
 PAPER_WINDOW: Final = 20
 PAPER_RUN_LENGTHS: Final = {1e-8: 1e4, 1e-4: 1e10}  # read by the paper's text off its figure, at w = 20
+NOISE_STD: Final = 0.024  # σ of the paper's data, normalised (errata, figures of the paper)
+SLOPE_ERRORS: Final = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # f̃_v - f_v, normalised: f_v is about 1
+SIMULATED_AT: Final = (10, 20, 40)  # w [slots] of the simulated points in the picture
 LONGEST_RUN: Final = 1e18  # samples; beyond, an ARL says nothing but "never"
 
 
-def information(jump_sigmas: float, half_width: int, acceleration: float, prior_weight: float) -> float:
-    """Return λ of a jump for a steady acceleration; the formula of `changepoints.tuning`.
-
-    Parameters
-    ----------
-    jump_sigmas
-        Δ/σ.
-    half_width
-        w [slots].
-    acceleration
-        Change of the normalised speed from sample to sample [-].
-    prior_weight
-        W_b [-].
-    """
-    s_xx = acceleration**2 * 2 * half_width * (4 * half_width**2 - 1) / 12
-    s_xz = acceleration * half_width**2 / 2
-    lost = s_xz**2 / (s_xx + prior_weight) if s_xz else 0.0
-    return jump_sigmas**2 * (half_width / 2 - lost)
+def law_of(half_width: int, weight: float, acceleration: float) -> StatisticLaw:
+    """Return the law of √GLR/σ at one half-width w [slots]; the arguments are those of `run_length`."""
+    return statistic_law(np.array([float(half_width)]), acceleration, weight)
 
 
 def run_length(
@@ -63,15 +51,40 @@ def run_length(
 
     Notes
     -----
-    At a jump GLR/σ² is non-central χ² with λ of `information`, elsewhere central; the ARL is one over the
+    As the paper: at a jump GLR/σ² is non-central χ² with λ = (Δf/σ)²·D, elsewhere central; the ARL is one over the
     probability that a sample exceeds the threshold.
     """
-    threshold = _threshold(half_width, weight, acceleration, jump_sigmas, missed)
-    return float(1.0 / max(stats.chi2.sf(threshold, 1), 1.0 / LONGEST_RUN))
+    return _at_most(stats.chi2.sf(_threshold(half_width, weight, acceleration, jump_sigmas, missed), 1))
 
 
-def _threshold(half_width: int, weight: float, acceleration: float, jump_sigmas: float, missed: float) -> float:
-    return float(stats.ncx2.ppf(missed, 1, information(jump_sigmas, half_width, acceleration, weight)))
+def true_run_length(half_width: int, weight: float, acceleration: float, slope_error: float = 0.0) -> float:
+    """Return the ARL [samples] at the same threshold by the law that GLR has, where f̃_v - f_v is `slope_error`.
+
+    A prior is one more observation, without noise: it takes variance off the statistic, which is then no χ². Where the
+    slope's prior is wrong, it moves the statistic, too; the error's sign is the worse one.
+    """
+    law, threshold = law_of(half_width, weight, acceleration), _threshold(half_width, weight, acceleration)
+    shift = law.shift * slope_error / NOISE_STD
+    sides = (special.ndtr((sign * shift - np.sqrt(threshold)) / law.std) for sign in (1.0, -1.0))
+    return _at_most(float(sum(sides)[0]))
+
+
+def true_missed(half_width: int, weight: float, acceleration: float, slope_error: float = 0.0) -> float:
+    """Return the probability of missing a jump of 3σ at the same threshold, by the law that GLR has."""
+    law, threshold = law_of(half_width, weight, acceleration), _threshold(half_width, weight, acceleration)
+    mean = JUMP_SIGMAS * np.sqrt(law.energy) - law.shift * slope_error / NOISE_STD
+    return float(special.ndtr((np.sqrt(threshold) - mean) / law.std)[0])
+
+
+def _at_most(probability: float) -> float:
+    return float(1.0 / max(probability, 1.0 / LONGEST_RUN))
+
+
+def _threshold(
+    half_width: int, weight: float, acceleration: float, jump_sigmas: float = JUMP_SIGMAS, missed: float = MISSED
+) -> float:
+    information = jump_sigmas**2 * float(law_of(half_width, weight, acceleration).energy[0])
+    return float(stats.ncx2.ppf(missed, 1, information))
 
 
 def simulate_run_length(weight: float, acceleration: float, seed: int, half_width: int = PAPER_WINDOW) -> TuningCheck:
@@ -86,9 +99,9 @@ def simulate_run_length(weight: float, acceleration: float, seed: int, half_widt
     """
     tuning = Tuning(
         half_width=half_width,
-        threshold=_threshold(half_width, weight, acceleration, JUMP_SIGMAS, MISSED),
+        threshold=_threshold(half_width, weight, acceleration),
         prior_weight=weight,
-        information=information(JUMP_SIGMAS, half_width, acceleration, weight),
+        information=JUMP_SIGMAS**2 * float(law_of(half_width, weight, acceleration).energy[0]),
         missed=MISSED,
         run_length=run_length(half_width, weight, acceleration),
     )
@@ -120,15 +133,18 @@ class RunLengths:
         (acceleration, W_b) → ARL over w, float64 (n,), for a jump of 3σ.
     by_jump
         Δf/σ → ARL over w, float64 (n,), with W_b = 1e-4 and the acceleration of the paper's figures.
+    true
+        W_b → ARL over w by the law that the statistic has, float64 (n,), at the acceleration of the paper's figures.
     simulated
-        W_b → the same by simulation, at w = 20 and the acceleration of the paper's figures.
+        (w, W_b) → the same by simulation.
     """
 
     half_widths: tuple[int, ...]
     accelerations: tuple[float, ...]
     by_weight: dict[tuple[float, float], FloatArray]
     by_jump: dict[float, FloatArray]
-    simulated: dict[float, TuningCheck]
+    true: dict[float, FloatArray]
+    simulated: dict[tuple[int, float], TuningCheck]
 
 
 def run_lengths(seed: int) -> RunLengths:
@@ -145,5 +161,6 @@ def run_lengths(seed: int) -> RunLengths:
             for weight in PAPER_WEIGHTS
         },
         {jump: np.array([run_length(w, 1e-4, fitted, jump) for w in widths]) for jump in (1.0, 2.0, 3.0, 5.0)},
-        {weight: simulate_run_length(weight, fitted, seed) for weight in PAPER_WEIGHTS},
+        {weight: np.array([true_run_length(w, weight, fitted) for w in widths]) for weight in PAPER_WEIGHTS},
+        {(w, weight): simulate_run_length(weight, fitted, seed, w) for w in SIMULATED_AT for weight in PAPER_WEIGHTS},
     )

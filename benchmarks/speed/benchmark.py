@@ -93,7 +93,7 @@ def detection_section(laps: list[Lap]) -> Section:
             at_most(
                 "wGLR at one scale / five sequential running sums",
                 one / limit,
-                6.0,
+                2.0,
                 f"{MILLI * one:.2f} ms, {MILLI * limit:.2f} ms",
             ),
         ),
@@ -138,13 +138,6 @@ def window_section(times: WindowTimes, hard: HardWindow) -> Section:
                 f"{MILLI * hard.seconds:.0f} ms, {hard.states} states, "
                 + ("pruned and says so" if hard.pruned else "exact"),
             ),
-            at_least(
-                "plain paper method / ours, whole window, mean of each",
-                float(plain.mean() / whole.mean()),
-                10.0,
-                f"mean {MILLI * plain.mean():.1f} ms, ours {MILLI * whole.mean():.2f} ms; "
-                f"ratio of medians {np.median(plain) / np.median(whole):.1f}",
-            ),
             at_most(
                 "whole window / changepoints alone by skchange FPOP",
                 float(np.median(times.whole)) / peer_median,
@@ -157,7 +150,10 @@ def window_section(times: WindowTimes, hard: HardWindow) -> Section:
             "close → diagnosis, median [ms]": MILLI * median,
             "close → diagnosis, 90th percentile [ms]": MILLI * float(np.percentile(times.close, 90)),
             "plain paper method, median [ms]": MILLI * float(np.median(plain)),
+            "plain paper method, mean [ms]": MILLI * float(plain.mean()),
             "plain paper method, 99th percentile [ms]": MILLI * float(np.percentile(plain, 99)),
+            "plain paper method / ours, whole window, ratio of medians": float(np.median(plain) / np.median(whole)),
+            "plain paper method / ours, whole window, ratio of means": float(plain.mean() / whole.mean()),
         },
     )
 

@@ -96,21 +96,32 @@ class TuningCheck:
 
 
 @dataclass(frozen=True, slots=True)
-class _Terms:
-    """What the closed form needs of half widths: D, the standard deviation, the shift by a slope error of one σ."""
+class StatisticLaw:
+    """√GLR/σ at half-widths, a normal variable: D, its standard deviation, its shift by a slope error of one σ."""
 
     energy: FloatArray
     std: FloatArray
     shift: FloatArray
 
 
-def _terms(half_width: FloatArray, acceleration: float, prior_weight: float) -> _Terms:
+def statistic_law(half_width: FloatArray, acceleration: float, prior_weight: float) -> StatisticLaw:
+    """Return the law of √GLR/σ, see the module text.
+
+    Parameters
+    ----------
+    half_width
+        float64 (n,), w [slots].
+    acceleration
+        Steady change of the normalised speed from sample to sample [-].
+    prior_weight
+        W_b, in the paper's normalised units.
+    """
     w = half_width.astype(np.float64)
     s_xx, s_xz = acceleration**2 * 2 * w * (4 * w * w - 1) / 12, abs(acceleration) * w * w / 2
     total = s_xx + prior_weight
     share = np.divide(s_xz, total, out=np.zeros_like(w), where=s_xz > 0)
     energy = w / 2 - share * s_xz
-    return _Terms(energy, np.sqrt(1.0 - prior_weight * share**2 / energy), prior_weight * share / np.sqrt(energy))
+    return StatisticLaw(energy, np.sqrt(1.0 - prior_weight * share**2 / energy), prior_weight * share / np.sqrt(energy))
 
 
 def tune(
@@ -154,7 +165,7 @@ def tune(
             raise InputError(name, f"{value:g} is not between {low:g} and {high:g}")
     prior_weight = BIAS_BUDGET * (noise_std / slope_error) ** 2
     half_width: FloatArray = np.arange(1, LONGEST_HALF + 1, dtype=np.float64)
-    terms = _terms(half_width, acceleration, prior_weight)
+    terms = statistic_law(half_width, acceleration, prior_weight)
     shift = terms.shift * slope_error / noise_std
     threshold = _threshold(shift, terms.std, 1.0 / run_length)
     reached = jump_sigmas * np.sqrt(terms.energy) - shift - threshold

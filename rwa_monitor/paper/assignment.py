@@ -23,7 +23,7 @@ from rwa_monitor.changepoints.stage_results import (
     Estimate,
     NoiseEstimate,
 )
-from rwa_monitor.paper.detection import Signal
+from rwa_monitor.paper.detection import SCALE, Signal
 from rwa_monitor.paper.estimation import estimate
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.durations import DurationLaw
@@ -67,6 +67,7 @@ def assign(
     *,
     limit: int = STATE_CAP,
     hard: bool = False,
+    w: int = SCALE,
 ) -> tuple[Assignment, Estimate]:
     """Assign changepoints to switching systems by the paper's dynamic programme.
 
@@ -82,6 +83,8 @@ def assign(
         States kept per changepoint.
     hard
         Whether to keep to the hard duration laws as printed, also where no sequence of jumps is possible under them.
+    w
+        Half-width by which the changepoints were found [samples].
 
     Returns
     -------
@@ -90,7 +93,7 @@ def assign(
         price, unless `hard`; where none is possible even so, all changepoints are unattributed. The levels are those
         between the changepoints that were not rejected.
     """
-    all_of_them = estimate(signal, index, noise)
+    all_of_them = estimate(signal, index, noise, w)
     sizes = np.diff(all_of_them.friction.level)
     directions = np.where(sizes >= 0, 1, -1)  # Δf_i
     tables = [_tables(system, index) for system in wheel.fss]
@@ -102,7 +105,7 @@ def assign(
         states += more
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
     accepted = system != REJECTED
-    remaining = estimate(signal, index[accepted], noise)
+    remaining = estimate(signal, index[accepted], noise, w)
     jump, std = sizes, all_of_them.friction.jump_std
     jump[accepted], std[accepted] = np.diff(remaining.friction.level), remaining.friction.jump_std
     direction = np.where(accepted, directions, 0).astype(np.int64)

@@ -19,7 +19,7 @@ from rwa_monitor.kernels.noise import SMALLEST_STD, lean
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
-SCALE: Final = 50  # w [samples]
+SCALE: Final = 20  # w [samples]: the worked example of section V-A, see docs/paper.md, "Half-width"
 WEIGHT: Final = 1e-4  # W_b, in the paper's units (errata 3)
 NO_WEIGHT: Final = 1e-12  # W_b where nothing is known of the viscous coefficient: keeps 0/0 away
 FALSE_POSITIVE: Final = 1e-9  # probability of one at a sample
@@ -50,7 +50,9 @@ class Signal(NamedTuple):
         return cls(samples.x[window], samples.z[window], samples.used[window])
 
 
-def detect(signal: Signal, noise: NoiseEstimate, wheel: Wheel) -> IntArray:
+def detect(
+    signal: Signal, noise: NoiseEstimate, wheel: Wheel, w: int = SCALE, threshold: float = THRESHOLD
+) -> IntArray:
     """Return the changepoints k_i of a window, int64 (N_cp,).
 
     Parameters
@@ -59,13 +61,15 @@ def detect(signal: Signal, noise: NoiseEstimate, wheel: Wheel) -> IntArray:
         The window's samples and the estimate of its noise.
     wheel
         Its nominal viscous coefficient is f̃_v.
+    w, threshold
+        Half-width [samples], and GLR_thr / σ².
     """
     nominal = nominal_viscous(wheel)
-    statistic = wglr(signal, slope=nominal or 0.0, weight=NO_WEIGHT if nominal is None else WEIGHT)
-    return maxima_of_runs(statistic / contrast_variance(statistic, noise), THRESHOLD)
+    statistic = wglr(signal, slope=nominal or 0.0, w=w, weight=NO_WEIGHT if nominal is None else WEIGHT)
+    return maxima_of_runs(statistic / contrast_variance(statistic, noise, w), threshold)
 
 
-def contrast_variance(statistic: FloatArray, noise: NoiseEstimate) -> float:
+def contrast_variance(statistic: FloatArray, noise: NoiseEstimate, w: int) -> float:
     """Return v, where the wGLR is v·χ² with one degree of freedom: σ_v² for white noise (errata 17).
 
     Measured on the lower part of the statistics, so that jumps do not count, and the less so the fewer there are; white
@@ -73,7 +77,7 @@ def contrast_variance(statistic: FloatArray, noise: NoiseEstimate) -> float:
     """
     known = statistic[np.isfinite(statistic)]
     white = max(noise.std, SMALLEST_STD) ** 2
-    return lean(max(chi_variance(known), SMALLEST_STD**2), white, known.size / SCALE) if known.size else white
+    return lean(max(chi_variance(known), SMALLEST_STD**2), white, known.size / w) if known.size else white
 
 
 def wglr(signal: Signal, slope: float, w: int = SCALE, weight: float = WEIGHT) -> FloatArray:

@@ -17,7 +17,6 @@ from rwa_monitor.changepoints.stage_results import Estimate, NoiseEstimate
 from rwa_monitor.paper.detection import FALSE_POSITIVE, SCALE, Signal
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-ERROR_SAMPLES: Final = SCALE // 2  # Δk_error = w/2, on each side of a changepoint
 MOST_OF_INTERVAL: Final = 4  # but no more than one in so many samples of an interval, at each end of it
 LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and shows no f_v
 
@@ -39,7 +38,7 @@ class Intervals:
     rejection: FloatArray
 
 
-def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate) -> Intervals:
+def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCALE) -> Intervals:
     """Estimate the level of each interval and the shared viscous coefficient.
 
     Parameters
@@ -48,9 +47,11 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate) -> Intervals
         The window's samples and the estimate of its noise.
     index
         int64 (N_cp,), changepoints, ascending.
+    w
+        Half-width by which they were found [samples].
     """
     interval = np.searchsorted(index, np.arange(signal.x.size), side="right")
-    used = kept(signal.used, interval, index)
+    used = kept(signal.used, interval, index, w // 2)
     x, z, place = signal.x[used], signal.z[used], interval[used]
     count = np.bincount(place, minlength=index.size + 1)
     seen, n = count > 0, np.maximum(count, 1)
@@ -81,7 +82,7 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate) -> Intervals
     return Intervals(friction, rejection(n, level, noise, both))
 
 
-def kept(used: BoolArray, interval: IntArray, index: IntArray) -> BoolArray:
+def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:
     """Return the used samples outside Δk_error around each changepoint; of an interval that has no other, all of them.
 
     Parameters
@@ -90,12 +91,14 @@ def kept(used: BoolArray, interval: IntArray, index: IntArray) -> BoolArray:
         bool (n,) and int64 (n,), of each sample whether it is used and in which interval it lies.
     index
         int64 (N_cp,), changepoints.
+    error
+        Δk_error = w/2 [samples], on each side of a changepoint.
     """
     far = used.copy()
     edges = np.concatenate(([0], index, [used.size]))
     for first, at, end in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):
-        left = min(ERROR_SAMPLES, (at - first) // MOST_OF_INTERVAL)
-        right = min(ERROR_SAMPLES, (end - at) // MOST_OF_INTERVAL)
+        left = min(error, (at - first) // MOST_OF_INTERVAL)
+        right = min(error, (end - at) // MOST_OF_INTERVAL)
         far[at - left : at + right] = False
     left_over = np.bincount(interval[far], minlength=index.size + 1)
     return np.where(left_over[interval] > 0, far, used)

@@ -6,11 +6,16 @@ import numpy as np
 import pytest
 
 from benchmarks.paper.run_length import (
+    LONGEST_RUN,
     PAPER_RUN_LENGTHS,
     PAPER_WEIGHTS,
+    SLOPE_ERRORS,
     acceleration_of_the_paper,
     run_length,
     run_lengths,
+    simulate_run_length,
+    true_missed,
+    true_run_length,
 )
 
 
@@ -37,9 +42,23 @@ def test_the_curves_are_functions_of_weight_over_acceleration_squared() -> None:
     assert run_length(20, 1e-6, 1e-4) == pytest.approx(run_length(20, 1e-8, 1e-5), rel=1e-9)
 
 
-def test_the_simulation_agrees_with_the_closed_form() -> None:
-    curves = run_lengths(7)
+@pytest.mark.parametrize("weight", PAPER_WEIGHTS)
+@pytest.mark.parametrize("w", [10, 20, 40])
+def test_the_simulation_agrees_with_the_law_that_the_statistic_has(weight: float, w: int) -> None:
+    """On both sides, within five standard errors; χ², which the paper uses, is another law."""
     fitted = acceleration_of_the_paper()
-    for weight, found in curves.simulated.items():
-        assert found.keeps(1e-3, run_length(20, weight, fitted))
-        assert found.alarm_run_length.value > found.run_length.value
+    found = simulate_run_length(weight, fitted, 7, w)
+    missed, rate = found.missed, 1.0 / found.run_length.value
+    assert abs(true_missed(w, weight, fitted) - missed.value) < 2.5 * (missed.value - missed.low)
+    expected = true_run_length(w, weight, fitted)
+    if expected < 0.99 * LONGEST_RUN:
+        assert abs(1.0 / expected - rate) < 2.5 * (1.0 / found.run_length.low - rate)
+    assert found.alarm_run_length.value > found.run_length.value
+
+
+def test_an_error_of_the_slope_shortens_the_run_and_hides_jumps() -> None:
+    weight, acceleration = PAPER_WEIGHTS[-1], 5e-5
+    lengths = [true_run_length(20, weight, acceleration, error) for error in SLOPE_ERRORS]
+    missed = [true_missed(20, weight, acceleration, error) for error in SLOPE_ERRORS]
+    assert (np.diff(lengths) < 0).all()
+    assert (np.diff(missed) > 0).all()

@@ -77,6 +77,7 @@ LARGEST = {
     "decaying_jump": 0.9,
     "viscous_jump": 0.5,
 }
+ROUNDS = 40  # of what the motor overcomes and what it adds; a half is halved so often
 # A dead zone reads as rest where friction is derived from that speed, a delay is then one of friction as well.
 NEEDS_FRICTION = frozenset({"speed_dead_zone"})
 
@@ -407,7 +408,23 @@ def _effects(
         size = min(case.strength * std / orthogonal_rms(unit, truth), LARGEST.get(name, np.inf))
         strength = sign * size
         torques[name], shapes[name] = strength * unit, {**shape, "strength": strength}
-    return torques, shapes
+    return _with_own_motor_torque(torques, shapes, truth), shapes
+
+
+def _with_own_motor_torque(
+    torques: dict[str, Array], shapes: dict[str, Shape], truth: formulas.Truth
+) -> dict[str, Array]:
+    """Return the torques where those that scale with the motor's torque scale with all that the motor overcomes.
+
+    That holds the other effects, and what the effect itself adds; a delay is one of the current without it.
+    """
+    torques = dict(torques)
+    for name in [name for name in torques if name in NEEDS_CURRENT for _ in range(ROUNDS)]:
+        others = [torque for other, torque in torques.items() if other != name or name != "current_delay"]
+        motor = truth.motor_torque + np.sum([*others, np.zeros(truth.speed.size)], axis=0)
+        unit = formulas.MEAN[name](replace(truth, motor_torque=motor), shapes[name])
+        torques[name] = shapes[name]["strength"] * unit
+    return torques
 
 
 def orthogonal_rms(torque: Array, truth: formulas.Truth) -> float:

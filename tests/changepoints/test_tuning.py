@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.paper.run_length import information
-from rwa_monitor.changepoints.tuning import Measured, check, tune
+from rwa_monitor.changepoints.tuning import Measured, check, statistic_law, tune
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.wglr import wglr
 from tests.program import run
@@ -37,7 +36,8 @@ def test_information_is_that_of_the_two_hypotheses_solved_in_full(acceleration: 
 
     one = np.ones((2 * w, 1))
     two = np.column_stack([np.arange(2 * w) < w, np.arange(2 * w) >= w]).astype(float)
-    assert information(jump, w, acceleration, prior) == pytest.approx(squares(one) - squares(two), rel=1e-9)
+    information = jump**2 * statistic_law(np.array([float(w)]), acceleration, prior).energy[0]
+    assert information == pytest.approx(squares(one) - squares(two), rel=1e-9)
 
 
 @pytest.mark.parametrize("acceleration", [0.0, 1e-4, 1e-3])
@@ -95,7 +95,7 @@ def test_a_slope_error_is_paid_for() -> None:
 
 def test_a_smaller_window_would_miss_more() -> None:
     tuning = tune(0.001, 1e6, 3.0)
-    smaller = information(3.0, tuning.half_width - 1, 0.0, tuning.prior_weight)
+    smaller = 9.0 * statistic_law(np.array([tuning.half_width - 1.0]), 0.0, tuning.prior_weight).energy[0]
     assert tuning.missed <= 0.001 < stats.ncx2.cdf(tuning.threshold, 1, smaller)
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
-from rwa_monitor.paper.detection import FALSE_POSITIVE, Signal
-from rwa_monitor.paper.estimation import ERROR_SAMPLES, estimate, kept
+from rwa_monitor.paper.detection import FALSE_POSITIVE, SCALE, Signal
+from rwa_monitor.paper.estimation import estimate, kept
 
 SIGMA = 0.024
 NOISE = NoiseEstimate(SIGMA, np.array([SIGMA**2]), 1.0)
@@ -28,7 +28,7 @@ def test_levels_and_slope_are_those_of_the_printed_matrix(share: float) -> None:
     signal = _signal(share=share)
     found = estimate(signal, INDEX, NOISE)
     interval = np.searchsorted(INDEX, np.arange(3000), side="right")
-    used = kept(signal.used, interval, INDEX)
+    used = kept(signal.used, interval, INDEX, SCALE // 2)
     h = np.column_stack([np.equal.outer(interval[used], np.arange(4)), signal.x[used]])
     solution, covariance = np.linalg.lstsq(h, signal.z[used], rcond=None)[0], SIGMA**2 * np.linalg.inv(h.T @ h)
     assert [*found.friction.level, found.friction.viscous] == pytest.approx(solution, rel=1e-9)
@@ -50,7 +50,7 @@ def test_rejection_is_the_loss_of_likelihood_when_intervals_merge() -> None:
     signal = _signal()
     found = estimate(signal, INDEX, NOISE)
     edges, residual = np.concatenate([[0], INDEX, [3000]]), signal.z - found.friction.viscous * signal.x
-    margins = [min(ERROR_SAMPLES, length // 4) for length in np.diff(edges).tolist()]
+    margins = [min(SCALE // 2, length // 4) for length in np.diff(edges).tolist()]
     parts = [
         residual[begin + margin * (i > 0) : end - margin * (i < INDEX.size)]
         for i, (begin, end, margin) in enumerate(zip(edges[:-1], edges[1:], margins, strict=True))
