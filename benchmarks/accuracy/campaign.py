@@ -104,25 +104,25 @@ def _time_window(window: LabelledWindow, model: Model, method: Method) -> tuple[
 def _time_joint(window: LabelledWindow, model: Model) -> tuple[float, float, float]:
     wheel, empty, on_slots = window.wheel, CarriedState.empty(), window_of(window)
     models, names = models_for(wheel, model), wheel.anomalies
-    begin = time.perf_counter()
+    begin = time.thread_time()
     evidence = on_slots.evidence()
-    detected = time.perf_counter()
+    detected = time.thread_time()
     assignment, estimate = assign(evidence, wheel, empty)
     components = split(assignment, estimate, evidence, wheel, empty)
-    assigned = time.perf_counter()
+    assigned = time.thread_time()
     classify(features_of(components, assignment, wheel), models, names, model, empty)
-    return detected - begin, assigned - detected, time.perf_counter() - assigned
+    return detected - begin, assigned - detected, time.thread_time() - assigned
 
 
 def _time_paper(window: LabelledWindow, model: Model) -> tuple[float, float, float]:
     """The samples and the estimate of their noise are given."""
     wheel, evidence = window.wheel, window_of(window).evidence()
     models, names, signal = models_for(wheel, model), wheel.anomalies, detection.Signal.of(evidence)
-    begin = time.perf_counter()
+    begin = time.thread_time()
     index = detection.detect(signal, evidence.noise, wheel)
-    detected = time.perf_counter()
+    detected = time.thread_time()
     assignment, levels = paper_assignment.assign(signal, index, evidence.noise, wheel)
     components = paper_assignment.split(assignment, levels, wheel)
-    assigned = time.perf_counter()
+    assigned = time.thread_time()
     classification.classify(features_of(components, assignment, wheel), models, names)
-    return detected - begin, assigned - detected, time.perf_counter() - assigned
+    return detected - begin, assigned - detected, time.thread_time() - assigned

@@ -180,7 +180,7 @@ def _installed(wanted: Sequence[Callable[[], Peer]]) -> tuple[list[Peer], tuple[
             found.append(peer())
         except MissingPeerError as error:
             missing.append(str(error))
-    return found, tuple(missing)
+    return found, tuple(dict.fromkeys(missing))
 
 
 def paper_targets(found: PaperBenchmark) -> list[Target]:

@@ -326,7 +326,7 @@ def _time_section(found: PaperBenchmark, pictures: str) -> str:
     return section(
         "Time",
         f"Median of {found.size.timed} windows on one core; the paper's laptop was another "
-        "machine. `make benchmark-speed` measures time with care.",
+        "machine. Processor time; `make benchmark-speed` measures it with care.",
         time_table(found.times),
         _picture(pictures, "times", "Time of each stage"),
     )

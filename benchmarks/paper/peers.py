@@ -17,7 +17,7 @@ from benchmarks.speed.peers import Peer
 from benchmarks.window import Window, window_of
 from rwa_monitor.changepoints.stage_results import REJECTED
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
-from rwa_monitor.paper.detection import Signal, detect
+from rwa_monitor.paper.detection import SCALE, Signal, detect
 from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.simulation.record import Changepoints
@@ -74,7 +74,7 @@ def compare(windows: Sequence[LabelledWindow], peers: Sequence[Peer]) -> list[De
     return [
         _run("ours, `joint`: candidates", "samples", candidates, pairs),
         _run("ours, `joint`: accepted", "samples, switching laws", accepted, pairs),
-        _run("the paper's wGLR, w = 50", "samples", of_the_paper, pairs),
+        _run(f"the paper's wGLR, w = {SCALE}", "samples", of_the_paper, pairs),
         *(_run(peer.name, "slope, noise", peer_detector(peer), pairs) for peer in peers),
         _run(f"dummy: every {DUMMY_EVERY} samples", "nothing", dummy, pairs),
     ]
