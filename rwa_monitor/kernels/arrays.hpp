@@ -16,10 +16,12 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
+#include <numeric>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -47,17 +49,21 @@
 #define CONSTANT(name) module.attr(#name) = +name
 
 namespace rwa {
-using std::int64_t;
+using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
+    std::max, std::min, std::pow, std::rint, std::sqrt;
+using std::all_of, std::any_of, std::copy, std::copy_n, std::fill, std::fill_n, std::find, std::iota, std::max_element,
+    std::min_element, std::none_of, std::nth_element, std::reverse, std::sort, std::stable_sort, std::swap;
+using std::array, std::int64_t, std::make_tuple, std::tie, std::tuple, std::vector;
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 template <typename T, std::size_t N>
 struct Array {
     T* data = nullptr;
-    std::array<int64_t, N> shape{};
+    array<int64_t, N> shape{};
 
     Array() = default;
-    Array(T* first, const std::array<int64_t, N>& extents) : data(first), shape(extents) {}
-    // Of a std::vector.
+    Array(T* first, const array<int64_t, N>& extents) : data(first), shape(extents) {}
+    // Of a vector.
     template <typename Values,
               typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
     Array(Values& values) : Array(values.data(), {static_cast<int64_t>(values.size())}) {
@@ -85,14 +91,14 @@ struct Array {
     Array<T, N - 1> row(int64_t index) const {
         REQUIRE(index >= 0 && index < shape[0]);
         Array<T, N - 1> part;
-        std::copy(shape.begin() + 1, shape.end(), part.shape.begin());
+        copy(shape.begin() + 1, shape.end(), part.shape.begin());
         part.data = data + index * part.size();
         return part;
     }
     // The elements [start, stop) of a vector.
     Array slice(int64_t start, int64_t stop) const {
         REQUIRE(start >= 0 && (stop <= start || stop <= shape[0]));
-        return {data + start, {std::max<int64_t>(stop - start, 0)}};
+        return {data + start, {max<int64_t>(stop - start, 0)}};
     }
     operator Array<const T, N>() const { return {data, shape}; }
 };
@@ -104,15 +110,15 @@ using Matrix = Array<T, 2>;
 using Floats = Vector<const double>;
 using Integers = Vector<const int64_t>;
 using Flags = Vector<const bool>;
-using NewFloats = std::vector<double>;
-using NewIntegers = std::vector<int64_t>;
+using NewFloats = vector<double>;
+using NewIntegers = vector<int64_t>;
 
 template <typename T, std::size_t N>
 struct Table : Array<T, N> {
-    std::vector<T> values;
+    vector<T> values;
 
     Table() = default;
-    explicit Table(const std::array<int64_t, N>& extents, T value = T{}) : Array<T, N>(nullptr, extents) {
+    explicit Table(const array<int64_t, N>& extents, T value = T{}) : Array<T, N>(nullptr, extents) {
         values.assign(this->size(), value);
         this->data = values.data();
     }
@@ -122,11 +128,11 @@ struct Table : Array<T, N> {
 };
 
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
-inline double median_in_place(std::vector<double>& values) {
+inline double median_in_place(vector<double>& values) {
     const std::size_t n = values.size(), half = n / 2;
-    std::nth_element(values.begin(), values.begin() + half, values.end());
+    nth_element(values.begin(), values.begin() + half, values.end());
     const double above = values[half];
-    return n % 2 == 1 ? above : 0.5 * (*std::max_element(values.begin(), values.begin() + half) + above);
+    return n % 2 == 1 ? above : 0.5 * (*max_element(values.begin(), values.begin() + half) + above);
 }
 
 }  // namespace rwa

@@ -3,8 +3,6 @@
 
 #include "arrays.hpp"
 
-#include <cmath>
-
 namespace rwa {
 
 constexpr int64_t REJECT = 0, NO_SYSTEM = 1;         // the first two rows of every table of actions
@@ -21,7 +19,7 @@ Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes);
 // See stage_results.FlatPath.
 struct FlatPath {
     Integers configurations, starts, sojourns, unattributed;
-    auto fields() { return std::tie(configurations, starts, sojourns, unattributed); }
+    auto fields() { return tie(configurations, starts, sojourns, unattributed); }
 };
 
 // See friction_model.Cases.
@@ -29,7 +27,7 @@ struct Cases {
     Array<const double, 3> states;
     Matrix<const int64_t> choice;
     Floats log_prior, rest;
-    auto fields() { return std::tie(states, choice, log_prior, rest); }
+    auto fields() { return tie(states, choice, log_prior, rest); }
 };
 
 // The log evidence of `solve_cases` alone, without the posterior.
@@ -53,7 +51,7 @@ struct Scores {
     Matrix<const double> law_mean, law_variance;
     double log_range, unattributed_variance;
     auto fields() {
-        return std::tie(fit, jump, stay, turn, missed, configurations, signs, actions, priors, size, size_variance,
+        return tie(fit, jump, stay, turn, missed, configurations, signs, actions, priors, size, size_variance,
                         law_mean, law_variance, log_range, unattributed_variance);
     }
 };
@@ -84,7 +82,7 @@ inline Step step_from(int64_t configuration, int64_t number) {
     return {direction, skipped, before, before + 2 * direction - 1};
 }
 inline bool possible(const Step& step, int64_t configurations) {
-    return std::min(step.before, step.after) >= 0 && std::max(step.before, step.after) < configurations;
+    return min(step.before, step.after) >= 0 && max(step.before, step.after) < configurations;
 }
 
 // Call `visit(system, step number)` for each system that steps in an action.
@@ -112,11 +110,11 @@ inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, in
 // log P(size of the jump at candidate k), Gaussian, over the flat density that the fits assume.
 inline double size_term(const Scores& scores, int64_t k, double mean, double variance) {
     const double total = variance + scores.size_variance[k - 1], miss = scores.size[k - 1] - mean;
-    return scores.log_range - 0.5 * std::log(2.0 * M_PI * total) - 0.5 * (miss * miss) / total;
+    return scores.log_range - 0.5 * log(2.0 * M_PI * total) - 0.5 * (miss * miss) / total;
 }
 
 // The bounds without prices, and what jumps are worth; every law term must be ≤ 0.
-std::tuple<Bounds, Worth> free_bounds(const Scores& scores);
+tuple<Bounds, Worth> free_bounds(const Scores& scores);
 
 // Make the bounds `rest_fit` and `own` those with prices from a complete path: its start and the actions taken.
 void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds);
@@ -127,7 +125,7 @@ struct Expansion {
     struct Node {
         int64_t before, action;  // at the root the number of the start
     };
-    std::vector<Node> tree;
+    vector<Node> tree;
     NewIntegers last;
     NewFloats score;
     int64_t expanded = 0;

@@ -1,10 +1,6 @@
 // Loops over whole paths of the search: found, traced back, weighed, compared.
 #include "assignment.hpp"
 
-#include <algorithm>
-#include <cstdlib>
-#include <numeric>
-
 namespace rwa {
 namespace {
 
@@ -23,10 +19,10 @@ Found search_once(
     const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept, int64_t paths) {
     const Expansion all = expand(scores, bounds, cutoff, budget, kept);
     NewIntegers best(all.score.size());
-    std::iota(best.begin(), best.end(), 0);
-    std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
+    iota(best.begin(), best.end(), 0);
+    stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
     const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
-    const int64_t count = std::min<int64_t>(best.size(), paths);
+    const int64_t count = min<int64_t>(best.size(), paths);
     Found found{
         NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
     for (int64_t path = 0; path < count; ++path) {
@@ -34,17 +30,17 @@ Found search_once(
         const Expansion::Node* node = &all.tree[all.last[best[path]]];
         for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
         const NewIntegers start = start_of(node->action, scores.configurations);
-        std::copy(start.begin(), start.end(), found.start.row(path).begin());
+        copy(start.begin(), start.end(), found.start.row(path).begin());
     }
     return found;
 }
 
 // Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all. Where values
 // are wild the full search may drop every path within its budget; then the path of the narrow beam.
-std::tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
+tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     const Scores& scores, int64_t paths, double margin, int64_t budget, int64_t quick_budget, int64_t kept) {
     auto [bounds, worth] = free_bounds(scores);
-    Found quick = search_once(scores, bounds, -INFINITE, std::min(quick_budget, budget), 1, 1);
+    Found quick = search_once(scores, bounds, -INFINITE, min(quick_budget, budget), 1, 1);
     if (quick.score.empty()) return {};  // nothing is possible
     set_prices(scores, worth, quick.start.row(0), quick.taken.row(0), bounds);
     Found full = search_once(scores, bounds, quick.score[0] - margin, budget, kept, paths);
@@ -78,15 +74,15 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
 // A path of the search as a switching path, see stage_results.FlatPath.
 struct NewPath {
     NewIntegers configurations, starts, sojourns, unattributed;
-    auto fields() { return std::tie(configurations, starts, sojourns, unattributed); }
+    auto fields() { return tie(configurations, starts, sojourns, unattributed); }
 };
 
 // A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
 // which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.
-std::tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
+tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
     Matrix<const int64_t> actions, Integers index, Integers start, Integers taken) {
     IndexTable system({taken.size(), 2}, REJECTED), direction({taken.size(), 2});
-    std::vector<NewIntegers> configurations, starts(start.size(), {0});
+    vector<NewIntegers> configurations, starts(start.size(), {0});
     for (int64_t q : start) configurations.push_back({q});
     NewPath path;
     NewIntegers nodes{0};
@@ -122,7 +118,7 @@ std::tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
 
 // A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
 // its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
-std::tuple<NewPath, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
+tuple<NewPath, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
     const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs, int64_t slots,
     Array<const double, 3> table, const Cases& cases, double variance, double scatter) {
     auto [path, borders, system, direction] = switching_path(scores.actions, index, start, taken);
@@ -148,7 +144,7 @@ void add_agreement(
             };
             bool same = shared(k, place);
             for (int64_t near = 0; near < index.size() && !same && system(k, place) != REJECTED; ++near) {
-                same = std::abs(index[near] - index[k]) <= apart && (shared(near, 0) || shared(near, 1));
+                same = abs(index[near] - index[k]) <= apart && (shared(near, 0) || shared(near, 1));
             }
             if (same) sure(k, place) += weight;
         }
@@ -157,7 +153,7 @@ void add_agreement(
 
 // The scores of all complete paths that `expand` finds, and how many entries it expanded: with the free bounds, or with
 // prices from the path that is `taken`.
-std::tuple<NewFloats, int64_t> scores_of_expanded(
+tuple<NewFloats, int64_t> scores_of_expanded(
     const Scores& scores, Integers start, Integers taken, bool priced, double cutoff, int64_t budget, int64_t kept) {
     auto [bounds, worth] = free_bounds(scores);
     if (priced) set_prices(scores, worth, start, taken, bounds);

@@ -34,14 +34,14 @@ VECTORISED int64_t normalise(
     int64_t count = 0;
     for (int64_t k = 0; k < n; ++k) {
         int64_t fit = there[k];
-        fit = std::abs(speed[k]) <= most_speed ? fit : 0;
-        fit = std::abs(torque[k]) <= most_torque ? fit : 0;
+        fit = abs(speed[k]) <= most_speed ? fit : 0;
+        fit = abs(torque[k]) <= most_torque ? fit : 0;
         fits[k] = static_cast<unsigned char>(fit);
         count += fit;
     }
     for (int64_t k = 0; k < n; ++k) {
         const double turning = fits[k] != 0 ? speed[k] : 0.0, friction = fits[k] != 0 ? torque[k] : 0.0;
-        x[k] = std::abs(turning) / speed_unit;
+        x[k] = abs(turning) / speed_unit;
         z[k] = static_cast<double>((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
     }
     return count;
@@ -63,7 +63,7 @@ struct WindowArrays {
     SumArrays sums;
     Vector<double> running;
     StructureArrays structure;
-    auto fields() { return std::tie(x, z, good, used, sums, running, structure); }
+    auto fields() { return tie(x, z, good, used, sums, running, structure); }
 };
 
 struct WindowSettings {
@@ -71,7 +71,7 @@ struct WindowSettings {
     int64_t block_hop, stretch_hop;
     double start_std, prior_mean, prior_std, nominal_slope, outlier;
     auto fields() {
-        return std::tie(
+        return tie(
             speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
             nominal_slope, outlier);
     }
@@ -104,10 +104,10 @@ struct Window {
     void set_outlier(double outlier) {
         for (std::size_t s = 0; s < variances.size(); ++s) {
             floors[s] = sure[s] = INFINITE;
-            if (!std::isfinite(variances[s])) continue;
+            if (!isfinite(variances[s])) continue;
             const double by_chance = outlier * outlier / (2.0 * static_cast<double>(detector.scales[s]));
-            floors[s] = std::max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
-            sure[s] = std::max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
+            floors[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
+            sure[s] = max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
         }
     }
 
@@ -121,7 +121,7 @@ struct Window {
 
     // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns
     // how many are good, where detection ended, how many jumps were reported, and why it ended.
-    std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
+    tuple<int64_t, int64_t, int64_t, int64_t> gather(
         Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
         const int64_t n = speed.size();
         const int64_t count = normalise(
@@ -141,17 +141,17 @@ struct Window {
 
     // Detect from `done` on.
     Why detect_until(int64_t ready, int64_t& done, bool last) {
-        if (std::isnan(std::get<0>(quantiles))) {
+        if (isnan(std::get<0>(quantiles))) {
             if (ready < CHUNK && !last) return ALL_DONE;
-            if (std::isnan(band)) return FIRST_CHUNK;
+            if (isnan(band)) return FIRST_CHUNK;
             // The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
-            scan(0, std::min(ready, CHUNK), true);
+            scan(0, min(ready, CHUNK), true);
             if (refresh(0)) return HEAVY_TAILS;
         }
         while (done < ready) {
             int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
             while (change <= done) change *= 2;
-            const int64_t stop = std::min(ready, change);
+            const int64_t stop = min(ready, change);
             detect(done, stop);
             done = stop;
             report_confirmed();
@@ -183,27 +183,27 @@ struct Window {
     // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise
     // look heavy: then the thresholds, made for Gaussian ones, are to be set again.
     bool refresh(int64_t done) {
-        std::tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
+        tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
         const double variance = variances[0];
-        set_outlier(std::isfinite(variance) ? by.outlier * std::sqrt(variance) : 0.0);
-        return std::isfinite(variance) && are_heavy(quantiles, variance);
+        set_outlier(isfinite(variance) ? by.outlier * sqrt(variance) : 0.0);
+        return isfinite(variance) && are_heavy(quantiles, variance);
     }
 
     // Centre the slope's prior on what the window has shown so far; takes effect with the next slot.
     void learn_slope(int64_t slots) {
         double variance = 0.0;
         for (double v : variances) {
-            if (std::isfinite(v)) variance = std::max(variance, v);
+            if (isfinite(v)) variance = max(variance, v);
         }
         if (variance == 0.0) return;
-        std::vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
+        vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
         sort_in_turn(peaks);
         const NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
         const auto [now, error] = slope_within(slots, index, exclude, a.sums, variance, by.prior_mean, by.prior_std);
-        if (!std::isfinite(error)) return;
-        const double spread = std::max({error, SMALLEST_SLOPE_SPREAD * std::abs(now), SMALLEST_STD});
+        if (!isfinite(error)) return;
+        const double spread = max({error, SMALLEST_SLOPE_SPREAD * abs(now), SMALLEST_STD});
         slope = now;
-        weight = std::max(variance / (spread * spread), SMALLEST_WEIGHT);
+        weight = max(variance / (spread * spread), SMALLEST_WEIGHT);
     }
 
     // Report which of the peaks that the last scan confirmed are new, and sure whatever the slope is.
@@ -212,14 +212,14 @@ struct Window {
     // is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one for any
     // slope is certain while the window is open; at its close the window's own slope decides.
     void report_confirmed() {
-        const double largest = std::max({std::abs(slope), std::abs(by.nominal_slope), SMALLEST_SLOPE});
+        const double largest = max({abs(slope), abs(by.nominal_slope), SMALLEST_SLOPE});
         const double most_slope = ANY_SLOPE * largest;
         for (const ScannedPeak& peak : detector.confirmed) {
             const int64_t index = peak.index, w = detector.scales[peak.scale];
             const double variance = variances[peak.scale];
-            const auto near = [&](int64_t other) { return std::abs(other - index) <= w; };
-            if (std::any_of(announced.begin(), announced.end(), near)) continue;
-            const double least_weight = std::min(weight, variance / (most_slope * most_slope));
+            const auto near = [&](int64_t other) { return abs(other - index) <= w; };
+            if (any_of(announced.begin(), announced.end(), near)) continue;
+            const double least_weight = min(weight, variance / (most_slope * most_slope));
             const auto [statistic, jump] = contrast(index, w, slope, least_weight, a.sums);
             if (!(statistic > sure[peak.scale])) continue;
             announced[announcements++ % STEP] = index;
@@ -227,7 +227,7 @@ struct Window {
             slots.push_back(index);
             jumps.push_back(jump);
             normalised.push_back(statistic / variance);
-            stds.push_back(std::abs(jump) / std::sqrt(normalised.back()));
+            stds.push_back(abs(jump) / sqrt(normalised.back()));
         }
     }
 
@@ -239,9 +239,9 @@ struct Window {
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
     Table<double, 2> block_sums, block_pairs;   // see `block_differences`
-    std::array<int64_t, STEP> announced;        // the last slots reported, in turns
+    array<int64_t, STEP> announced;        // the last slots reported, in turns
     int64_t announcements = 0;
-    std::tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
+    tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
 };
 }  // namespace
 

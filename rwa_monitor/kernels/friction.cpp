@@ -1,8 +1,6 @@
 // A switching path as a linear model with a Gaussian prior (see rwa_monitor/switching/friction_model.py).
 #include "assignment.hpp"
 
-#include <algorithm>
-
 namespace rwa {
 namespace {
 constexpr double PIVOT_ROUNDING = 0x1p-52;  // of a pivot, relative to the diagonal
@@ -18,7 +16,7 @@ struct FreeSojourn {
 struct Model {
     Table<double, 2> levels;  // (segments, unknowns - 1): what each unknown adds to a level; the slope's column left out
     NewIntegers column;       // of each sojourn's friction, -1 where it is 0 by law
-    std::vector<FreeSojourn> free;
+    vector<FreeSojourn> free;
 
     int64_t unknowns() const { return levels.shape[1] + 1; }
 };
@@ -64,10 +62,10 @@ VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double
     for (int64_t j = 0, end = 0; j < size; ++j) {
         while (end < size && block[end] <= j) ++end;
         // A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits.
-        const double pivot = std::max({matrix(j, j), PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT});
-        log_pivot[j] = std::log(pivot);
+        const double pivot = max({matrix(j, j), PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT});
+        log_pivot[j] = log(pivot);
         log_determinant += log_pivot[j];
-        const double root = matrix(j, j) = std::sqrt(pivot);
+        const double root = matrix(j, j) = sqrt(pivot);
         for (int64_t i = j + 1; i < end; ++i) {
             double* __restrict row = matrix.row(i).data;
             const double weight = row[j] = column[i] = row[j] / root;
@@ -94,7 +92,7 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
         for (int64_t j = block[i]; j < i; ++j) row[j] /= pivot;
         row[i] = 1.0 / pivot;
     }
-    std::fill(inverse.begin(), inverse.end(), 0.0);
+    fill(inverse.begin(), inverse.end(), 0.0);
     for (int64_t c = 0; c < size; ++c) {
         const double* __restrict row = lower.row(c).data;
         for (int64_t i = block[c]; i <= c; ++i) {
@@ -177,8 +175,8 @@ struct Conditioned {
             const double* source = prior.precision.row(state).row(i).data;
             double* row = precision.row(i).data;
             mean[i] = prior.mean(state, i);
-            std::fill(row, row + begin, 0.0);
-            std::copy(source + begin, source + i + 1, row + begin);
+            fill(row, row + begin, 0.0);
+            copy(source + begin, source + i + 1, row + begin);
             log_determinant += prior.log_variance(state, i);
         }
     }
@@ -187,7 +185,7 @@ struct Conditioned {
     void add(const Seen& seen, Matrix<const double> levels) {
         const auto [statistics, variance, scatter] = seen;
         const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
-        std::fill(response.begin(), response.end(), 0.0);
+        fill(response.begin(), response.end(), 0.0);
         NewFloats row(unknowns);  // what is not zero in a segment's row
         NewIntegers column(unknowns);
         const double slope = mean[slope_at];
@@ -213,7 +211,7 @@ struct Conditioned {
             double rest = z_mean;
             for (int64_t k = 0; k < held; ++k) rest -= row[k] * mean[column[k]];
             squares += rest * rest / mean_variance;
-            log_determinant += std::log(mean_variance * n / variance);  // relative to independent samples
+            log_determinant += log(mean_variance * n / variance);  // relative to independent samples
             for (int64_t k = 0; k < held; ++k) {
                 response[column[k]] += row[k] * rest / mean_variance;
                 for (int64_t other = 0; other <= k; ++other) {
@@ -226,15 +224,15 @@ struct Conditioned {
 
 // Turn log-probabilities into weights that add up to 1; return the logarithm of their sum.
 double normalise(NewFloats& scores) {
-    const double best = *std::max_element(scores.begin(), scores.end());
+    const double best = *max_element(scores.begin(), scores.end());
     double total = 0.0;
-    for (auto& score : scores) total += score = std::exp(score - best);
+    for (auto& score : scores) total += score = exp(score - best);
     for (auto& score : scores) score /= total;
-    return best + std::log(total);
+    return best + log(total);
 }
 
 // Log evidence, mean, standard deviation, covariance of the mixture of all cases' posteriors; the model's column.
-std::tuple<double, NewFloats, NewFloats, Table<double, 2>, NewIntegers> solve_cases(
+tuple<double, NewFloats, NewFloats, Table<double, 2>, NewIntegers> solve_cases(
     const FlatPath& path, Integers borders, Array<const double, 3> table, Matrix<const double> statistics,
     const Cases& cases, double variance, double scatter) {
     Model model = lay_out(path, borders, table);
@@ -269,7 +267,7 @@ std::tuple<double, NewFloats, NewFloats, Table<double, 2>, NewIntegers> solve_ca
             }
         }
     }
-    for (int64_t a = 0; a < unknowns; ++a) std[a] = std::sqrt(std::max(covariance(a, a), 0.0));
+    for (int64_t a = 0; a < unknowns; ++a) std[a] = sqrt(max(covariance(a, a), 0.0));
     return {log_evidence, std::move(mean), std::move(std), std::move(covariance), std::move(model.column)};
 }
 }  // namespace

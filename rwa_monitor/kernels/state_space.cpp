@@ -1,7 +1,5 @@
 #include "arrays.hpp"
 
-#include <cmath>
-
 namespace rwa {
 
 // Variances of the parts of the noise.
@@ -9,7 +7,7 @@ struct NoiseLaw {
     double white;        // of the measurement noise of each sample
     double coloured;     // stationary variance of the AR(1) part
     double correlation;  // its φ from slot to slot
-    auto fields() { return std::tie(white, coloured, correlation); }
+    auto fields() { return tie(white, coloured, correlation); }
 };
 
 // What a sample shows: the variance of its innovation, and the gains of level and coloured noise.
@@ -61,7 +59,7 @@ double filter_gains(
             jumping = smooth = {drift[k], 0.0, law.coloured};
         } else {
             if (gap[k] != last_gap) {
-                power = gap[k] == 1 ? law.correlation : std::pow(law.correlation, static_cast<double>(gap[k]));
+                power = gap[k] == 1 ? law.correlation : pow(law.correlation, static_cast<double>(gap[k]));
                 last_gap = gap[k];
             }
             jumping.predict(power, law.coloured, drift[k]);
@@ -69,7 +67,7 @@ double filter_gains(
         }
         const bool alike = jumping == smooth;  // far from jumps, to the last bit
         const Gains without_jumps = smooth.update(sign[k], law.white);
-        log_determinant += std::log(without_jumps.variance);
+        log_determinant += log(without_jumps.variance);
         gains(k, 3) = power;
         if (next < jumps.size() && jumps[next] == k) {
             ++next;
@@ -79,7 +77,7 @@ double filter_gains(
         }
         const auto [variance, of_level, of_coloured] = alike ? without_jumps : jumping.update(sign[k], law.white);
         if (alike) jumping = smooth;
-        gains(k, 0) = 1.0 / std::sqrt(variance), gains(k, 1) = of_level, gains(k, 2) = of_coloured;
+        gains(k, 0) = 1.0 / sqrt(variance), gains(k, 1) = of_level, gains(k, 2) = of_coloured;
     }
     return log_determinant;
 }
