@@ -30,7 +30,7 @@ from rwa_monitor.changepoints.noise import (
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence
 from rwa_monitor.kernels.evidence import ALL_DONE, FIRST_CHUNK, KEPT_STATISTIC, SMALLEST_WEIGHT, Window
-from rwa_monitor.kernels.noise import BLOCK, SMALLEST_STD
+from rwa_monitor.kernels.noise import NOISE_BLOCK, SMALLEST_STD
 from rwa_monitor.kernels.wglr import CHUNK
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
@@ -165,7 +165,7 @@ class WindowAccumulator:
             torque_unit=wheel.torque_unit_Nm,
             angle_per_x=self._structure.angle_per_x,
             # Short windows let the blocks of the noise estimate overlap.
-            block_hop=BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK,
+            block_hop=NOISE_BLOCK if self.slots <= 128 * NOISE_BLOCK else 4 * NOISE_BLOCK,
             stretch_hop=self._structure.hop,
             start_std=math.nan if self._start_std is None else self._start_std,
             prior_mean=prior.mean if prior else math.nan,

@@ -22,6 +22,8 @@
 #include <cstdlib>
 #include <limits>
 #include <numeric>
+#include <string>
+#include <string_view>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -44,9 +46,10 @@
 #define REQUIRE(condition) void()
 #endif
 
-// In a stage's binding: a function, and a number, by their own names.
-#define KERNEL(name) module.def(#name, &name, nanobind::call_guard<nanobind::gil_scoped_release>())
-#define CONSTANT(name) module.attr(#name) = +name
+// The functions and numbers of a stage, by their own names.
+#define EXPORT(...) define(module, #__VA_ARGS__, __VA_ARGS__)
+#define STAGE(stage, ...) \
+    void bind_##stage(nanobind::module_& module) { EXPORT(__VA_ARGS__); }
 
 namespace rwa {
 using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
@@ -110,6 +113,9 @@ using Matrix = Array<T, 2>;
 using Floats = Vector<const double>;
 using Integers = Vector<const int64_t>;
 using Flags = Vector<const bool>;
+using FloatMatrix = Matrix<const double>;
+using IntegerMatrix = Matrix<const int64_t>;
+using FloatCube = Array<const double, 3>;
 using NewFloats = vector<double>;
 using NewIntegers = vector<int64_t>;
 
@@ -127,12 +133,30 @@ struct Table : Array<T, N> {
     Table& operator=(Table&& other) = default;
 };
 
+using NewMatrix = Table<double, 2>;
+using NewCube = Table<double, 3>;
+
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
 inline double median_in_place(vector<double>& values) {
     const std::size_t n = values.size(), half = n / 2;
     nth_element(values.begin(), values.begin() + half, values.end());
     const double above = values[half];
     return n % 2 == 1 ? above : 0.5 * (*max_element(values.begin(), values.begin() + half) + above);
+}
+
+// Bind functions and numbers under their names, which stand in one text with ", " between them.
+template <typename... Values>
+void define(nanobind::module_& module, std::string_view names, Values... values) {
+    const auto bind = [&](auto value) {
+        const std::string name(names.substr(0, names.find(',')));
+        names.remove_prefix(min(name.size() + 2, names.size()));
+        if constexpr (std::is_pointer_v<decltype(value)>) {
+            module.def(name.c_str(), value, nanobind::call_guard<nanobind::gil_scoped_release>());
+        } else {
+            module.attr(name.c_str()) = +value;  // an enumeration as its number
+        }
+    };
+    (bind(values), ...);
 }
 
 }  // namespace rwa

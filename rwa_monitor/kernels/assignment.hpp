@@ -12,7 +12,7 @@ constexpr int64_t REJECTED = -1, UNATTRIBUTED = -2;  // in place of a system: no
 // ---- levels between candidates (segments.cpp) ----
 
 // Of the statistics (6, m + 2, m + 2) of all pairs, those of the segments between consecutive nodes: (6, segments).
-Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes);
+NewMatrix chain_of(FloatCube pairs, Integers nodes);
 
 // ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----
 
@@ -24,31 +24,31 @@ struct FlatPath {
 
 // See friction_model.Cases.
 struct Cases {
-    Array<const double, 3> states;
-    Matrix<const int64_t> choice;
+    FloatCube states;
+    IntegerMatrix choice;
     Floats log_prior, rest;
     auto fields() { return tie(states, choice, log_prior, rest); }
 };
 
 // The log evidence of `solve_cases` alone, without the posterior.
 double evidence_of_cases(
-    const FlatPath& path, Integers borders, Array<const double, 3> table, Matrix<const double> statistics,
+    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter);
 
 // ---- the scores of paths, and what bounds them (assignment_bounds.cpp) ----
 
 // See assignment.Scores.
 struct Scores {
-    Matrix<const double> fit;
+    FloatMatrix fit;
     Array<const double, 4> jump;
-    Array<const double, 3> stay, turn;
+    FloatCube stay, turn;
     Array<const double, 5> missed;
     Integers configurations;
     Matrix<const bool> signs;
-    Matrix<const int64_t> actions;
+    IntegerMatrix actions;
     Floats priors;
     Floats size, size_variance;
-    Matrix<const double> law_mean, law_variance;
+    FloatMatrix law_mean, law_variance;
     double log_range, unattributed_variance;
     auto fields() {
         return tie(fit, jump, stay, turn, missed, configurations, signs, actions, priors, size, size_variance,
@@ -58,8 +58,8 @@ struct Scores {
 
 // Upper bounds of what can follow: the lower of `rest`, and of `rest_fit` with the `own` of all systems.
 struct Bounds {
-    Table<double, 2> rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
-    Table<double, 2> rest_fit;  // without laws, less the prices of the jumps
+    NewMatrix rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
+    NewMatrix rest_fit;  // without laws, less the prices of the jumps
     Table<double, 4> own;       // (S, Q, m + 1, m + 1): a system's laws, with what it earns; sojourn begun at i
 };
 
@@ -87,7 +87,7 @@ inline bool possible(const Step& step, int64_t configurations) {
 
 // Call `visit(system, step number)` for each system that steps in an action.
 template <typename Visit>
-void each_step(Matrix<const int64_t> actions, int64_t action, Visit visit) {
+void each_step(IntegerMatrix actions, int64_t action, Visit visit) {
     for (int place : {0, 2}) {
         if (actions(action, place) >= 0) visit(actions(action, place), actions(action, place + 1));
     }

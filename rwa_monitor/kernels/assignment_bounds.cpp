@@ -54,7 +54,7 @@ Worth size_worth(const Scores& scores) {
 }
 
 // Raise `highest` to the highest entry of each column above the diagonal.
-void raise(Vector<double> highest, Matrix<const double> table) {
+void raise(Vector<double> highest, FloatMatrix table) {
     for (int64_t i = 0; i < table.shape[0]; ++i) {
         for (int64_t k = i + 1; k < table.shape[1]; ++k) highest[k] = max(highest[k], table(i, k));
     }
@@ -63,7 +63,7 @@ void raise(Vector<double> highest, Matrix<const double> table) {
 // Add the laws to the most that a jump at each node can be worth; return that by size alone.
 NewFloats add_best_laws(const Scores& scores, Worth& worth) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
-    Table<double, 3> law({systems, configurations, nodes}, -INFINITE);
+    NewCube law({systems, configurations, nodes}, -INFINITE);
     for (int64_t s = 0; s < systems; ++s) {
         NewFloats skips(nodes, -INFINITE);
         for (int64_t q = 0; q < configurations; ++q) {
@@ -100,9 +100,9 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
 }
 
 // The best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k: (m + 1, m + 1).
-Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
+NewMatrix best_rest(FloatMatrix fit, Floats gain) {
     const auto nodes = fit.shape[0] - 1;
-    Table<double, 2> rest({nodes, nodes}, -INFINITE);
+    NewMatrix rest({nodes, nodes}, -INFINITE);
     NewFloats from_node(nodes);
     for (int64_t i = nodes - 1; i >= 0; --i) {
         double best = rest(i, nodes - 1) = fit(i, nodes);
@@ -118,7 +118,7 @@ Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
 Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Table<double, 4> own({systems, configurations, nodes, nodes}, -INFINITE);
-    Table<double, 2> begun({configurations, nodes}, -INFINITE);  // of a sojourn that begins at the node
+    NewMatrix begun({configurations, nodes}, -INFINITE);  // of a sojourn that begins at the node
     for (int64_t s = 0; s < systems; ++s) {
         for (int64_t i = nodes - 1; i >= 0; --i) {
             for (int64_t q = 0; q < configurations; ++q) {

@@ -80,7 +80,7 @@ struct NewPath {
 // A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
 // which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.
 tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
-    Matrix<const int64_t> actions, Integers index, Integers start, Integers taken) {
+    IntegerMatrix actions, Integers index, Integers start, Integers taken) {
     IndexTable system({taken.size(), 2}, REJECTED), direction({taken.size(), 2});
     vector<NewIntegers> configurations, starts(start.size(), {0});
     for (int64_t q : start) configurations.push_back({q});
@@ -118,9 +118,9 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
 
 // A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
 // its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
-tuple<NewPath, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
-    const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs, int64_t slots,
-    Array<const double, 3> table, const Cases& cases, double variance, double scatter) {
+tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> weigh(
+    const Scores& scores, Integers start, Integers taken, Integers index, FloatCube pairs, int64_t slots,
+    FloatCube table, const Cases& cases, double variance, double scatter) {
     auto [path, borders, system, direction] = switching_path(scores.actions, index, start, taken);
     auto statistics = chain_of(pairs, borders);
     for (auto& node : borders) node = node == 0 ? 0 : node > index.size() ? slots : index[node - 1];
@@ -135,8 +135,8 @@ tuple<NewPath, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, do
 // at a candidate at most `apart` slots away. Two that jump at once are listed in the order of their systems, so places
 // correspond.
 void add_agreement(
-    Integers index, int64_t apart, Matrix<const int64_t> system, Matrix<const int64_t> direction,
-    Matrix<const int64_t> other_system, Matrix<const int64_t> other_direction, double weight, Matrix<double> sure) {
+    Integers index, int64_t apart, IntegerMatrix system, IntegerMatrix direction,
+    IntegerMatrix other_system, IntegerMatrix other_direction, double weight, Matrix<double> sure) {
     for (int64_t k = 0; k < index.size(); ++k) {
         for (int place = 0; place < 2; ++place) {
             const auto shared = [&, who = system(k, place), way = direction(k, place)](int64_t near, int beside) {
@@ -163,18 +163,7 @@ tuple<NewFloats, int64_t> scores_of_expanded(
 
 }  // namespace
 
-void bind_assignment(nanobind::module_& module) {
-    CONSTANT(REJECT);
-    CONSTANT(NO_SYSTEM);
-    CONSTANT(STEPS);
-    CONSTANT(REJECTED);
-    CONSTANT(UNATTRIBUTED);
-    KERNEL(scores_of_expanded);
-    KERNEL(find_paths);
-    KERNEL(add_up_laws);
-    KERNEL(switching_path);
-    KERNEL(weigh);
-    KERNEL(add_agreement);
-}
+STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, scores_of_expanded, find_paths, add_up_laws,
+      switching_path, weigh, add_agreement)
 
 }  // namespace rwa

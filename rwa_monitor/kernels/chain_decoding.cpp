@@ -22,13 +22,13 @@ struct Record {
 
 struct Laws {
     Integers counts;
-    Matrix<const double> size, variance, mu, sigma, log_up, log_down;  // (systems, configurations)
+    FloatMatrix size, variance, mu, sigma, log_up, log_down;  // (systems, configurations)
     double base, base_variance;
     auto fields() { return tie(counts, size, variance, mu, sigma, log_up, log_down, base, base_variance); }
 };
 
 struct States {
-    Matrix<const int64_t> configuration;  // (states, systems)
+    IntegerMatrix configuration;  // (states, systems)
     Floats log_probability;
     auto fields() { return tie(configuration, log_probability); }
 };
@@ -44,15 +44,15 @@ double sum(const Values& values) {
 
 // Log probability that a sojourn lasts so many slots.
 double log_density(int64_t slots, double mu, double sigma) {
-    const double x = log(static_cast<double>(slots)) - mu, u = x / sigma, v = x / BROAD_SIGMA;
+    const double x = log(slots) - mu, u = x / sigma, v = x / BROAD_SIGMA;
     const double near = exp(-0.5 * (u * u)) / sigma, far = exp(-0.5 * (v * v)) / BROAD_SIGMA;
     return log(((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far) / sqrt(TWO_PI) + NEVER) -
-           log(static_cast<double>(slots));
+           log(slots);
 }
 
 // Log probability that a sojourn lasts at least so long.
 double log_survival(int64_t slots, double mu, double sigma) {
-    const double x = (log(static_cast<double>(slots)) - mu) / sqrt(2.0);
+    const double x = (log(slots) - mu) / sqrt(2.0);
     const double near = 0.5 * erfc(x / sigma), far = 0.5 * erfc(x / BROAD_SIGMA);
     return log((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far + NEVER);
 }
@@ -148,10 +148,10 @@ vector<Track> begin_paths(const Record& record, const Laws& laws, const States& 
 // Fill `ways` with each path and each possible move into segment j, as it is and as an outlier.
 void ways_on(
     const vector<Track>& tracks, int64_t j, const Record& record, const Laws& laws,
-    const Matrix<const int64_t>& moves, double outlier_score, vector<Way>& ways) {
+    const IntegerMatrix& moves, double outlier_score, vector<Way>& ways) {
     const int64_t systems = laws.counts.size(), slot = record.at[j], later = record.at[j + 1];
     ways.clear();
-    Table<double, 2> entering(laws.mu.shape);
+    NewMatrix entering(laws.mu.shape);
     for (int64_t i = 0; i < systems; ++i) {
         for (int64_t q = 0; q < laws.counts[i]; ++q) {
             entering(i, q) = log_survival(later - slot, laws.mu(i, q), laws.sigma(i, q));
@@ -200,7 +200,7 @@ void ways_on(
 // Follow the paths: a score is the log-likelihood of what has happened; paths are ranked by it and by that of what has
 // not happened yet. Returns the configurations of the likeliest path, its outliers and its log-likelihood.
 tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
-    const Record& record, const Laws& laws, const States& states, Matrix<const int64_t> moves, int64_t beam) {
+    const Record& record, const Laws& laws, const States& states, IntegerMatrix moves, int64_t beam) {
     const auto& [level, variance, at] = record;
     const int64_t n = level.size(), systems = laws.counts.size();
     REQUIRE(systems <= MOST_SYSTEMS);
@@ -219,7 +219,7 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     vector<Way> ways;
     for (int64_t j = 1; j < n; ++j) {
         ways_on(tracks, j, record, laws, moves, outlier_score, ways);
-        const auto end = ways.begin() + min(beam, static_cast<int64_t>(ways.size()));
+        const auto end = ways.begin() + min<int64_t>(beam, ways.size());
         std::partial_sort(ways.begin(), end, ways.end(), [](const Way& one, const Way& other) {
             if (one.rank != other.rank) return one.rank > other.rank;
             return tie(one.path, one.move, one.outlier) < tie(other.path, other.move, other.outlier);
@@ -258,9 +258,6 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     return {std::move(found), std::move(outliers), best->score};
 }
 
-void bind_chain_decoding(nanobind::module_& module) {
-    CONSTANT(NEVER);
-    KERNEL(likeliest_path);
-}
+STAGE(chain_decoding, NEVER, likeliest_path)
 
 }  // namespace rwa

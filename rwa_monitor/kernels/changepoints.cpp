@@ -35,7 +35,7 @@ void judge(
     if (left.n < 1.0 || right.n < 1.0) return;
     const double jump = right.level(slope) - left.level(slope);
     const double shorter = min(left.n, right.n), longer = max(left.n, right.n), both = left.n + right.n;
-    const double variance = required.variances[min(static_cast<int64_t>(shorter), required.variances.size() - 1)];
+    const double variance = required.variances[min<int64_t>(shorter, required.variances.size() - 1)];
     const double information = left.n * right.n / both;
     // An outlier o in the shorter half shifts its mean by o/n.
     const double by_chance = required.outlier * required.outlier * longer / (shorter * both) / variance;
@@ -196,32 +196,22 @@ void settle(
     }
 }
 
-// Peaks, in any order, in turn.
-vector<Peak> in_turn(Integers index, Integers scale, Floats statistic) {
-    vector<Peak> peaks;
-    for (int64_t i = 0; i < index.size(); ++i) peaks.push_back({index[i], scale[i], statistic[i], 0.0});
-    sort_in_turn(peaks);
-    return peaks;
-}
-
-// Choose the candidates of a window among the peaks of all scales, given its slope.
-Columns select(
-    const vector<Peak>& peaks, int64_t slots, double slope, double correlation, const SumArrays& sums,
-    const Threshold& required) {
-    vector<Candidate> accepted = accept(peaks, slots, slope, sums, required);
-    settle(accepted, slots, slope, correlation, sums, required);
-    return columns_of(accepted);
-}
-
-// Estimate the slope and `select` candidates in turns, until they agree.
+// Choose the candidates of a window among the peaks of all scales, in any order: estimate the slope, and choose given
+// that, until both agree.
 Columns choose(
     Integers peak_index, Integers peak_scale, Floats peak_statistic, int64_t slots, const SumArrays& sums,
     const Threshold& required, double correlation, double variance, double prior_mean, double prior_std) {
-    const vector<Peak> peaks = in_turn(peak_index, peak_scale, peak_statistic);
+    vector<Peak> peaks;
+    for (int64_t i = 0; i < peak_index.size(); ++i) {
+        peaks.push_back({peak_index[i], peak_scale[i], peak_statistic[i], 0.0});
+    }
+    sort_in_turn(peaks);
     NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
     for (int round = 1;; ++round) {
         const double slope = std::get<0>(slope_within(slots, index, exclude, sums, variance, prior_mean, prior_std));
-        Columns chosen = select(peaks, slots, slope, correlation, sums, required);
+        vector<Candidate> accepted = accept(peaks, slots, slope, sums, required);
+        settle(accepted, slots, slope, correlation, sums, required);
+        Columns chosen = columns_of(accepted);
         if (round == MOST_ROUNDS || std::get<0>(chosen) == index) return chosen;
         index = std::get<0>(chosen);
         exclude = std::get<1>(chosen);  // half the scale that detected it
@@ -231,14 +221,6 @@ Columns choose(
 
 }  // namespace
 
-void bind_changepoints(nanobind::module_& module) {
-    KERNEL(contrast);
-    KERNEL(refine_in_colour);
-    KERNEL(choose);
-    module.def("select", [](Integers index, Integers scale, Floats statistic, int64_t slots, double slope,
-                            double correlation, const SumArrays& sums, const Threshold& required) {
-        return select(in_turn(index, scale, statistic), slots, slope, correlation, sums, required);
-    });
-}
+STAGE(changepoints, contrast, refine_in_colour, choose)
 
 }  // namespace rwa

@@ -118,7 +118,7 @@ struct Detector {
     void confirm(int64_t stop, Floats sure);
     void prune(Floats variances);
 
-    Table<double, 2> prefix;  // column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k
+    NewMatrix prefix;  // column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k
     vector<ScannedPeak> peaks;
     vector<array<int64_t, 2>> open;  // of each scale the last peak of each sign; -1 for none
     std::size_t settled = 0;                   // peaks before this one are final
@@ -158,7 +158,7 @@ bool are_heavy(const Quantiles& quantiles, double variance);
 // of the narrowest scale's statistic.
 using Noise = tuple<NewFloats, NewFloats, NewFloats, Quantiles>;
 Noise learn_noise(
-    Matrix<const double> block_sums, Matrix<const double> block_pairs, Matrix<const int64_t> histogram, Integers scales,
+    FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
     double start_variance);
 
 // ---- direction, dead band and wheel angle beside the running sums (structure.cpp) -----------------------------------

@@ -76,10 +76,6 @@ void smooth(Vector<double> probability, double on, double off) {
 
 }  // namespace
 
-void bind_effects(nanobind::module_& module) {
-    KERNEL(dahl_bristle);
-    KERNEL(forward);
-    KERNEL(smooth);
-}
+STAGE(effects, dahl_bristle, forward, smooth)
 
 }  // namespace rwa

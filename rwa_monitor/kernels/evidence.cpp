@@ -42,7 +42,7 @@ VECTORISED int64_t normalise(
     for (int64_t k = 0; k < n; ++k) {
         const double turning = fits[k] != 0 ? speed[k] : 0.0, friction = fits[k] != 0 ? torque[k] : 0.0;
         x[k] = abs(turning) / speed_unit;
-        z[k] = static_cast<double>((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
+        z[k] = ((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
     }
     return count;
 }
@@ -90,8 +90,8 @@ struct Window {
         : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
           floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
         announced.fill(FAR_AWAY);
-        block_sums = Table<double, 2>({blocks_before(a.x.size()), LAGS});
-        block_pairs = Table<double, 2>(block_sums.shape);
+        block_sums = NewMatrix({blocks_before(a.x.size()), LAGS});
+        block_pairs = NewMatrix(block_sums.shape);
     }
 
     // What Python learned of the first chunk: weight of the slope's prior, dead band, speed whose sign is certain.
@@ -105,7 +105,7 @@ struct Window {
         for (std::size_t s = 0; s < variances.size(); ++s) {
             floors[s] = sure[s] = INFINITE;
             if (!isfinite(variances[s])) continue;
-            const double by_chance = outlier * outlier / (2.0 * static_cast<double>(detector.scales[s]));
+            const double by_chance = outlier * outlier / (2.0 * detector.scales[s]);
             floors[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
             sure[s] = max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
         }
@@ -157,7 +157,7 @@ struct Window {
             report_confirmed();
             if (done == change && done > CHUNK) {
                 const bool heavy = refresh(done);
-                const bool enough = a.running[0] >= static_cast<double>(CHUNK);
+                const bool enough = a.running[0] >= CHUNK;
                 if (enough && is_odd_power(done / CHUNK)) learn_slope(done);
                 if (heavy) return HEAVY_TAILS;
             }
@@ -238,7 +238,7 @@ struct Window {
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
-    Table<double, 2> block_sums, block_pairs;   // see `block_differences`
+    NewMatrix block_sums, block_pairs;   // see `block_differences`
     array<int64_t, STEP> announced;        // the last slots reported, in turns
     int64_t announcements = 0;
     tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
@@ -246,14 +246,10 @@ struct Window {
 }  // namespace
 
 void bind_evidence(nanobind::module_& module) {
-    CONSTANT(KEPT_STATISTIC);
-    CONSTANT(SMALLEST_WEIGHT);
-    CONSTANT(ALL_DONE);
-    CONSTANT(FIRST_CHUNK);
-    using nanobind::gil_scoped_release;
+    EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT, ALL_DONE, FIRST_CHUNK);
     nanobind::class_<Window>(module, "Window")
         .def(nanobind::init<WindowArrays, WindowSettings, Integers>(), nanobind::keep_alive<1, 2>())
-        .def("gather", &Window::gather, nanobind::call_guard<gil_scoped_release>())
+        .def("gather", &Window::gather, nanobind::call_guard<nanobind::gil_scoped_release>())
         .def("begin", &Window::begin)
         .def("set_outlier", &Window::set_outlier)
         .def("noise", &Window::noise)

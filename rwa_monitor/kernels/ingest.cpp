@@ -90,7 +90,7 @@ bool judge(
             const double next_step = value - last, next_bend = next_step - step;
             // As in noise: do not branch.
             const bool turns = (next_bend * bend < 0.0) & (abs(next_bend) > ROUNDING * abs(value));
-            restless += (static_cast<double>(turns) - restless) / RECENT_SLOTS;
+            restless += (turns - restless) / RECENT_SLOTS;
             step = next_step, bend = next_bend;
         }
         last = value;
@@ -110,12 +110,7 @@ bool judge(
 void bind_ingest(nanobind::module_& module) {
     module.def("all_between", &all_between<double>);
     module.def("all_between", &all_between<int64_t>);
-    KERNEL(assign_slots);
-    KERNEL(judge);
-    CONSTANT(HANGING_SLOTS);
-    CONSTANT(OUTSTANDING_SLOTS);
-    CONSTANT(HANGS);
-    CONSTANT(STANDS_OUT);
+    EXPORT(assign_slots, judge, HANGING_SLOTS, OUTSTANDING_SLOTS, HANGS, STANDS_OUT);
 }
 
 }  // namespace rwa

@@ -13,7 +13,7 @@ constexpr int DOWN = 0, UP = 1;
 // See duration_likelihoods.Chain.
 struct Chain {
     Floats means, entered, never;
-    Matrix<const double> turn;
+    FloatMatrix turn;
     auto fields() { return tie(means, entered, never, turn); }
 };
 
@@ -50,7 +50,7 @@ double log_first(double unknown, double known, int64_t q, int64_t configuration)
 
 // Fill the tables of one system, which hold -inf, from the survivals (Q, points), see laws.pyi.
 void tabulate(
-    Floats at, int64_t slots, Matrix<const double> survivals, const Chain& chain, const FirstSojourn& first,
+    Floats at, int64_t slots, FloatMatrix survivals, const Chain& chain, const FirstSojourn& first,
     Array<double, 3> jump, Matrix<double> stay, Array<double, 4> missed) {
     const int64_t count = at.size(), configurations = chain.means.size(), pairs = count * (count - 1) / 2;
     for (int64_t q = 0; q < configurations; ++q) {
@@ -64,7 +64,7 @@ void tabulate(
             }
         }
         for (int64_t k = 0; k < count; ++k) {
-            stay(q, 1 + k) = log(soft_survival(left[k], static_cast<double>(slots) - at[k], mean));
+            stay(q, 1 + k) = log(soft_survival(left[k], slots - at[k], mean));
             const double ended = chain.entered[q] * soft_survival(begun[k], at[k], mean);
             jump(q, 0, 1 + k) = log_first(ended, first.ends[k], q, first.configuration);
         }
@@ -143,9 +143,9 @@ Densities level_density(double value, const Softened& level) {
 
 // `Densities` (3, n, offsets) of measured values with each offset added; 1, 1 and NaN where a value is not finite or its
 // configuration was not learned.
-Table<double, 3> densities(
-    Integers configuration, Floats value, Floats std, Floats offset, Matrix<const double> numbers) {
-    Table<double, 3> found({3, value.size(), offset.size()}, 1.0);
+NewCube densities(
+    Integers configuration, Floats value, Floats std, Floats offset, FloatMatrix numbers) {
+    NewCube found({3, value.size(), offset.size()}, 1.0);
     for (int64_t i = 0; i < value.size(); ++i) {
         const int64_t q = configuration[i];
         const bool learned = q < numbers.shape[0] && !isnan(numbers(q, 0));
@@ -163,12 +163,6 @@ Table<double, 3> densities(
 }
 }  // namespace
 
-void bind_laws(nanobind::module_& module) {
-    CONSTANT(SOFT_SHARE);
-    CONSTANT(OTHER_SIZE);
-    CONSTANT(LEVEL_NUMBERS);
-    KERNEL(tabulate);
-    KERNEL(densities);
-}
+STAGE(laws, SOFT_SHARE, OTHER_SIZE, LEVEL_NUMBERS, tabulate, densities)
 
 }  // namespace rwa

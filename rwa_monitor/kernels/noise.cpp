@@ -23,7 +23,7 @@ constexpr Bins statistic_bins() {
         const int64_t within = i % BINS_PER_OCTAVE;
         if (i > 0 && within == 0) octave *= 2.0;
         bins.widths[i] = octave / BINS_PER_OCTAVE;
-        bins.edges[i] = octave + static_cast<double>(within) * bins.widths[i];
+        bins.edges[i] = octave + within * bins.widths[i];
     }
     return bins;
 }
@@ -121,7 +121,7 @@ VECTORISED void differences(
 }  // namespace
 
 // The variance of each scale's contrast, from the lower part of its histogram.
-NewFloats scale_variances(Matrix<const int64_t> histogram, Integers scales, double start_variance) {
+NewFloats scale_variances(IntegerMatrix histogram, Integers scales, double start_variance) {
     NewFloats variances(scales.size());
     double borrowed = start_variance;
     for (int64_t s = 0; s < scales.size(); ++s) {
@@ -131,7 +131,7 @@ NewFloats scale_variances(Matrix<const int64_t> histogram, Integers scales, doub
         if (total > 0) {
             const double measured = max(trimmed_variance(counts, total), SMALLEST_STD * SMALLEST_STD);
             if (isnan(borrowed)) borrowed = measured;
-            const double rate = static_cast<double>(counted_every(scales[s])) / static_cast<double>(scales[s]);
+            const double rate = static_cast<double>(counted_every(scales[s])) / scales[s];
             borrowed = lean(measured, borrowed, total * rate);
         }
         variances[s] = borrowed;
@@ -152,7 +152,7 @@ void block_differences(
 }
 
 // γ(0) - γ(l) at the lags 1 … LAGS and the pairs behind it, over the full blocks that do not stand out upwards.
-tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<const double> pairs) {
+tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     const int64_t blocks = sums.shape[0];
     NewFloats score(blocks, NAN), full;
     for (int64_t b = 0; b < blocks; ++b) {
@@ -214,11 +214,11 @@ double bin_middle(int64_t bin) { return STATISTIC_BINS.edges[bin] + 0.5 * STATIS
 Quantiles quantiles_of(Integers counts) {
     int64_t sum = 0, seen = 0, middle = 0, end = 0;
     for (auto count : counts) sum += count;
-    const double total = static_cast<double>(sum);
+    const double total = sum;
     for (int64_t place = 0; place < counts.size(); ++place) {
         seen += counts[place];
-        middle += static_cast<double>(seen) < 0.5 * total;
-        if (static_cast<double>(seen) >= 0.995 * total) {
+        middle += seen < 0.5 * total;
+        if (seen >= 0.995 * total) {
             end = place;
             break;
         }
@@ -244,7 +244,7 @@ constexpr double LEAST_SHARE = 0.8;  // of the variance by mean squares: heavy t
 }  // namespace
 
 Noise learn_noise(
-    Matrix<const double> block_sums, Matrix<const double> block_pairs, Matrix<const int64_t> histogram, Integers scales,
+    FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
     double start_variance) {
     auto [levels, counts] = quiet_levels(block_sums, block_pairs);
     auto variances = scale_variances(histogram, scales, start_variance);
@@ -256,24 +256,8 @@ Noise learn_noise(
     return {std::move(levels), std::move(counts), std::move(variances), quantiles_of(histogram.row(0))};
 }
 
-void bind_noise(nanobind::module_& module) {
-    CONSTANT(LAGS);
-    module.attr("BLOCK") = NOISE_BLOCK;
-    CONSTANT(SMALLEST_STD);
-    CONSTANT(KEPT);
-    CONSTANT(KEPT_MEAN);
-    CONSTANT(JUMPED);
-    CONSTANT(JUMPED_RATE);
-    CONSTANT(MOST_JUMPED);
-    KERNEL(lean);
-    KERNEL(scale_variances);
-    KERNEL(block_differences);
-    KERNEL(quiet_levels);
-    KERNEL(contrast_variances);
-    CONSTANT(CHI_MEDIAN);
-    CONSTANT(GAUSSIAN_RATIO);
-    KERNEL(quantiles_of);
-    KERNEL(are_heavy);
-}
+STAGE(noise, LAGS, NOISE_BLOCK, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,
+      scale_variances, block_differences, quiet_levels, contrast_variances, CHI_MEDIAN, GAUSSIAN_RATIO, quantiles_of,
+      are_heavy)
 
 }  // namespace rwa

@@ -116,8 +116,8 @@ auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumAr
 
 // The sums of products of values that lie `first` places apart and more, in the order of their intervals and within one:
 // (intervals, lags).
-Table<double, 2> lagged_products(Floats value, Integers interval, int64_t intervals, int64_t first, int64_t lags) {
-    Table<double, 2> products({intervals, lags});
+NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, int64_t first, int64_t lags) {
+    NewMatrix products({intervals, lags});
     for (int64_t begin = 0, end = 0; begin < value.size(); begin = end) {
         while (end < value.size() && interval[end] == interval[begin]) ++end;
         double* __restrict sums = &products(interval[begin], 0);
@@ -129,14 +129,6 @@ Table<double, 2> lagged_products(Floats value, Integers interval, int64_t interv
     return products;
 }
 
-void bind_running_sums(nanobind::module_& module) {
-    CONSTANT(STRIDE);
-    CONSTANT(CENTRE_BLOCK);
-    KERNEL(extend_sums);
-    KERNEL(range_moments);
-    KERNEL(slope_within);
-    KERNEL(cut);
-    KERNEL(lagged_products);
-}
+STAGE(running_sums, STRIDE, CENTRE_BLOCK, extend_sums, range_moments, slope_within, cut, lagged_products)
 
 }  // namespace rwa

@@ -36,12 +36,12 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
 
 // The mean of each block of samples of the sum of rows, and how many samples it has.
 VECTORISED void block_means(
-    const Matrix<const double>& running, const Floats& factors, int64_t block, NewFloats& means,
+    const FloatMatrix& running, const Floats& factors, int64_t block, NewFloats& means,
     NewFloats& weights) {
     const int64_t size = running.shape[1] - 1, count = (size + block - 1) / block;
     means.assign(count, 0.0);
-    weights.assign(count, static_cast<double>(block));
-    weights[count - 1] = static_cast<double>(size - (count - 1) * block);
+    weights.assign(count, block);
+    weights[count - 1] = size - (count - 1) * block;
     double* __restrict mean = means.data();
     for (int64_t row = 0; row < factors.size(); ++row) {
         const double* __restrict sums = &running(row, 0);
@@ -59,14 +59,14 @@ struct Edges {
     int64_t count() const { return static_cast<int64_t>(at.size()) - 2; }
 };
 
-double sum_until(const Matrix<const double>& running, const Floats& factors, int64_t index) {
+double sum_until(const FloatMatrix& running, const Floats& factors, int64_t index) {
     double total = 0.0;
     for (int64_t row = 0; row < factors.size(); ++row) total += factors[row] * running(row, index);
     return total;
 }
 
 // Move each jump, in order, to the best sample around it.
-void move_jumps(const Matrix<const double>& running, const Floats& factors, Edges& edges) {
+void move_jumps(const FloatMatrix& running, const Floats& factors, Edges& edges) {
     auto& [at, sums] = edges;
     for (int64_t i = 1; i <= edges.count(); ++i) {
         const int64_t before = at[i - 1], after = at[i + 1];
@@ -77,7 +77,7 @@ void move_jumps(const Matrix<const double>& running, const Floats& factors, Edge
             const double until = sum_until(running, factors, k);
             const double left = until - sums[i - 1], right = sums[i + 1] - until;
             const double explained =
-                left * left / static_cast<double>(k - before) + right * right / static_cast<double>(after - k);
+                left * left / (k - before) + right * right / (after - k);
             if (explained > best) best = explained, place = k, at_best = until;
         }
         at[i] = place;
@@ -92,7 +92,7 @@ bool drop_jumps(Edges& edges, double penalty) {
         int64_t weakest = 0;
         double least = penalty;
         for (int64_t i = 1; i <= edges.count(); ++i) {
-            const auto n1 = static_cast<double>(at[i] - at[i - 1]), n2 = static_cast<double>(at[i + 1] - at[i]);
+            const double n1 = at[i] - at[i - 1], n2 = at[i + 1] - at[i];
             const double step = (sums[i + 1] - sums[i]) / n2 - (sums[i] - sums[i - 1]) / n1;
             const double worth = step * step * n1 * n2 / (n1 + n2);
             if (worth < least) weakest = i, least = worth;
@@ -296,7 +296,7 @@ NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, dou
 
 // The jumps of a sum of rows, each times its factor, from the rows' running sums; long ones between blocks, each jump
 // then moved to its best sample, and the second dropped of two that framed one block with a jump in it.
-NewIntegers segment_sums(Matrix<const double> running, Floats factors, double penalty) {
+NewIntegers segment_sums(FloatMatrix running, Floats factors, double penalty) {
     const int64_t n = running.shape[1] - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
     NewFloats means, weights;
     block_means(running, factors, block, means, weights);
@@ -316,7 +316,7 @@ NewIntegers segment_sums(Matrix<const double> running, Floats factors, double pe
 // The first block of each straight line but the first, of running sums (6, blocks + 1) of 1, x, z, xx, xz, zz: optimal
 // partitioning (Jackson et al., IEEE Signal Processing Letters 12, 2005) with the pruning of PELT (Killick et al.,
 // J. Am. Stat. Assoc. 107, 2012).
-NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
+NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
     const int64_t count = sums.shape[1] - 1;
     NewFloats best(count + 1, -penalty), costs(count + 1);
     NewIntegers previous(count + 1), alive{0}, found;
@@ -358,12 +358,6 @@ void five_sums(Floats x, Floats z, Matrix<double> out) {
     }
 }
 
-void bind_segmentation(nanobind::module_& module) {
-    KERNEL(fpop);
-    KERNEL(decafs);
-    KERNEL(segment_sums);
-    KERNEL(optimal_lines);
-    KERNEL(five_sums);
-}
+STAGE(segmentation, fpop, decafs, segment_sums, optimal_lines, five_sums)
 
 }  // namespace rwa

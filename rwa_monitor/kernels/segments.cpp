@@ -14,9 +14,9 @@ vector<Sums> prefixes(Integers nodes, const SumArrays& sums) {
 }
 
 // The sufficient statistics between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
-Table<double, 3> pair_moments(Integers nodes, const SumArrays& sums) {
+NewCube pair_moments(Integers nodes, const SumArrays& sums) {
     const int64_t count = nodes.size();
-    Table<double, 3> table({6, count, count});
+    NewCube table({6, count, count});
     const auto prefix = prefixes(nodes, sums);
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
@@ -29,7 +29,7 @@ Table<double, 3> pair_moments(Integers nodes, const SumArrays& sums) {
 // The slope that the segments between consecutive nodes share beside their own levels, and its information (inverse
 // variance), with a Gaussian prior.
 tuple<double, double> shared_slope(
-    Array<const double, 3> pairs, Integers nodes, double variance, double prior_mean, double prior_std) {
+    FloatCube pairs, Integers nodes, double variance, double prior_mean, double prior_std) {
     const double weight = variance / (prior_std * prior_std);
     double sxx = weight, sxz = weight * prior_mean;
     for (int64_t i = 0; i + 1 < nodes.size(); ++i) {
@@ -44,7 +44,7 @@ tuple<double, double> shared_slope(
 // Size and variance of the jump at each candidate, between the accepted nodes beside it; 0 and inf beside a segment
 // without samples. The variance holds that of both means, of their slope, and of levels that are not quite constant.
 tuple<NewFloats, NewFloats> jumps_of(
-    Array<const double, 3> pairs, Integers nodes, double slope, double information, double variance) {
+    FloatCube pairs, Integers nodes, double slope, double information, double variance) {
     const int64_t count = pairs.shape[1] - 2;
     NewFloats jump(count), spread = NewFloats(count, INFINITE);
     const double scatter = LEVEL_SCATTER * LEVEL_SCATTER * variance;
@@ -71,10 +71,10 @@ double squared_error(const Sums& sum, double slope) {
 
 // The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `range`: it charges
 // each level log(range √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
-Table<double, 2> fit_table(Array<const double, 3> pairs, double slope, double variance, double range) {
+NewMatrix fit_table(FloatCube pairs, double slope, double variance, double range) {
     const int64_t count = pairs.shape[1];
     const double log_range = log(range);
-    Table<double, 2> table({count, count});
+    NewMatrix table({count, count});
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
             const Sums sum = Sums::read(&pairs(0, i, j), count * count);
@@ -102,7 +102,7 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
             const Sums here = prefix_moments(trial, sums);
             double error = squared_error(moments_between(prefix[i], here, sums.centre), slope);
             error += squared_error(moments_between(here, prefix[i + 2], sums.centre), slope);
-            const double score = -error / (2.0 * variance) - PREFERENCE * static_cast<double>(abs(trial - at));
+            const double score = -error / (2.0 * variance) - PREFERENCE * abs(trial - at);
             if (score > best) best = score, refined[i] = trial;
         }
     }
@@ -110,22 +110,14 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
 }
 }  // namespace
 
-Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes) {
-    Table<double, 2> chain({pairs.shape[0], nodes.size() - 1});
+NewMatrix chain_of(FloatCube pairs, Integers nodes) {
+    NewMatrix chain({pairs.shape[0], nodes.size() - 1});
     for (int64_t k = 0; k < pairs.shape[0]; ++k) {
         for (int64_t i = 0; i + 1 < nodes.size(); ++i) chain(k, i) = pairs(k, nodes[i], nodes[i + 1]);
     }
     return chain;
 }
 
-void bind_segments(nanobind::module_& module) {
-    CONSTANT(PREFERENCE);
-    CONSTANT(LEVEL_SCATTER);
-    KERNEL(pair_moments);
-    KERNEL(shared_slope);
-    KERNEL(jumps_of);
-    KERNEL(fit_table);
-    KERNEL(refine_nodes);
-}
+STAGE(segments, PREFERENCE, LEVEL_SCATTER, pair_moments, shared_slope, jumps_of, fit_table, refine_nodes)
 
 }  // namespace rwa

@@ -59,7 +59,7 @@ double filter_gains(
             jumping = smooth = {drift[k], 0.0, law.coloured};
         } else {
             if (gap[k] != last_gap) {
-                power = gap[k] == 1 ? law.correlation : pow(law.correlation, static_cast<double>(gap[k]));
+                power = gap[k] == 1 ? law.correlation : pow(law.correlation, gap[k]);
                 last_gap = gap[k];
             }
             jumping.predict(power, law.coloured, drift[k]);
@@ -84,7 +84,7 @@ double filter_gains(
 
 // Whiten the rows from row j on, P at a time: their recursions wait for themselves, not for each other.
 template <int64_t P>
-void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains, int64_t& j) {
+void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains, int64_t& j) {
     for (; j + P <= columns.shape[0]; j += P) {
         double l[P] = {}, a[P] = {};
         for (int64_t k = 0; k < columns.shape[1]; ++k) {
@@ -108,16 +108,13 @@ void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const
 }
 
 // Replace each row of `columns` (p, n), friction or a regressor, by its innovations over their standard deviations.
-void whiten(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains) {
+void whiten(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains) {
     int64_t j = 0;
     whiten_rows<4>(columns, sign, gap, gains, j);
     whiten_rows<2>(columns, sign, gap, gains, j);
     whiten_rows<1>(columns, sign, gap, gains, j);
 }
 
-void bind_state_space(nanobind::module_& module) {
-    KERNEL(filter_gains);
-    KERNEL(whiten);
-}
+STAGE(state_space, filter_gains, whiten)
 
 }  // namespace rwa

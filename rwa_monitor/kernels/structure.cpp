@@ -67,7 +67,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
     constexpr double MIDDLE = 0.5 * (STRETCH - 1);
     double mean = 0.0, tilt = 0.0, spread = 0.0;
     for (int64_t k = 0; k < STRETCH; ++k) {
-        const double time = static_cast<double>(k) - MIDDLE;
+        const double time = k - MIDDLE;
         mean += z[k];
         tilt += time * z[k];
         spread += time * time;
@@ -80,7 +80,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
     rotations(angle, STRETCH, c, s);
     double energy = 0.0;
     for (int64_t k = 0; k < STRETCH; ++k) {
-        const double e = z[k] - mean - tilt * (static_cast<double>(k) - MIDDLE);
+        const double e = z[k] - mean - tilt * (k - MIDDLE);
         energy += e * e;
         real[k] = e * c[k];
         imaginary[k] = e * s[k];
@@ -94,7 +94,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k];
             real[k] = turned;
         }
-        const double turns = static_cast<double>(h + 1) * angle[STRETCH - 1] / (2.0 * PI * (STRETCH - 1));
+        const double turns = (h + 1) * angle[STRETCH - 1] / (2.0 * PI * (STRETCH - 1));
         if (abs(turns - rint(turns)) < SLOWEST_TURNS) continue;
         double r = 0.0, i = 0.0;
         for (int64_t column = 0; column < SIDE; ++column) {
@@ -182,12 +182,6 @@ void cosines_and_sines(Floats angle, Vector<double> cosine, Vector<double> sine)
     rotations(angle.data, angle.size(), cosine.data, sine.data);
 }
 
-void bind_structure(nanobind::module_& module) {
-    CONSTANT(BLOCK);
-    CONSTANT(STRETCH);
-    KERNEL(count_signs);
-    KERNEL(extend_structure);
-    KERNEL(cosines_and_sines);
-}
+STAGE(structure, BLOCK, STRETCH, count_signs, extend_structure, cosines_and_sines)
 
 }  // namespace rwa

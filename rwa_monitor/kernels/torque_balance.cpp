@@ -23,7 +23,7 @@ void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, 
         if (!isnan(result[k]) || isnan(speed[k])) continue;
         double n = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0, s4 = 0.0, y = 0.0, jy = 0.0, jjy = 0.0;
         for (int64_t i = -half; i <= half; ++i) {
-            const double value = speed[k + i] - speed[k], j = static_cast<double>(i);
+            const double value = speed[k + i] - speed[k], j = i;
             if (isnan(value)) continue;
             n += 1.0, s1 += j, s2 += j * j, s3 += j * j * j, s4 += j * j * j * j;
             y += value, jy += j * value, jjy += j * j * value;
@@ -66,15 +66,15 @@ double noise_of(Floats torque, NewFloats& differences) {
 // Of a torque c·j² at slot j the filter's average is c·Σ W_i·(i² + (i + 1)²), and its value is 0.
 std::pair<double, double> error_of_parabola(Floats torque, Floats weights) {
     const int64_t half = weights.size();
-    const double n = static_cast<double>(torque.size()), mean_square = (half * (half + 1)) / 3.0;  // of j
+    const double n = torque.size(), mean_square = (half * (half + 1)) / 3.0;  // of j
     double level = 0.0, slope = 0.0, curvature = 0.0, squares = 0.0, spread = 0.0, average = 0.0;
     for (int64_t i = -half; i <= half; ++i) {
-        const double j = static_cast<double>(i), off_mean = j * j - mean_square;
+        const double j = i, off_mean = j * j - mean_square;
         const double value = torque[half + i] - torque[half];
         level += value, slope += j * value, curvature += off_mean * value;
         squares += value * value, spread += off_mean * off_mean;
     }
-    for (int64_t i = 0; i < half; ++i) average += weights[i] * static_cast<double>(i * i + (i + 1) * (i + 1));
+    for (int64_t i = 0; i < half; ++i) average += weights[i] * (i * i + (i + 1) * (i + 1));
     if (isnan(curvature) || n < 5.0) return {0.0, 0.0};
     const double left =
         squares - level * level / n - slope * slope / (n * mean_square) - curvature * curvature / spread;
@@ -86,7 +86,7 @@ double slope_of(Floats speed) {
     const int64_t middle = speed.size() / 2;
     double n = 0.0, j1 = 0.0, j2 = 0.0, v0 = 0.0, v1 = 0.0;
     for (int64_t i = 0; i < speed.size(); ++i) {
-        const double value = speed[i] - speed[middle], j = static_cast<double>(i - middle);
+        const double value = speed[i] - speed[middle], j = i - middle;
         if (isnan(value)) continue;
         n += 1.0, j1 += j, j2 += j * j;
         v0 += value, v1 += j * value;
@@ -116,7 +116,7 @@ Share share_beside(int degree, Floats shape, Floats speed) {
         bent.push_back(shape[i]);
         beside.push_back(speed[i] - origin);
     }
-    const double freedom = static_cast<double>(place.size()) - degree - 2.0;
+    const double freedom = place.size() - degree - 2.0;
     if (freedom < 1.0) return {};
     vector<NewFloats> powers;  // orthonormal
     for (int exponent = 0; exponent <= degree; ++exponent) {
@@ -203,9 +203,6 @@ void rounding_error(
 
 }  // namespace
 
-void bind_torque_balance(nanobind::module_& module) {
-    KERNEL(bridge);
-    KERNEL(rounding_error);
-}
+STAGE(torque_balance, bridge, rounding_error)
 
 }  // namespace rwa

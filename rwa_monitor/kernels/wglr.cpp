@@ -56,7 +56,7 @@ ALWAYS_INLINE void evaluate_slots(
     const double* __restrict e = x + width;
     const double* __restrict xx = e + width;
     const double* __restrict xe = xx + width;
-    const double all = static_cast<double>(w), need = max(1.0, 0.5 * all);
+    const double all = w, need = max(1.0, 0.5 * all);
     for (int64_t j = 0; j < count; ++j) {
         const double nl = AllUsed ? all : n[j] - n[j - w], nr = AllUsed ? all : n[j + w] - n[j];
         const double left_share = 1.0 / max(nl, 1.0), right_share = 1.0 / max(nr, 1.0);
@@ -76,10 +76,10 @@ ALWAYS_INLINE void evaluate_slots(
 // Statistic and jump of one scale at neighbouring slots, `column` the first one's end k + w; NOT_EVALUATED where a half
 // has fewer than max(1, w/2) used samples.
 VECTORISED void evaluate(
-    Matrix<const double> prefix, int64_t column, int64_t w, double weight, int64_t count, double* statistic,
+    FloatMatrix prefix, int64_t column, int64_t w, double weight, int64_t count, double* statistic,
     double* jump) {
     const double* middle = &prefix(0, column - w);
-    const bool all_used = middle[w + count - 1] - middle[-w] == static_cast<double>(2 * w + count - 1);
+    const bool all_used = middle[w + count - 1] - middle[-w] == 2 * w + count - 1;
     if (all_used) {
         evaluate_slots<true>(middle, prefix.shape[1], w, weight, count, statistic, jump);
     } else {
@@ -121,7 +121,7 @@ Detector::Detector(Integers half_widths)
       prefix({PREFIXES, HISTORY + CHUNK + 1}), open(scales.size(), {-1, -1}) {
     // Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
     double most = 0.0;
-    for (int64_t w : scales) most += 2.0 * CHUNK / static_cast<double>(w + 1);
+    for (int64_t w : scales) most += 2.0 * CHUNK / (w + 1);
     chunk_peaks = static_cast<std::size_t>(std::ceil(most)) + 2 * scales.size();
 }
 
@@ -231,7 +231,7 @@ vector<Peak> Detector::above(double threshold, Floats variances) const {
 // Statistic and jump of one scale at every slot of a whole array; NaN where a half leaves the array or lacks samples.
 tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, double weight, double slope) {
     const int64_t slots = x.size();
-    Table<double, 2> prefix({PREFIXES, HISTORY + CHUNK + 1});
+    NewMatrix prefix({PREFIXES, HISTORY + CHUNK + 1});
     NewFloats statistic(slots, NAN), jump(slots, NAN);
     for (int64_t chunk = 0; chunk < slots; chunk += CHUNK) {
         const int64_t stop = min(chunk + CHUNK, slots), right = max(chunk + 1, 2 * scale);
@@ -247,14 +247,7 @@ tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, 
 }
 
 void bind_wglr(nanobind::module_& module) {
-    CONSTANT(CHUNK);
-    CONSTANT(STEP);
-    CONSTANT(MAX_SCALE);
-    CONSTANT(MOST_PEAKS);
-    CONSTANT(BINS);
-    CONSTANT(BINS_PER_OCTAVE);
-    CONSTANT(LOWEST_EXPONENT);
-    KERNEL(wglr);
+    EXPORT(CHUNK, STEP, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
     nanobind::class_<Detector>(module, "Detector")
         .def(nanobind::init<Integers>())
         .def("scan", &Detector::scan);

@@ -12,7 +12,7 @@ from rwa_monitor.changepoints.candidates import Threshold, peaks_behind_gaps, va
 from rwa_monitor.changepoints.noise import OutlierModel
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
-from rwa_monitor.kernels.changepoints import contrast, select
+from rwa_monitor.kernels.changepoints import choose, contrast
 from rwa_monitor.kernels.wglr import CHUNK, MAX_SCALE, wglr
 from tests.switching.assignment_windows import sums_of
 
@@ -99,8 +99,10 @@ def _choose(sums, threshold=20.0, outliers=NO_TAILS):
 
 
 def _select(peaks, sums, table, threshold, outliers=NO_TAILS, correlation=0.0):
-    least, arrays = Threshold(table, threshold, outliers.largest_outlier), sums.arrays
-    return Candidates(*select(peaks.index, peaks.scale, peaks.statistic, sums.slots, 0.0, correlation, arrays, least))
+    least = Threshold(table, threshold, outliers.largest_outlier)
+    slope = (SIGMA**2, 0.0, 1.0)  # the speed is constant: the slope is that of its prior
+    tried = (peaks.index, peaks.scale, peaks.statistic)
+    return Candidates(*choose(*tried, sums.slots, sums.arrays, least, correlation, *slope))
 
 
 @pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])
