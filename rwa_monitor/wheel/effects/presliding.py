@@ -20,7 +20,7 @@ from rwa_monitor.wheel.effects.base import (
     stack,
     used_speed,
 )
-from rwa_monitor.wheel.effects.near_zero_speed import SpeedDeadZone
+from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 
 SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape
 

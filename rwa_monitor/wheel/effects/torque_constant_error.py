@@ -1,0 +1,35 @@
+"""Torque constant error: the motor's torque constant in wheel.toml is not the motor's."""
+
+from __future__ import annotations
+
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
+
+
+class TorqueConstantError(MeanEffect):
+    """A part of the motor torque that is taken for friction."""
+
+    name = "torque_constant_error"
+    title = "Wrong torque constant"
+    formula = r"\tau = \frac{\delta K_T}{K_T}\, K_T I, \qquad \delta K_T = K_{T,\mathrm{assumed}} - K_{T,\mathrm{true}}"
+    description = (
+        "Friction is K_T I − J dω/dt; where K_T is too large, a part of the motor torque that is not there reads as "
+        "friction."
+    )
+    signature = "A torque in proportion to the motor current."
+    confused_with = ("inertia_error", "load_dependence", "torque_constant_temperature")
+    separate_by = (
+        "From current and speed alone it equals `inertia_error` up to a common factor on all friction: the motor "
+        "voltage (K_E = K_T) or the body's angular momentum separates them."
+    )
+    source = (
+        "Follows from the torque balance of the wheel; motor data sheets state K_T to 5–10 %, calibrated 1–5 % (a "
+        "working assumption)."
+    )
+    needs = frozenset({"motor_torque_Nm"})
+    parameters = (Parameter("strength", "-", -0.5, 0.5, 0.02, linear=True),)
+
+    @classmethod
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
+        """Return K_T I; in the search it must be a mean of neighbours without the slot itself (shared noise)."""
+        return known_or_nan(channels.motor_torque_Nm, channels)
