@@ -24,22 +24,6 @@ def test_the_paper_s_example_comes_out() -> None:
     assert tuning.threshold == pytest.approx(41.0, abs=0.3)
 
 
-@pytest.mark.parametrize("acceleration", [0.0, 1e-3, 0.1])
-def test_information_is_that_of_the_two_hypotheses_solved_in_full(acceleration: float) -> None:
-    w, prior, jump = 12, 0.01, 3.0
-    x = acceleration * (np.arange(2 * w) - w + 0.5)
-    y = jump * (np.arange(2 * w) >= w)
-
-    def squares(levels: np.ndarray) -> float:
-        design = np.vstack([np.column_stack([levels, x]), np.append(np.zeros(levels.shape[1]), np.sqrt(prior))])
-        target = np.append(y, 0.0)
-        return float(np.sum((target - design @ np.linalg.lstsq(design, target, rcond=None)[0]) ** 2))
-
-    one = np.ones((2 * w, 1))
-    two = np.column_stack([np.arange(2 * w) < w, np.arange(2 * w) >= w]).astype(float)
-    assert information(jump, w, acceleration, prior) == pytest.approx(squares(one) - squares(two), rel=1e-9)
-
-
 @pytest.mark.parametrize("acceleration", [0.0, 1e-4, 1e-3])
 @pytest.mark.parametrize(("missed", "run_length", "jump"), [(0.02, 500.0, 2.0), (1e-6, 1e10, 4.0)])
 def test_simulation_agrees_with_the_prediction(

@@ -6,14 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy import special
 
-from rwa_monitor.changepoints.estimation import Blocks, estimate, residual_blocks
+from rwa_monitor.changepoints.estimation import estimate, residual_blocks
 from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
-from rwa_monitor.diagnosis.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK, PERSISTENCE_LAGS, persistence
-from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.kernels.laws import OTHER_SIZE, densities
 from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
 from rwa_monitor.switching import segments
 from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE, sums_of
@@ -39,14 +35,6 @@ def _evidence(x: np.ndarray, z: np.ndarray, used: np.ndarray) -> Evidence:
 
 def _error(values: np.ndarray) -> float:
     return float(((values - values.mean()) ** 2).sum()) if values.size else 0.0
-
-
-def test_pair_moments_are_the_sums_between_all_pairs(record):
-    sums, nodes = sums_of(*record), np.concatenate([[0], INDEX, [SLOTS]])
-    pairs = pair_moments(nodes, sums.arrays)
-    first, last = np.triu_indices(nodes.size, k=1)
-    assert pairs[:, first, last].tobytes() == sums.between(nodes[first], nodes[last]).table.tobytes()
-    assert not pairs[:, last, first].any()
 
 
 def test_jumps_and_levels_are_those_of_the_samples(record):
@@ -100,62 +88,6 @@ def test_residual_blocks_are_those_of_the_samples(record):
     for i in range(INDEX.size + 1):
         own = blocks.usable & (blocks.interval == i)
         assert np.sum(blocks.n[own] * blocks.residual[own]) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_persistence_is_that_of_plain_loops():
-    rng = np.random.default_rng(72)
-    count, intervals = 300, 4
-    interval = np.sort(rng.integers(0, intervals, count))
-    residual, usable = rng.standard_normal(count) * 0.1, rng.random(count) > 0.2
-    n = np.where(usable, 16.0, 1.0)
-    blocks = Blocks(16, n, np.zeros(count), residual, residual, interval, usable, intervals)
-    assert usable.sum() > FEWEST_BLOCKS
-    value = residual * np.sqrt(n)
-    scale = np.median(np.abs(value[usable])) / special.ndtri(0.75)
-    value = np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK)
-    products, pairs = np.zeros((2, len(PERSISTENCE_LAGS), intervals))
-    for row, lag in enumerate(PERSISTENCE_LAGS):
-        for b in range(count - lag):
-            if usable[b] and usable[b + lag] and interval[b] == interval[b + lag]:
-                products[row, interval[b]] += value[b] * value[b + lag] + 1.0 / usable[interval == interval[b]].sum()
-                pairs[row, interval[b]] += 1.0
-    worst = np.argmax(np.square(products).sum(axis=0))
-    products, pairs = np.delete(products, worst, axis=1).sum(axis=1), np.delete(pairs, worst, axis=1).sum(axis=1)
-    significance, size = persistence(blocks, 0.0)
-    assert significance == pytest.approx((products**2 / pairs).sum(), rel=1e-9)
-    assert size == pytest.approx(scale * np.sqrt(np.abs(products / pairs).max() / 16), rel=1e-9)
-
-
-def test_level_densities_are_those_of_the_formula():
-    rng = np.random.default_rng(73)
-    for anomaly in built_in_model().anomalies:
-        for levels in anomaly.levels:
-            if levels is None:
-                continue
-            value, std = rng.uniform(-1.0, 6.0, 50), rng.uniform(1e-4, 0.5, 50)
-            reach = np.hypot(levels.reach, std)
-            stray = 0.5 / reach / (1.0 + np.abs(value - levels.nominal.middle) / reach) ** 2
-            excess = value - levels.nominal_high
-            other = special.ndtr(excess / np.hypot(levels.nominal.soft, std)) / reach
-            other /= (1.0 + np.maximum(excess, 0.0) / reach) ** 2
-            bands = [band for band in (levels.nominal, levels.anomalous) if band is not None]
-            inside = [_softened(band.low, band.high, band.soft, value, std) for band in bands]
-            learned = inside[1] if levels.anomalous else other
-            level = np.zeros(50, dtype=np.int64)
-            nominal, anomalous, alone = densities(level, value, std, np.zeros(1), levels.numbers[None])[:, :, 0]
-            assert nominal == pytest.approx((1 - levels.stray) * inside[0] + levels.stray * stray, rel=1e-9)
-            expected = (1 - levels.stray - OTHER_SIZE) * learned + OTHER_SIZE * other + levels.stray * stray
-            assert anomalous == pytest.approx(expected, rel=1e-9)
-            assert alone == pytest.approx(np.maximum(1 - sum(inside) / (nominal + anomalous), 0.0), abs=1e-9)
-
-
-def _softened(low: float, high: float, soft: float, value: np.ndarray, std: np.ndarray) -> np.ndarray:
-    """Density of a uniform value on [low, high] with Gaussian noise."""
-    sigma, middle = np.hypot(soft, std), 0.5 * (low + high)
-    if high - low < 1e-3 * soft:
-        return np.exp(-0.5 * ((value - middle) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
-    distance, half = np.abs(value - middle), 0.5 * (high - low)
-    return (special.ndtr((half - distance) / sigma) - special.ndtr((-half - distance) / sigma)) / (high - low)
 
 
 def test_variance_of_a_mean_is_the_double_sum_over_its_samples():

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.kernels.assignment import REJECT
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.assignment import Path, Scores, action_table
+from rwa_monitor.switching.assignment import Scores, action_table
 from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods, tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
 from rwa_monitor.wheel.wheel import SwitchingSystem
@@ -117,15 +116,6 @@ def random_problem(
         simultaneous=-1.0 if rare else -np.inf,
         sizes=sizes if sized else None,
     )
-
-
-def random_path(rng: np.random.Generator, problem: Problem) -> Path:
-    """A path that need not be a good one: systems go up and down in turn, at random candidates."""
-    actions = np.zeros(problem.signs.shape[0], dtype=np.int64)
-    for s in range(problem.configurations.size):
-        mine = np.flatnonzero((rng.random(actions.size) < 0.4) & (actions == REJECT))
-        actions[mine] = 2 + 6 * s + np.arange(1, mine.size + 1) % 2  # up, down, up …
-    return Path(0.0, (0,) * problem.configurations.size, actions)
 
 
 def step_of(number: int) -> tuple[int, int]:

@@ -5,64 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatPath
+from rwa_monitor.changepoints.stage_results import Candidates, FlatPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
-from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, switching_path
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.kernels.laws import densities
 from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
-from rwa_monitor.switching.assignment import Path, search
 from rwa_monitor.switching.friction_model import Cases
-from tests.switching.assignment_problems import LONG, SHORT, Problem, random_path, random_problem, step_of
 from tests.switching.assignment_windows import sums_of
-
-
-def plain_path(problem: Problem, path: Path, index: np.ndarray) -> tuple[list[list[int]], list[list[int]], list[int]]:
-    """Configurations and starts of each system's sojourns, and the slots of jumps that no system made."""
-    configurations, starts = [[q] for q in path.start], [[0] for _ in path.start]
-    alone = []
-    for k, action in enumerate(path.actions.tolist()):
-        if action == NO_SYSTEM:
-            alone.append(int(index[k]))
-        if action in (REJECT, NO_SYSTEM):
-            continue
-        row = problem.actions[action].tolist()
-        for who, number in (row[:2], row[2:]):
-            if who < 0:
-                continue
-            step, missed = step_of(number)
-            if missed:
-                starts[who].append(starts[who][-1] + 1)
-                configurations[who].append(configurations[who][-1] + missed)
-            starts[who].append(int(index[k]))
-            configurations[who].append(configurations[who][-1] + step)
-    return configurations, starts, alone
-
-
-def test_a_path_of_the_search_becomes_a_switching_path():
-    rng = np.random.default_rng(12)
-    kinds = set()
-    for _ in range(40):
-        problem = random_problem(rng, (SHORT, LONG), 7)
-        index = np.sort(rng.choice(np.arange(1, 3000), 7, replace=False))
-        paths = [*search(problem.scores, paths=8, margin=12.0, budget=20_000).paths, random_path(rng, problem)]
-        for path in paths:
-            kinds.update(path.actions.tolist())
-            flat, nodes, system, direction = switching_path(problem.actions, index, np.array(path.start), path.actions)
-            configurations, starts, alone = plain_path(problem, path, index)
-            nested = FlatPath(*flat).by_system()
-            assert [q.tolist() for q in nested.configurations] == configurations
-            assert [slots.tolist() for slots in nested.starts] == starts
-            assert nested.unattributed.tolist() == alone
-            again = nested.flat()
-            assert all(np.array_equal(one, other) for one, other in zip(flat, again, strict=True))
-            accepted = np.flatnonzero(path.actions != REJECT)
-            assert nodes.tolist() == [0, *(accepted + 1), 8]
-            assert np.array_equal(system[:, 0] == REJECTED, path.actions == REJECT)
-            assert np.array_equal(system[:, 0] == UNATTRIBUTED, path.actions == NO_SYSTEM)
-            assert np.array_equal(direction != 0, system >= 0)
-    assert len(kinds) >= 10  # with missed jumps and two at once
 
 
 def test_levels_signs_and_chains_are_those_of_the_samples():

@@ -47,24 +47,6 @@ def test_friction_runs_in_over_an_hour_or_longer() -> None:
 
 
 @every_mean_effect
-def test_columns_have_one_for_each_strength_and_are_finite(effect: type[MeanEffect]) -> None:
-    channels = rich_motion(2048)
-    columns, _ = effect.columns(channels, typical_shape(effect))
-    assert columns.shape == (2048, len(effect.strength_parameters()))
-    assert columns.dtype == np.float64
-    assert np.isfinite(columns).all()
-    assert np.abs(columns).max() > 0, "a rich motion must show the effect"
-
-
-@every_mean_effect
-def test_torque_is_proportional_to_the_strengths(effect: type[MeanEffect]) -> None:
-    channels = rich_motion(1024)
-    typical = effect.typical()
-    doubled = effect.typical(**{p.name: 2 * typical.values[p.name] for p in effect.strength_parameters()})
-    np.testing.assert_allclose(doubled.torque(channels)[0], 2 * typical.torque(channels)[0], rtol=1e-14)
-
-
-@every_mean_effect
 @pytest.mark.parametrize("seed", range(3))
 def test_a_record_in_pieces_gives_the_same_bits(effect: type[MeanEffect], seed: int) -> None:
     rng = np.random.default_rng(seed)
