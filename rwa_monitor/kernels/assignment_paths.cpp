@@ -46,7 +46,7 @@ tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     Found full = search_once(scores, bounds, quick.score[0] - margin, budget, kept, paths);
     const bool none = full.score.empty(), pruned = none || full.lost > full.score[0];
     Found& best = none ? quick : full;
-    return {std::move(best.score), std::move(best.start), std::move(best.taken), quick.states + full.states, pruned};
+    return {best.score, best.start, best.taken, quick.states + full.states, pruned};
 }
 
 // The part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
@@ -113,7 +113,7 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
         path.starts.insert(path.starts.end(), starts[s].begin(), starts[s].end());
         path.sojourns.push_back(starts[s].size());
     }
-    return {std::move(path), std::move(nodes), std::move(system), std::move(direction)};
+    return {path, nodes, system, direction};
 }
 
 // A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
@@ -127,8 +127,8 @@ tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> w
     const double log_evidence = evidence_of_cases(
         {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, table, statistics, cases,
         variance, scatter);
-    return {std::move(path),       std::move(system), std::move(direction), std::move(borders),
-            std::move(statistics), log_evidence,      add_up_laws(scores, start, taken) + log_evidence};
+    const double score = add_up_laws(scores, start, taken) + log_evidence;
+    return {path, system, direction, borders, statistics, log_evidence, score};
 }
 
 // Add the weight of another path to each attribution (m, 2) that it shares with the best: the same system and direction
@@ -151,19 +151,9 @@ void add_agreement(
     }
 }
 
-// The scores of all complete paths that `expand` finds, and how many entries it expanded: with the free bounds, or with
-// prices from the path that is `taken`.
-tuple<NewFloats, int64_t> scores_of_expanded(
-    const Scores& scores, Integers start, Integers taken, bool priced, double cutoff, int64_t budget, int64_t kept) {
-    auto [bounds, worth] = free_bounds(scores);
-    if (priced) set_prices(scores, worth, start, taken, bounds);
-    auto found = expand(scores, bounds, cutoff, budget, kept);
-    return {std::move(found.score), found.expanded};
-}
-
 }  // namespace
 
-STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, scores_of_expanded, find_paths, add_up_laws,
-      switching_path, weigh, add_agreement)
+STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, find_paths, add_up_laws,
+      weigh, add_agreement)
 
 }  // namespace rwa

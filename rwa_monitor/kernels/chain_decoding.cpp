@@ -255,7 +255,7 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
         copy_n(history[last].configuration.begin(), systems, found.row(j).begin());
         outliers[j] = history[last].outlier;
     }
-    return {std::move(found), std::move(outliers), best->score};
+    return {found, outliers, best->score};
 }
 
 STAGE(chain_decoding, NEVER, likeliest_path)

@@ -235,7 +235,7 @@ double normalise(NewFloats& scores) {
 tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
     const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
-    Model model = lay_out(path, borders, table);
+    const Model model = lay_out(path, borders, table);
     const int64_t count = cases.choice.shape[0], unknowns = model.unknowns();
     const Prior prior = prior_of_states(cases, model);
     Conditioned one(unknowns);
@@ -268,7 +268,7 @@ tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
         }
     }
     for (int64_t a = 0; a < unknowns; ++a) std[a] = sqrt(max(covariance(a, a), 0.0));
-    return {log_evidence, std::move(mean), std::move(std), std::move(covariance), std::move(model.column)};
+    return {log_evidence, mean, std, covariance, model.column};
 }
 }  // namespace
 

@@ -253,7 +253,7 @@ Noise learn_noise(
         // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
         variances[s] = max(variances[s], LEAST_SHARE * implied[s]);
     }
-    return {std::move(levels), std::move(counts), std::move(variances), quantiles_of(histogram.row(0))};
+    return {levels, counts, variances, quantiles_of(histogram.row(0))};
 }
 
 STAGE(noise, LAGS, NOISE_BLOCK, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,

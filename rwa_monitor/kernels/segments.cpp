@@ -59,7 +59,7 @@ tuple<NewFloats, NewFloats> jumps_of(
         jump[at - 1] = friction - slope * speed;
         spread[at - 1] = variance * (1.0 / left + 1.0 / right) + speed * speed / information + 2.0 * scatter;
     }
-    return {std::move(jump), std::move(spread)};
+    return {jump, spread};
 }
 
 // Σ (z - level - slope x)² of a segment about its own level.

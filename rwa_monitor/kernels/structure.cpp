@@ -178,10 +178,6 @@ void extend_structure(
     }
 }
 
-void cosines_and_sines(Floats angle, Vector<double> cosine, Vector<double> sine) {
-    rotations(angle.data, angle.size(), cosine.data, sine.data);
-}
-
-STAGE(structure, BLOCK, STRETCH, count_signs, extend_structure, cosines_and_sines)
+STAGE(structure, BLOCK, STRETCH, count_signs, extend_structure)
 
 }  // namespace rwa
