@@ -116,7 +116,7 @@ def test_equals_exhaustive_search(systems, candidates, rare, trials):
         best = sorted(all_scores(problem), key=lambda one: -one[0])[:3]
         result = search(problem.scores, paths=3, margin=1000.0, budget=100_000)
         assert not result.pruned
-        found = [(path.score, path.start, tuple(int(a) for a in path.actions)) for path in result.paths]
+        found = [(path.score, tuple(path.start.tolist()), tuple(path.actions.tolist())) for path in result.paths]
         # The three best, not only the best: they are distinct, and three are kept per state.
         np.testing.assert_allclose([one[0] for one in found], [one[0] for one in best], rtol=0, atol=1e-9)
         agree += found[0][1:] == best[0][1:]
@@ -152,9 +152,7 @@ def test_laws_of_a_path_are_its_score_without_fits_and_know_no_sizes():
         for path in search(replace(sized, sizes=None).scores, paths=8, margin=8.0, budget=20_000).paths:
             nodes = np.concatenate([[0], np.flatnonzero(path.actions != REJECT) + 1, [path.actions.size + 1]])
             fits = float(sized.fit[nodes[:-1], nodes[1:]].sum())
-            assert add_up_laws(sized.scores, np.array(path.start), path.actions) == pytest.approx(
-                path.score - fits, abs=1e-9
-            )
+            assert add_up_laws(sized.scores, path.start, path.actions) == pytest.approx(path.score - fits, abs=1e-9)
             kinds.update(path.actions.tolist())
     assert {REJECT, NO_SYSTEM} < kinds
     assert len(kinds) >= 8  # with missed jumps or two at once: the sum holds for all

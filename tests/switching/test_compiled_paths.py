@@ -9,7 +9,6 @@ from rwa_monitor.changepoints.stage_results import Candidates, FlatPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.kernels.laws import densities
-from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_windows import sums_of
@@ -22,10 +21,9 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     level = np.array([1.0, 1.5, 1.5, 1.2, 1.4])[np.searchsorted(index, np.arange(slots), side="right")]
     z = level + 0.8 * x + 0.02 * rng.standard_normal(slots)
     sums = sums_of(x, z, used)
-    accepted = np.array([0, 2, 3])
-    nodes = segments.nodes_of(accepted, index.size)
+    found = segments.measure_level(index, np.array([0, 2, 3]), sums, 0.02**2, 0.0, 1e6)
+    nodes = found.nodes
     assert nodes.tolist() == [0, 1, 3, 4, 5]
-    found = segments.measure_level(index, nodes, sums.arrays, slots, 0.02**2, 0.0, 1e6)
     borders = np.array([0, 90, 330, 450, 600])
     chain = found.pairs[:, nodes[:-1], nodes[1:]]
     assert chain == pytest.approx(sums.between(borders[:-1], borders[1:]).table)
@@ -38,7 +36,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     # The contrast of the first says down, the levels say up; that of the second, rejected one, is weak.
     statistic, jump = np.array([100.0, 4.0, 100.0, 100.0]), np.array([-0.1, 0.1, -0.3, np.nan])
     candidates = Candidates(index, np.full(4, 16), statistic, jump)
-    signs = segments.possible_signs(candidates, found.pairs, nodes, found.slope)
+    signs = segments.possible_signs(candidates, found)
     assert signs.tolist() == [[True, True], [True, True], [True, False], [True, True]]
 
 
@@ -46,10 +44,10 @@ def test_levels_without_samples_leave_the_sign_to_the_contrast():
     x, used = np.ones(300), np.ones(300, dtype=np.bool_)
     used[100:200] = False
     sums = sums_of(x, np.where(np.arange(300) < 150, 1.0, 2.0), used)
-    index, nodes = np.array([100, 200]), np.array([0, 1, 2, 3])
-    pairs = pair_moments(np.array([0, 100, 200, 300]), sums.arrays)
+    index = np.array([100, 200])
+    level = segments.measure_level(index, np.array([0, 1]), sums, 1.0, 0.0, 1e-6)
     candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))
-    signs = segments.possible_signs(candidates, pairs, nodes, 0.0)
+    signs = segments.possible_signs(candidates, level)
     assert signs.tolist() == [[False, True], [False, True]]
     assert segments.typical_jump(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
     assert segments.typical_jump(np.array([np.nan])) == 0.0
