@@ -46,13 +46,12 @@ struct Scores {
     Integers configurations;
     Matrix<const bool> signs;
     IntegerMatrix actions;
-    Floats priors;
     Floats size, size_variance;
     FloatMatrix law_mean, law_variance;
-    double log_range, unattributed_variance;
+    double log_range, unattributed, unattributed_variance;
     auto fields() {
-        return tie(fit, jump, stay, turn, missed, configurations, signs, actions, priors, size, size_variance,
-                        law_mean, law_variance, log_range, unattributed_variance);
+        return tie(fit, jump, stay, turn, missed, configurations, signs, actions, size, size_variance, law_mean,
+                   law_variance, log_range, unattributed, unattributed_variance);
     }
 };
 

@@ -31,7 +31,7 @@ void each_jump(int64_t configurations, Visit visit) {
 Worth size_worth(const Scores& scores) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITE), NewFloats(nodes), NewFloats(nodes),
-                NewFloats(nodes, scores.priors[1])};
+                NewFloats(nodes, scores.unattributed)};
     double smallest = INFINITE;  // variance of a friction that moves at all
     for (double variance : scores.law_variance) {
         if (variance > 0.0) smallest = min(smallest, variance);
@@ -93,7 +93,7 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
             second = max(second, min(first, plain));
             first = max(first, plain);
         }
-        with_law = max(with_law, first + second + scores.priors[2] + worth.twice[k]);
+        with_law = max(with_law, first + second + worth.twice[k]);
         if (systems > 1) size_only[k] = max(size_only[k], worth.twice[k]);
     }
     return size_only;
@@ -153,7 +153,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
         const auto action = taken[node - 1];
         if (action == REJECT) continue;
         if (action == NO_SYSTEM) {
-            price[node] = -scores.priors[1];
+            price[node] = -scores.unattributed;
             continue;
         }
         double cost = 0.0, systems = 0.0;
@@ -186,9 +186,9 @@ void set_prices(const Scores& scores, const Worth& worth, Integers start, Intege
     Table<double, 4> earned(worth.single.shape, -INFINITE);
     NewFloats paid(price.size());
     for (std::size_t k = 1; k < price.size(); ++k) {
-        paid[k] = max(-price[k], scores.priors[1] + worth.alone[k]);
+        paid[k] = max(-price[k], scores.unattributed + worth.alone[k]);
         // Two that jump at once earn twice, and share one size: each is taken to be worth half of it at least.
-        const double least = 0.5 * (worth.twice[k] + scores.priors[2] - price[k]);
+        const double least = 0.5 * (worth.twice[k] - price[k]);
         for (int64_t s = 0; s < scores.configurations.size(); ++s) {
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
                 // Against the level's sign a system jumps only together with another one.

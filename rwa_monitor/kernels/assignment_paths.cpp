@@ -49,23 +49,19 @@ tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     return {best.score, best.start, best.taken, quick.states + full.states, pruned};
 }
 
-// The part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
+// The part of a path's score that comes from laws and from jumps that no system made: no fits, no sizes.
 double add_up_laws(const Scores& scores, Integers start, Integers taken) {
     NewIntegers configuration(start.begin(), start.end()), since(start.size());
     double total = 0.0, staying = 0.0;
     for (int64_t node = 1; node <= taken.size(); ++node) {
         const auto action = taken[node - 1];
-        if (action == REJECT || action == NO_SYSTEM) {
-            total += scores.priors[action];
-            continue;
-        }
+        if (action == NO_SYSTEM) total += scores.unattributed;
         each_step(scores.actions, action, [&](int64_t s, int64_t number) {
             const Step step = step_from(configuration[s], number);
             total += sojourn_laws(scores, s, configuration[s], since[s], step)[node];
             total += scores.turn(s, step.before, step.direction);
             configuration[s] = step.after, since[s] = node;
         });
-        if (scores.actions(action, 2) >= 0) total += scores.priors[2];
     }
     for (int64_t s = 0; s < start.size(); ++s) staying += scores.stay(s, configuration[s], since[s]);
     return total + staying;

@@ -102,7 +102,7 @@ void list_offers(
     const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, const vector<Entry>& entries,
     vector<Offer>& offers) {
     const auto systems = scores.configurations.size(), actions = scores.actions.shape[0];
-    const double unattributed = scores.priors[1] + size_term(scores, k, 0.0, scores.unattributed_variance);
+    const double unattributed = scores.unattributed + size_term(scores, k, 0.0, scores.unattributed_variance);
     const double highest = size_term(scores, k, scores.size[k - 1], 0.0);
     const double rest = bounds.rest(k, k), rest_fit = bounds.rest_fit(k, k);
     vector<Weighed> steps(systems * STEPS);
@@ -119,7 +119,7 @@ void list_offers(
             }
         };
         const double fit = scores.fit(last, k);
-        offer(REJECT, entry.score + scores.priors[0], min(bounds.rest(last, k), bounds.rest_fit(last, k) + by_own));
+        offer(REJECT, entry.score, min(bounds.rest(last, k), bounds.rest_fit(last, k) + by_own));
         offer(NO_SYSTEM, entry.score + (fit + unattributed), min(rest, rest_fit + by_own));
         // Most steps end here, before they are weighed: not even a perfect size would bring them within reach.
         const double best = entry.score + fit + highest + rest;
@@ -136,7 +136,7 @@ void list_offers(
             if (two) {
                 const Weighed& other = steps[action[2] * STEPS + action[3]];
                 if (other.law == -INFINITE) continue;
-                score += other.law + scores.priors[2];
+                score += other.law;
                 own += other.own;
                 mean += other.mean;
                 variance += other.variance;

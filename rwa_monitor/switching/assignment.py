@@ -11,7 +11,7 @@ The search is a dynamic programme over the candidates. State: the last accepted 
 configuration and the candidate that began its sojourn. Paths that agree on it have the same future, so only the best
 few of each state are kept. The score of a path is
 
-    Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of rare events
+    Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of unattributed jumps
     +  Σ jumps  log P(size | friction of the system before).
 
 For given fits, durations, signs and sizes a path is dropped only when an upper bound of all that can follow is more
@@ -85,17 +85,14 @@ class Scores(NamedTuple):
         bool (m, 2): whether the level may fall, may rise at each candidate.
     actions
         See `action_table`.
-    priors
-        float64 (3,): log prior (≤ 0) of a candidate that is no jump, of a jump that no system made, of two systems
-        jumping at once beyond what their laws give.
     size, size_variance
         float64 (m,), level after less level before each candidate, and the variance of this measurement; normalised.
     law_mean, law_variance
         float64 (S, Q), friction of a new sojourn; both 0 at rest.
     log_range
         Logarithm of the width of the flat prior that the fits assume for each level.
-    unattributed_variance
-        Of a jump that no system made.
+    unattributed, unattributed_variance
+        Log prior (≤ 0) of a jump that no system made, and the variance of its size.
     """
 
     fit: FloatArray
@@ -106,12 +103,12 @@ class Scores(NamedTuple):
     configurations: IntArray
     signs: BoolArray
     actions: IntArray
-    priors: FloatArray
     size: FloatArray
     size_variance: FloatArray
     law_mean: FloatArray
     law_variance: FloatArray
     log_range: float
+    unattributed: float
     unattributed_variance: float
 
 
@@ -253,19 +250,18 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
     # A candidate costs nothing to reject: that it exists is already in the data. Nor do two systems that jump at once:
     # both laws must end at this very slot, which is rare enough.
     expected = UNATTRIBUTED_PER_WINDOW if systems else UNATTRIBUTED_ALONE
-    log_priors = np.array([0.0, np.log(min(expected / slots, 1.0)), 0.0])
     return Scores(
         fit=fit_table(level.pairs, level.slope, inputs.variance, level.spread),
         **durations._asdict(),
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
         actions=action_table(len(systems)),
-        priors=log_priors,
         size=level.jump,
         size_variance=np.where(np.isfinite(level.jump_variance), level.jump_variance, level.spread**2),
         law_mean=law_mean,
         law_variance=law_variance,
         log_range=float(np.log(level.spread)),
+        unattributed=float(np.log(min(expected / slots, 1.0))),
         unattributed_variance=priors.unattributed_std**2,
     )
 

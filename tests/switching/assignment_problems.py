@@ -16,6 +16,7 @@ SHORT = SwitchingSystem(name="short", durations=(Uniform(low=200, high=500), Uni
 LONG = SwitchingSystem(name="long", durations=(Uniform(low=300, high=900),) * 3, up=(1.0, 0.4, 0.0))
 FREE = SwitchingSystem(name="free", durations=(Geometric(mean=400), Lognormal(mu=5.0, sigma=0.5)))
 SLOTS = 3000
+UNATTRIBUTED = -10.0  # log prior
 
 
 @dataclass(frozen=True)
@@ -38,14 +39,13 @@ class Problem:
     durations: DurationLikelihoods
     configurations: IntArray
     signs: BoolArray
-    reject: float
-    unattributed: float
-    simultaneous: float
+    pairs: bool
     sizes: Sizes | None = None
 
     @property
     def actions(self) -> IntArray:
-        return action_table(self.configurations.size)
+        table = action_table(self.configurations.size)
+        return table if self.pairs else table[table[:, 2] < 0]
 
     @property
     def scores(self) -> Scores:
@@ -55,19 +55,16 @@ class Problem:
         sizes = sizes or Sizes(np.zeros(count), np.full(count, 1e30), none, none, 0.5 * np.log(2e30 * np.pi), 1.0)
         return Scores(
             fit=self.fit,
-            jump=durations.jump,
-            stay=durations.stay,
-            turn=durations.turn,
-            missed=durations.missed,
+            **durations._asdict(),
             configurations=self.configurations,
             signs=self.signs,
             actions=self.actions,
-            priors=np.array([self.reject, self.unattributed, self.simultaneous]),
             size=sizes.jump,
             size_variance=sizes.variance,
             law_mean=sizes.law_mean,
             law_variance=sizes.law_variance,
             log_range=sizes.log_range,
+            unattributed=UNATTRIBUTED,
             unattributed_variance=sizes.unattributed_variance,
         )
 
@@ -111,9 +108,7 @@ def random_problem(
         durations=durations,
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
-        reject=-float(rng.exponential(1.0)),
-        unattributed=-10.0,
-        simultaneous=-1.0 if rare else -np.inf,
+        pairs=rare,
         sizes=sizes if sized else None,
     )
 

@@ -10,7 +10,7 @@ import pytest
 
 from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_up_laws
 from rwa_monitor.switching.assignment import search
-from tests.switching.assignment_problems import FREE, LONG, SHORT, Problem, random_problem, step_of
+from tests.switching.assignment_problems import FREE, LONG, SHORT, UNATTRIBUTED, Problem, random_problem, step_of
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
     """Score one action by the definition; None where it is impossible."""
     taken = (*before.taken, number)
     if number == REJECT:
-        return replace(before, score=before.score + problem.reject, taken=taken)
+        return replace(before, taken=taken)
     durations, sizes = problem.durations, problem.sizes
     score = before.score + problem.fit[before.last, k]
     now, friction = list(before.now), list(before.friction)
@@ -36,7 +36,7 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
     row = problem.actions[number]
     pairs = [(int(s), *step_of(int(step))) for s, step in (row[:2], row[2:]) if s >= 0]
     if number == NO_SYSTEM:
-        score += problem.unattributed
+        score += UNATTRIBUTED
         variance = sizes.unattributed_variance if sizes else 0.0
     elif len({direction for _, direction, _ in pairs}) == 1 and not problem.signs[k - 1, max(pairs[0][1], 0)]:
         return None
@@ -57,8 +57,6 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
             friction[s] = (sizes.law_mean[s, after], sizes.law_variance[s, after])
             mean += friction[s][0] - old[0]
             variance += friction[s][1] + old[1]
-    if len(pairs) == 2:
-        score += problem.simultaneous
     if score == -np.inf:
         return None
     if sizes:
@@ -136,7 +134,7 @@ def test_with_sizes_equals_exhaustive_search(systems, candidates, exact):
         problem = random_problem(rng, systems, candidates, sized=True)
         if exact:
             problem.durations.missed[:] = -np.inf
-            problem = replace(problem, simultaneous=-np.inf)
+            problem = replace(problem, pairs=False)
         best = max(all_scores(problem))
         found = search(problem.scores, paths=16, margin=14.0, budget=100_000).paths[0]
         assert found.score <= best[0] + 1e-9
