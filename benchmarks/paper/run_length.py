@@ -24,7 +24,7 @@ LONGEST_RUN: Final = 1e18  # samples; beyond, an ARL says nothing but "never"
 
 
 def information(jump_sigmas: float, half_width: int, acceleration: float, prior_weight: float) -> float:
-    """Return λ of a jump for a steady acceleration; the formula of `changepoints.tuning`.
+    """Return λ of a jump for a steady acceleration (errata 3).
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def simulate_run_length(weight: float, acceleration: float, seed: int, half_widt
     Parameters
     ----------
     weight, acceleration, half_width
-        As for `run_length`; the slope's prior is right.
+        As for `run_length`.
     seed
         Of the noise.
     """
@@ -92,7 +92,7 @@ def simulate_run_length(weight: float, acceleration: float, seed: int, half_widt
         missed=MISSED,
         run_length=run_length(half_width, weight, acceleration),
     )
-    return check(tuning, JUMP_SIGMAS, acceleration, np.random.default_rng(seed), slope_error=0.0)
+    return check(tuning, JUMP_SIGMAS, acceleration, np.random.default_rng(seed))
 
 
 def acceleration_of_the_paper() -> float:
