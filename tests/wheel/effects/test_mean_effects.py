@@ -11,11 +11,13 @@ from scipy import optimize
 
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.wheel.effects.formula import FORMULAS
 from tests.wheel.effects.records import mirrored, piece, rich_motion
 
 ALL = sorted(MEAN_EFFECTS.values(), key=lambda effect: effect.name)
 GRID = 60  # start values of a profiled shape: a dead zone's sum of squares is a staircase with many local minima
 every_mean_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+every_column = pytest.mark.parametrize("effect", [*ALL, *FORMULAS.values()], ids=lambda effect: effect.name)
 
 
 def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
@@ -46,7 +48,7 @@ def test_friction_runs_in_over_an_hour_or_longer() -> None:
     assert drift.largest_share(replace(channels, sample_period_s=60.0)) == 1.0
 
 
-@every_mean_effect
+@every_column
 @pytest.mark.parametrize("seed", range(3))
 def test_a_record_in_pieces_gives_the_same_bits(effect: type[MeanEffect], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -102,7 +104,7 @@ def test_a_missing_channel_gives_nan_not_a_guess(effect: type[MeanEffect]) -> No
     assert np.isnan(columns).all() == bool(effect.needs)
 
 
-@every_mean_effect
+@every_column
 def test_parity_is_as_stated(effect: type[MeanEffect]) -> None:
     channels = rich_motion(1024)
     shape = typical_shape(effect)
