@@ -83,4 +83,4 @@ def quantiles_of(counts: IntArray) -> tuple[float, float, float]:
     """Return how many statistics a scale's histogram, int64 (BINS,), holds, their median and their 99.5 % quantile."""
 
 def are_heavy(quantiles: tuple[float, float, float], variance: float) -> bool:
-    """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.estimate_outliers`."""
+    """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.largest_outlier`."""
