@@ -3,8 +3,7 @@
 // Array<T, N>   a view of a NumPy array that Python owns; const T is only read. It must be contiguous and of just this
 //               type: anything else is a TypeError, never a silent copy.
 // Table<T, N>   an array that a kernel makes; like a std::vector, it becomes a NumPy array when it is returned.
-// A struct with a member `fields()` that ties its members in their order is taken from the NamedTuple of that shape,
-// and returned as a tuple.
+// A struct with FIELDS is taken from the NamedTuple of that shape, and returned as a tuple.
 //
 // Kernels run without the interpreter's lock and check no index: what calls them does. `make sanitize` runs the tests
 // with every index checked, under AddressSanitizer.
@@ -45,6 +44,10 @@
 #else
 #define REQUIRE(condition) void()
 #endif
+
+// The members of a struct that is a NamedTuple in Python, in their order.
+#define FIELDS(...) \
+    auto fields() { return tie(__VA_ARGS__); }
 
 // The functions and numbers of a stage, by their own names.
 #define EXPORT(...) define(module, #__VA_ARGS__, __VA_ARGS__)

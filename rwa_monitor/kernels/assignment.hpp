@@ -19,7 +19,7 @@ NewMatrix chain_of(FloatCube pairs, Integers nodes);
 // See stage_results.FlatPath.
 struct FlatPath {
     Integers configurations, starts, sojourns, unattributed;
-    auto fields() { return tie(configurations, starts, sojourns, unattributed); }
+    FIELDS(configurations, starts, sojourns, unattributed)
 };
 
 // See friction_model.Cases.
@@ -27,7 +27,7 @@ struct Cases {
     FloatCube states;
     IntegerMatrix choice;
     Floats log_prior, rest;
-    auto fields() { return tie(states, choice, log_prior, rest); }
+    FIELDS(states, choice, log_prior, rest)
 };
 
 // The log evidence of `solve_cases` alone, without the posterior.
@@ -49,10 +49,8 @@ struct Scores {
     Floats size, size_variance;
     FloatMatrix law_mean, law_variance;
     double log_range, unattributed, unattributed_variance;
-    auto fields() {
-        return tie(fit, jump, stay, turn, missed, configurations, signs, actions, size, size_variance, law_mean,
-                   law_variance, log_range, unattributed, unattributed_variance);
-    }
+    FIELDS(fit, jump, stay, turn, missed, configurations, signs, actions, size, size_variance, law_mean, law_variance,
+           log_range, unattributed, unattributed_variance)
 };
 
 // Upper bounds of what can follow: the lower of `rest`, and of `rest_fit` with the `own` of all systems.

@@ -70,7 +70,7 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
 // A path of the search as a switching path, see stage_results.FlatPath.
 struct NewPath {
     NewIntegers configurations, starts, sojourns, unattributed;
-    auto fields() { return tie(configurations, starts, sojourns, unattributed); }
+    FIELDS(configurations, starts, sojourns, unattributed)
 };
 
 // A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and

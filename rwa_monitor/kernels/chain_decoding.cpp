@@ -17,20 +17,20 @@ constexpr int64_t PARTS = 1 + MOST_SYSTEMS;  // of a level: the base, then what 
 struct Record {
     Floats level, variance;  // [N m], [N² m²]
     Integers at;         // slots
-    auto fields() { return tie(level, variance, at); }
+    FIELDS(level, variance, at)
 };
 
 struct Laws {
     Integers counts;
     FloatMatrix size, variance, mu, sigma, log_up, log_down;  // (systems, configurations)
     double base, base_variance;
-    auto fields() { return tie(counts, size, variance, mu, sigma, log_up, log_down, base, base_variance); }
+    FIELDS(counts, size, variance, mu, sigma, log_up, log_down, base, base_variance)
 };
 
 struct States {
     IntegerMatrix configuration;  // (states, systems)
     Floats log_probability;
-    auto fields() { return tie(configuration, log_probability); }
+    FIELDS(configuration, log_probability)
 };
 
 using Configuration = array<int64_t, MOST_SYSTEMS>;

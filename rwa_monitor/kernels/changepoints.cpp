@@ -13,7 +13,7 @@ constexpr int MOST_ROUNDS = 3;  // of slope and candidates in turns; two nearly 
 struct Threshold {
     Floats variances;
     double threshold, outlier;
-    auto fields() { return tie(variances, threshold, outlier); }
+    FIELDS(variances, threshold, outlier)
 };
 
 struct Candidate : Peak {

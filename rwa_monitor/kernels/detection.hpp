@@ -15,7 +15,7 @@ struct SumArrays {
     Floats x, z;
     Flags used;
     Vector<double> centre;
-    auto fields() { return tie(checkpoints, x, z, used, centre); }
+    FIELDS(checkpoints, x, z, used, centre)
 };
 
 // n, Σx, Σz, Σx², Σxz, Σz²
@@ -83,7 +83,7 @@ inline int64_t counted_every(int64_t w) { return w < 4 ? 1 : w / 4; }
 struct ScanSettings {
     double weight, slope;
     Floats variances, floors, sure;
-    auto fields() { return tie(weight, slope, variances, floors, sure); }
+    FIELDS(weight, slope, variances, floors, sure)
 };
 
 // A peak as the scan keeps it, with the number of its scale; final when no later slot can replace it.
@@ -168,7 +168,7 @@ struct StructureArrays {
     Matrix<double> near_zero;
     Vector<double> zeros;
     Matrix<double> ripple;
-    auto fields() { return tie(signs, counts, near_zero, zeros, ripple); }
+    FIELDS(signs, counts, near_zero, zeros, ripple)
 };
 
 // The pieces of `length` slots, one every `hop` slots from 0 on, `most` of them, that end by `slot`.

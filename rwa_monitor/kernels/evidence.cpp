@@ -63,18 +63,15 @@ struct WindowArrays {
     SumArrays sums;
     Vector<double> running;
     StructureArrays structure;
-    auto fields() { return tie(x, z, good, used, sums, running, structure); }
+    FIELDS(x, z, good, used, sums, running, structure)
 };
 
 struct WindowSettings {
     double speed_unit, torque_unit, angle_per_x;
     int64_t block_hop, stretch_hop;
     double start_std, prior_mean, prior_std, nominal_slope, outlier;
-    auto fields() {
-        return tie(
-            speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
-            nominal_slope, outlier);
-    }
+    FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
+           nominal_slope, outlier)
 };
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.

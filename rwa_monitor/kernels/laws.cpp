@@ -14,7 +14,7 @@ constexpr int DOWN = 0, UP = 1;
 struct Chain {
     Floats means, entered, never;
     FloatMatrix turn;
-    auto fields() { return tie(means, entered, never, turn); }
+    FIELDS(means, entered, never, turn)
 };
 
 // See duration_likelihoods.FirstSojourn.
@@ -22,7 +22,7 @@ struct FirstSojourn {
     int64_t configuration;
     Floats ends;
     double lasts;
-    auto fields() { return tie(configuration, ends, lasts); }
+    FIELDS(configuration, ends, lasts)
 };
 
 // P(τ ≥ slots) of the broad law of this mean: (1 + (slots - 1) / mean)^-2.

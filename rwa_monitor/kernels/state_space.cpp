@@ -7,7 +7,7 @@ struct NoiseLaw {
     double white;        // of the measurement noise of each sample
     double coloured;     // stationary variance of the AR(1) part
     double correlation;  // its φ from slot to slot
-    auto fields() { return tie(white, coloured, correlation); }
+    FIELDS(white, coloured, correlation)
 };
 
 // What a sample shows: the variance of its innovation, and the gains of level and coloured noise.
