@@ -9,6 +9,7 @@ from rwa_monitor.changepoints.estimation import (
     SlopePrior,
     estimate,
     nominal_slope_prior,
+    residual_blocks,
 )
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.kernels.running_sums import slope_within
@@ -124,3 +125,21 @@ def test_exclusion_leaves_at_least_half_of_every_interval():
         1000, index, np.full(4, 64), sums_of(x, z, np.ones(1000, dtype=bool)).arrays, 1.0, np.nan, np.nan
     )
     assert slope == pytest.approx(1.1, rel=1e-6)
+
+
+def test_residual_blocks_are_those_of_the_samples():
+    x, z, index = _record(n=4_000, jumps=((320, 0.4), (1_003, -0.3), (1_040, 0.5), (2_500, -0.6), (3_900, 0.2)))
+    used, size = np.random.default_rng(71).random(z.size) > 0.1, 64
+    evidence = _evidence(x, z, used)
+    fit = estimate(evidence, index)
+    blocks = residual_blocks(evidence, fit, size)
+    residual = z - fit.viscous * x
+    inside = {int(k // size) for k in index if k % size}
+    for b in range(z.size // size):
+        there = slice(b * size, (b + 1) * size)
+        assert blocks.usable[b] == (b not in inside and used[there].sum() >= size // 2)
+        assert blocks.friction[b] == pytest.approx(residual[there][used[there]].mean(), rel=1e-10)
+        assert blocks.interval[b] == int((-(-index // size) <= b).sum())
+    for i in range(index.size + 1):
+        own = blocks.usable & (blocks.interval == i)
+        assert np.sum(blocks.n[own] * blocks.residual[own]) == pytest.approx(0.0, abs=1e-9)

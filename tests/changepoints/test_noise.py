@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from rwa_monitor.changepoints.noise import OUTLIERS, ar_coefficient, estimate_noise, gaussian_outlier, largest_outlier
+from rwa_monitor.changepoints.noise import (
+    OUTLIERS,
+    ar_coefficient,
+    estimate_noise,
+    gaussian_outlier,
+    largest_outlier,
+    mean_variance_factor,
+)
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
     LAGS,
@@ -149,3 +156,14 @@ def test_block_differences_imply_the_variance_of_each_contrast(phi):
 def test_a_lattice_has_no_heavy_tails():
     z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
     assert _outlier(z, 0.05) == 0.05**0.5 * gaussian_outlier(N)
+
+
+def test_variance_of_a_mean_is_the_double_sum_over_its_samples():
+    covariance = np.array([1.0, 0.6, 0.0, -0.2, 0.1, 0.0])
+    long_run = 1.0 + 2.0 * covariance[1:].sum()
+    counts = np.array([1.0, 2.0, 3.0, 4.0, 7.0, 40.0])
+    factors = mean_variance_factor(NoiseEstimate(1.0, covariance, long_run), counts)
+    for n, factor in zip(counts.astype(int).tolist(), factors, strict=True):
+        apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        of_pairs = np.where(apart < covariance.size, covariance[np.minimum(apart, covariance.size - 1)], 0.0)
+        assert factor == pytest.approx(of_pairs.sum() / n, rel=1e-12)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from rwa_monitor.changepoints.stage_results import Candidates, FlatPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.kernels.laws import densities
+from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_windows import sums_of
@@ -115,3 +118,60 @@ def test_values_that_are_not_known_have_no_density():
     stray, relative = stray_probabilities(model, configuration, friction, std)
     assert stray == pytest.approx(found[2, 1:3, 2], rel=1e-12)
     assert relative == pytest.approx([0.05 / model.levels[q].reach for q in (1, 2)], rel=1e-12)
+
+
+# ---- levels and positions over the samples themselves ---------------------------------------------------------------
+
+
+SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
+INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])
+
+
+@pytest.fixture
+def record() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, z and used of a window with five jumps, a tenth of its samples masked."""
+    rng = np.random.default_rng(71)
+    x = 0.6 + 0.3 * np.sin(np.arange(SLOTS) / 300.0)
+    level = np.concatenate([[1.0], 1.0 + np.cumsum([0.4, -0.3, 0.5, -0.6, 0.2])])
+    z = level[np.searchsorted(INDEX, np.arange(SLOTS), side="right")] + SLOPE * x + STD * rng.standard_normal(SLOTS)
+    return x, z, rng.random(SLOTS) > 0.1
+
+
+def _error(values: np.ndarray) -> float:
+    return float(((values - values.mean()) ** 2).sum()) if values.size else 0.0
+
+
+def test_jumps_and_levels_are_those_of_the_samples(record):
+    x, z, used = record
+    pairs = pair_moments(np.concatenate([[0], INDEX, [SLOTS]]), sums_of(x, z, used).arrays)
+    nodes = np.array([0, 1, 3, 6])  # the first and the third candidate are accepted
+    borders = np.concatenate([[0], INDEX, [SLOTS]])
+    residual = np.where(used, z - SLOPE * x, np.nan)
+    levels = segments.levels_of(pairs, nodes, SLOPE)
+    plain = [np.nanmean(residual[borders[a] : borders[b]]) for a, b in pairwise(nodes)]
+    assert levels == pytest.approx(plain, rel=1e-10)
+    jump, variance = jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
+    for k, (before, after) in enumerate([(0, 3), (1, 3), (1, 6), (3, 6), (3, 6)], start=1):
+        left, right = slice(borders[before], borders[k]), slice(borders[k], borders[after])
+        assert jump[k - 1] == pytest.approx(np.nanmean(residual[right]) - np.nanmean(residual[left]), rel=1e-9)
+        apart = x[right][used[right]].mean() - x[left][used[left]].mean()
+        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * LEVEL_SCATTER**2)
+        assert variance[k - 1] == pytest.approx(own + apart**2 / 1e4, rel=1e-9)
+
+
+def test_positions_are_refined_to_the_least_error(record):
+    x, z, used = record
+    index, reach = INDEX + np.array([7, -9, 5, 20, -3]), np.array([8, 16, 16, 32, 32])
+    refined = segments.refine(sums_of(x, z, used), index, reach, SLOPE, STD**2)
+    residual, borders = z - SLOPE * x, np.concatenate([[0], index, [SLOTS]])
+    for i, at in enumerate(index):
+        left, right = borders[i], borders[i + 2]
+        low = max(left + (at - left) // 2, at - reach[i])
+        high = min(at + (right - at) // 2, at + reach[i])
+        trials = [k for k in range(low, high + 1) if k > low or k == at]
+        cost = [
+            (_error(residual[left:k][used[left:k]]) + _error(residual[k:right][used[k:right]])) / (2.0 * STD**2)
+            + PREFERENCE * abs(k - at)
+            for k in trials
+        ]
+        assert refined[i] == trials[int(np.argmin(cost))]
