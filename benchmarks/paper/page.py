@@ -172,7 +172,7 @@ def run_length_section(curves: RunLengths, pictures: str) -> str:
         "paper's figure for W_b = 1e-8; the figure for 1e-4 then comes out, too. The first four rows are the paper's "
         "closed form, χ². It leaves out that a prior is one more observation, without noise: where it weighs about as "
         "much as the ramp, the statistic varies less than χ². At W_b = 1e-8 its standard deviation is "
-        f"{float(law_of(PAPER_WINDOW, PAPER_WEIGHTS[0], fitted).std[0]):.2f} of that, so that the run is 50 times as "
+        f"{law_of(PAPER_WINDOW, PAPER_WEIGHTS[0], fitted).std:.2f} of that, so that the run is 50 times as "
         "long as χ² has it. The law with that variance and the simulation agree.",
         table(header, [*rows, true, simulated, paper]),
         _picture(pictures, "run_length", "Average run length over w"),

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy import optimize, special, stats
 
-from rwa_monitor.changepoints.tuning import StatisticLaw, Tuning, TuningCheck, check, statistic_law
+from rwa_monitor.changepoints.tuning import Tuning, TuningCheck, check
 from rwa_monitor.samples import FloatArray
 
 MISSED: Final = 1e-3  # the paper's missed detection rate
@@ -26,9 +26,29 @@ SIMULATED_AT: Final = (10, 20, 40)  # w [slots] of the simulated points in the p
 LONGEST_RUN: Final = 1e18  # samples; beyond, an ARL says nothing but "never"
 
 
+@dataclass(frozen=True, slots=True)
+class StatisticLaw:
+    """√GLR/σ, a normal variable: D, its standard deviation, and its shift by an error of the slope of one σ."""
+
+    energy: float
+    std: float
+    shift: float
+
+
 def law_of(half_width: int, weight: float, acceleration: float) -> StatisticLaw:
-    """Return the law of √GLR/σ at one half-width w [slots]; the arguments are those of `run_length`."""
-    return statistic_law(np.array([float(half_width)]), acceleration, weight)
+    """Return the law of √GLR/σ at a half-width w [slots]; the arguments are those of `run_length`.
+
+    S_xx = a²·2w(4w² - 1)/12 and S_xz = a·w²/2 describe how the speed moves within the window. The mean at a jump is
+    (Δ/σ)·√D with D = w/2 - S_xz²/(S_xx + W_b) (errata 3), which a slope off by e moves by e/σ · S_xz·W_b/(S_xx + W_b)/√D;
+    the prior takes W_b·S_xz²/(S_xx + W_b)²/D off the variance, which is 1 without it.
+    """
+    w = float(half_width)
+    s_xx, s_xz = acceleration**2 * 2 * w * (4 * w * w - 1) / 12, abs(acceleration) * w * w / 2
+    share = s_xz / (s_xx + weight) if s_xz else 0.0
+    energy = w / 2 - share * s_xz
+    return StatisticLaw(
+        energy, float(np.sqrt(1.0 - weight * share**2 / energy)), weight * share / float(np.sqrt(energy))
+    )
 
 
 def run_length(
@@ -65,15 +85,15 @@ def true_run_length(half_width: int, weight: float, acceleration: float, slope_e
     """
     law, threshold = law_of(half_width, weight, acceleration), _threshold(half_width, weight, acceleration)
     shift = law.shift * slope_error / NOISE_STD
-    sides = (special.ndtr((sign * shift - np.sqrt(threshold)) / law.std) for sign in (1.0, -1.0))
-    return _at_most(float(sum(sides)[0]))
+    sides = special.ndtr((np.array([shift, -shift]) - np.sqrt(threshold)) / law.std)
+    return _at_most(float(sides.sum()))
 
 
 def true_missed(half_width: int, weight: float, acceleration: float, slope_error: float = 0.0) -> float:
     """Return the probability of missing a jump of 3σ at the same threshold, by the law that GLR has."""
     law, threshold = law_of(half_width, weight, acceleration), _threshold(half_width, weight, acceleration)
     mean = JUMP_SIGMAS * np.sqrt(law.energy) - law.shift * slope_error / NOISE_STD
-    return float(special.ndtr((np.sqrt(threshold) - mean) / law.std)[0])
+    return float(special.ndtr((np.sqrt(threshold) - mean) / law.std))
 
 
 def _at_most(probability: float) -> float:
@@ -83,7 +103,7 @@ def _at_most(probability: float) -> float:
 def _threshold(
     half_width: int, weight: float, acceleration: float, jump_sigmas: float = JUMP_SIGMAS, missed: float = MISSED
 ) -> float:
-    information = jump_sigmas**2 * float(law_of(half_width, weight, acceleration).energy[0])
+    information = jump_sigmas**2 * law_of(half_width, weight, acceleration).energy
     return float(stats.ncx2.ppf(missed, 1, information))
 
 
@@ -101,11 +121,11 @@ def simulate_run_length(weight: float, acceleration: float, seed: int, half_widt
         half_width=half_width,
         threshold=_threshold(half_width, weight, acceleration),
         prior_weight=weight,
-        information=JUMP_SIGMAS**2 * float(law_of(half_width, weight, acceleration).energy[0]),
+        information=JUMP_SIGMAS**2 * law_of(half_width, weight, acceleration).energy,
         missed=MISSED,
         run_length=run_length(half_width, weight, acceleration),
     )
-    return check(tuning, JUMP_SIGMAS, acceleration, np.random.default_rng(seed), slope_error=0.0)
+    return check(tuning, JUMP_SIGMAS, acceleration, np.random.default_rng(seed))
 
 
 def acceleration_of_the_paper() -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.changepoints.estimation import SlopePrior
-from rwa_monitor.changepoints.noise import OutlierModel, ar_coefficient
+from rwa_monitor.changepoints.noise import ar_coefficient
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence
 from rwa_monitor.kernels import changepoints as kernel
@@ -32,7 +32,7 @@ _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  
 
 
 def choose(
-    evidence: Evidence, scales: IntArray, variances: FloatArray, outliers: OutlierModel, slope_prior: SlopePrior | None
+    evidence: Evidence, scales: IntArray, variances: FloatArray, outlier: float, slope_prior: SlopePrior | None
 ) -> Candidates:
     """Choose among the peaks of a window, and the jumps behind its gaps.
 
@@ -43,8 +43,8 @@ def choose(
     scales, variances
         int64 and float64 (S,), half-widths of the scales [slots] and the variance of each one's contrast; NaN where it
         is not known.
-    outliers
-        Of the noise.
+    outlier
+        See `noise.largest_outlier`.
     slope_prior
         What is known of the slope before the window, or None.
     """
@@ -60,7 +60,7 @@ def choose(
         np.concatenate((found.statistic, behind.statistic)),
         evidence.slots,
         evidence.sums.arrays,
-        Threshold(table, evidence.threshold, outliers.largest_outlier),
+        Threshold(table, evidence.threshold, outlier),
         ar_coefficient(noise),
         noise.std**2 * noise.long_run_factor,
         *((math.nan, math.nan) if slope_prior is None else (slope_prior.mean, slope_prior.std)),
@@ -114,7 +114,7 @@ class Threshold(NamedTuple):
     threshold
         χ² threshold of the normalised statistic.
     outlier
-        Largest outlier of the noise by chance, normalised.
+        See `noise.largest_outlier`.
     """
 
     variances: FloatArray

@@ -21,16 +21,15 @@ from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshol
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
 from rwa_monitor.changepoints.noise import (
     NORMAL_MEDIAN,
-    OutlierModel,
     estimate_noise,
-    estimate_outliers,
     gaussian_outlier,
+    largest_outlier,
     median_size,
 )
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence
 from rwa_monitor.kernels.evidence import ALL_DONE, FIRST_CHUNK, KEPT_STATISTIC, SMALLEST_WEIGHT, Window
-from rwa_monitor.kernels.noise import BLOCK, SMALLEST_STD
+from rwa_monitor.kernels.noise import NOISE_BLOCK, SMALLEST_STD
 from rwa_monitor.kernels.wglr import CHUNK
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
@@ -165,7 +164,7 @@ class WindowAccumulator:
             torque_unit=wheel.torque_unit_Nm,
             angle_per_x=self._structure.angle_per_x,
             # Short windows let the blocks of the noise estimate overlap.
-            block_hop=BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK,
+            block_hop=NOISE_BLOCK if self.slots <= 128 * NOISE_BLOCK else 4 * NOISE_BLOCK,
             stretch_hop=self._structure.hop,
             start_std=math.nan if self._start_std is None else self._start_std,
             prior_mean=prior.mean if prior else math.nan,
@@ -250,7 +249,7 @@ class WindowAccumulator:
             threshold=threshold,
             structure=self._structure.close(),
         )
-        candidates = choose(evidence, self._scales, variances, self._outliers(variances, quantiles), self.slope_prior)
+        candidates = choose(evidence, self._scales, variances, self._outlier(variances, quantiles), self.slope_prior)
         return replace(evidence, candidates=candidates)
 
     # ---- detection -------------------------------------------------------------------------------------------------
@@ -279,8 +278,7 @@ class WindowAccumulator:
             if why == FIRST_CHUNK:
                 self._window.begin(*self._first_learned(min(self.filled, CHUNK)))
             else:
-                outliers = self._outliers(self._window.variances, self._window.quantiles)
-                self._window.set_outlier(outliers.largest_outlier)
+                self._window.set_outlier(self._outlier(self._window.variances, self._window.quantiles))
             speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
 
     def _first_learned(self, stop: int) -> tuple[float, float, float]:
@@ -300,11 +298,9 @@ class WindowAccumulator:
         std = max(std, SMALLEST_STD)
         return std * std / (prior.std * prior.std), band, certain
 
-    def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> OutlierModel:
+    def _outlier(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> float:
         variance = float(variances[0])
-        if not math.isfinite(variance):
-            return OutlierModel(math.inf, 0.0)
-        return estimate_outliers(quantiles, variance, self.slots)
+        return largest_outlier(quantiles, variance, self.slots) if math.isfinite(variance) else 0.0
 
     def _announced(self) -> list[ConfirmedCandidate]:
         """Return the reported peaks as events."""

@@ -14,7 +14,6 @@ differences.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -159,42 +158,26 @@ _TAIL_SCALE: Final = np.array([1, 0.977, 0.966, 0.955, 0.933, 0.917, 0.890, 0.86
 _TAIL_INVERSE_FREEDOM: Final = 1.0 / np.array([np.inf, 30, 20, 15, 10, 8, 6, 5, 4, 3.5, 3, 2.5, 2.1])
 
 
-@dataclass(frozen=True, slots=True)
-class OutlierModel:
-    """How large outliers of the noise are: how heavy its tails are.
-
-    Attributes
-    ----------
-    degrees_of_freedom
-        Of a Student t with the same tails; infinite for Gaussian noise.
-    largest_outlier
-        Size that OUTLIERS samples of a window exceed by chance, normalised.
-    """
-
-    degrees_of_freedom: float
-    largest_outlier: float
-
-
-def estimate_outliers(quantiles: tuple[float, float, float], variance: float, samples: int) -> OutlierModel:
-    """Estimate the outliers from the histogram of the statistic at scale 1 (half the squared neighbour difference).
+def largest_outlier(quantiles: tuple[float, float, float], variance: float, samples: int) -> float:
+    """Return the size that OUTLIERS samples of a window exceed by chance, normalised, by how heavy the tails are.
 
     Parameters
     ----------
     quantiles
-        What `quantiles_of` returns of it.
+        What `quantiles_of` returns of the histogram at scale 1, of half the squared neighbour difference.
     variance
         The robust variance of a sample.
     samples
         Used samples of the window.
     """
     if not are_heavy(quantiles, variance):
-        return OutlierModel(np.inf, math.sqrt(variance) * gaussian_outlier(samples))
+        return math.sqrt(variance) * gaussian_outlier(samples)
     _, median, far = quantiles
     freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
     # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
     robust_std = math.sqrt(median / CHI_MEDIAN)
     scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
-    return OutlierModel(freedom, float(-scale * special.stdtrit(freedom, 0.5 * _chance(samples))))
+    return float(-scale * special.stdtrit(freedom, 0.5 * _chance(samples)))
 
 
 @lru_cache(maxsize=256)

@@ -153,11 +153,8 @@ def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
         return None
     finding = f"the viscous slope differs between intervals ({disagreeing} of {deviation.size})"
     trend = _rank_correlation(speed, deviation) if np.ptp(speed) > 0 and np.ptp(deviation) > 0 else 0.0
-    if trend < -CLEAR_TREND:
-        return Adequacy(False, "sublinear_viscous", finding)
-    if trend > CLEAR_TREND:
-        return Adequacy(False, "quadratic_drag", finding)
-    return Adequacy(False, None, finding)
+    suspect = "sublinear_viscous" if trend < 0.0 else "quadratic_drag"
+    return Adequacy(False, suspect if abs(trend) > CLEAR_TREND else None, finding)
 
 
 def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
@@ -581,8 +578,6 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         apart = float(np.sqrt(total @ (moved - mean) ** 2 / whole))
         found.append((strength**2 * energy / variance, abs(strength * tilt), together, apart))
     best = max((fall for fall, *_ in found), default=0.0)
-    kept = np.array([moves for fall, *moves in found if fall >= max(SUPPORTED, COMPARABLE * best)])
-    if kept.size == 0:
-        return 0.0, 0.0, 0.0
-    slope, level, spread = kept.max(axis=0).tolist()
+    kept = [moves for fall, *moves in found if fall >= max(SUPPORTED, COMPARABLE * best)]
+    slope, level, spread = np.max([[0.0, 0.0, 0.0], *kept], axis=0).tolist()
     return slope, level, spread

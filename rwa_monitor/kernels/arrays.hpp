@@ -3,8 +3,7 @@
 // Array<T, N>   a view of a NumPy array that Python owns; const T is only read. It must be contiguous and of just this
 //               type: anything else is a TypeError, never a silent copy.
 // Table<T, N>   an array that a kernel makes; like a std::vector, it becomes a NumPy array when it is returned.
-// A struct with a member `fields()` that ties its members in their order is taken from the NamedTuple of that shape,
-// and returned as a tuple.
+// A struct with FIELDS is taken from the NamedTuple of that shape, and returned as a tuple.
 //
 // Kernels run without the interpreter's lock and check no index: what calls them does. `make sanitize` runs the tests
 // with every index checked, under AddressSanitizer.
@@ -16,10 +15,14 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
+#include <numeric>
+#include <string>
+#include <string_view>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -42,22 +45,31 @@
 #define REQUIRE(condition) void()
 #endif
 
-// In a stage's binding: a function, and a number, by their own names.
-#define KERNEL(name) module.def(#name, &name, nanobind::call_guard<nanobind::gil_scoped_release>())
-#define CONSTANT(name) module.attr(#name) = +name
+// The members of a struct that is a NamedTuple in Python, in their order.
+#define FIELDS(...) \
+    auto fields() { return tie(__VA_ARGS__); }
+
+// The functions and numbers of a stage, by their own names.
+#define EXPORT(...) define(module, #__VA_ARGS__, __VA_ARGS__)
+#define STAGE(stage, ...) \
+    void bind_##stage(nanobind::module_& module) { EXPORT(__VA_ARGS__); }
 
 namespace rwa {
-using std::int64_t;
+using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
+    std::max, std::min, std::pow, std::rint, std::sqrt;
+using std::all_of, std::any_of, std::copy, std::copy_n, std::fill, std::fill_n, std::find, std::iota, std::max_element,
+    std::min_element, std::none_of, std::nth_element, std::reverse, std::sort, std::stable_sort, std::swap;
+using std::array, std::int64_t, std::make_tuple, std::tie, std::tuple, std::vector;
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 template <typename T, std::size_t N>
 struct Array {
     T* data = nullptr;
-    std::array<int64_t, N> shape{};
+    array<int64_t, N> shape{};
 
     Array() = default;
-    Array(T* first, const std::array<int64_t, N>& extents) : data(first), shape(extents) {}
-    // Of a std::vector.
+    Array(T* first, const array<int64_t, N>& extents) : data(first), shape(extents) {}
+    // Of a vector.
     template <typename Values,
               typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
     Array(Values& values) : Array(values.data(), {static_cast<int64_t>(values.size())}) {
@@ -85,14 +97,14 @@ struct Array {
     Array<T, N - 1> row(int64_t index) const {
         REQUIRE(index >= 0 && index < shape[0]);
         Array<T, N - 1> part;
-        std::copy(shape.begin() + 1, shape.end(), part.shape.begin());
+        copy(shape.begin() + 1, shape.end(), part.shape.begin());
         part.data = data + index * part.size();
         return part;
     }
     // The elements [start, stop) of a vector.
     Array slice(int64_t start, int64_t stop) const {
         REQUIRE(start >= 0 && (stop <= start || stop <= shape[0]));
-        return {data + start, {std::max<int64_t>(stop - start, 0)}};
+        return {data + start, {max<int64_t>(stop - start, 0)}};
     }
     operator Array<const T, N>() const { return {data, shape}; }
 };
@@ -104,15 +116,18 @@ using Matrix = Array<T, 2>;
 using Floats = Vector<const double>;
 using Integers = Vector<const int64_t>;
 using Flags = Vector<const bool>;
-using NewFloats = std::vector<double>;
-using NewIntegers = std::vector<int64_t>;
+using FloatMatrix = Matrix<const double>;
+using IntegerMatrix = Matrix<const int64_t>;
+using FloatCube = Array<const double, 3>;
+using NewFloats = vector<double>;
+using NewIntegers = vector<int64_t>;
 
 template <typename T, std::size_t N>
 struct Table : Array<T, N> {
-    std::vector<T> values;
+    vector<T> values;
 
     Table() = default;
-    explicit Table(const std::array<int64_t, N>& extents, T value = T{}) : Array<T, N>(nullptr, extents) {
+    explicit Table(const array<int64_t, N>& extents, T value = T{}) : Array<T, N>(nullptr, extents) {
         values.assign(this->size(), value);
         this->data = values.data();
     }
@@ -121,12 +136,30 @@ struct Table : Array<T, N> {
     Table& operator=(Table&& other) = default;
 };
 
+using NewMatrix = Table<double, 2>;
+using NewCube = Table<double, 3>;
+
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
-inline double median_in_place(std::vector<double>& values) {
+inline double median_in_place(vector<double>& values) {
     const std::size_t n = values.size(), half = n / 2;
-    std::nth_element(values.begin(), values.begin() + half, values.end());
+    nth_element(values.begin(), values.begin() + half, values.end());
     const double above = values[half];
-    return n % 2 == 1 ? above : 0.5 * (*std::max_element(values.begin(), values.begin() + half) + above);
+    return n % 2 == 1 ? above : 0.5 * (*max_element(values.begin(), values.begin() + half) + above);
+}
+
+// Bind functions and numbers under their names, which stand in one text with ", " between them.
+template <typename... Values>
+void define(nanobind::module_& module, std::string_view names, Values... values) {
+    const auto bind = [&](auto value) {
+        const std::string name(names.substr(0, names.find(',')));
+        names.remove_prefix(min(name.size() + 2, names.size()));
+        if constexpr (std::is_pointer_v<decltype(value)>) {
+            module.def(name.c_str(), value, nanobind::call_guard<nanobind::gil_scoped_release>());
+        } else {
+            module.attr(name.c_str()) = +value;  // an enumeration as its number
+        }
+    };
+    (bind(values), ...);
 }
 
 }  // namespace rwa

@@ -3,8 +3,6 @@
 
 #include "arrays.hpp"
 
-#include <cmath>
-
 namespace rwa {
 
 constexpr int64_t REJECT = 0, NO_SYSTEM = 1;         // the first two rows of every table of actions
@@ -14,54 +12,51 @@ constexpr int64_t REJECTED = -1, UNATTRIBUTED = -2;  // in place of a system: no
 // ---- levels between candidates (segments.cpp) ----
 
 // Of the statistics (6, m + 2, m + 2) of all pairs, those of the segments between consecutive nodes: (6, segments).
-Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes);
+NewMatrix chain_of(FloatCube pairs, Integers nodes);
 
 // ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----
 
 // See stage_results.FlatPath.
 struct FlatPath {
     Integers configurations, starts, sojourns, unattributed;
-    auto fields() { return std::tie(configurations, starts, sojourns, unattributed); }
+    FIELDS(configurations, starts, sojourns, unattributed)
 };
 
 // See friction_model.Cases.
 struct Cases {
-    Array<const double, 3> states;
-    Matrix<const int64_t> choice;
+    FloatCube states;
+    IntegerMatrix choice;
     Floats log_prior, rest;
-    auto fields() { return std::tie(states, choice, log_prior, rest); }
+    FIELDS(states, choice, log_prior, rest)
 };
 
 // The log evidence of `solve_cases` alone, without the posterior.
 double evidence_of_cases(
-    const FlatPath& path, Integers borders, Array<const double, 3> table, Matrix<const double> statistics,
+    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter);
 
 // ---- the scores of paths, and what bounds them (assignment_bounds.cpp) ----
 
 // See assignment.Scores.
 struct Scores {
-    Matrix<const double> fit;
+    FloatMatrix fit;
     Array<const double, 4> jump;
-    Array<const double, 3> stay, turn;
+    FloatCube stay, turn;
     Array<const double, 5> missed;
     Integers configurations;
     Matrix<const bool> signs;
-    Matrix<const int64_t> actions;
-    Floats priors;
+    IntegerMatrix actions;
     Floats size, size_variance;
-    Matrix<const double> law_mean, law_variance;
-    double log_range, unattributed_variance;
-    auto fields() {
-        return std::tie(fit, jump, stay, turn, missed, configurations, signs, actions, priors, size, size_variance,
-                        law_mean, law_variance, log_range, unattributed_variance);
-    }
+    FloatMatrix law_mean, law_variance;
+    double log_range, unattributed, unattributed_variance;
+    FIELDS(fit, jump, stay, turn, missed, configurations, signs, actions, size, size_variance, law_mean, law_variance,
+           log_range, unattributed, unattributed_variance)
 };
 
 // Upper bounds of what can follow: the lower of `rest`, and of `rest_fit` with the `own` of all systems.
 struct Bounds {
-    Table<double, 2> rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
-    Table<double, 2> rest_fit;  // without laws, less the prices of the jumps
+    NewMatrix rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
+    NewMatrix rest_fit;  // without laws, less the prices of the jumps
     Table<double, 4> own;       // (S, Q, m + 1, m + 1): a system's laws, with what it earns; sojourn begun at i
 };
 
@@ -84,12 +79,12 @@ inline Step step_from(int64_t configuration, int64_t number) {
     return {direction, skipped, before, before + 2 * direction - 1};
 }
 inline bool possible(const Step& step, int64_t configurations) {
-    return std::min(step.before, step.after) >= 0 && std::max(step.before, step.after) < configurations;
+    return min(step.before, step.after) >= 0 && max(step.before, step.after) < configurations;
 }
 
 // Call `visit(system, step number)` for each system that steps in an action.
 template <typename Visit>
-void each_step(Matrix<const int64_t> actions, int64_t action, Visit visit) {
+void each_step(IntegerMatrix actions, int64_t action, Visit visit) {
     for (int place : {0, 2}) {
         if (actions(action, place) >= 0) visit(actions(action, place), actions(action, place + 1));
     }
@@ -112,11 +107,11 @@ inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, in
 // log P(size of the jump at candidate k), Gaussian, over the flat density that the fits assume.
 inline double size_term(const Scores& scores, int64_t k, double mean, double variance) {
     const double total = variance + scores.size_variance[k - 1], miss = scores.size[k - 1] - mean;
-    return scores.log_range - 0.5 * std::log(2.0 * M_PI * total) - 0.5 * (miss * miss) / total;
+    return scores.log_range - 0.5 * log(2.0 * M_PI * total) - 0.5 * (miss * miss) / total;
 }
 
 // The bounds without prices, and what jumps are worth; every law term must be ≤ 0.
-std::tuple<Bounds, Worth> free_bounds(const Scores& scores);
+tuple<Bounds, Worth> free_bounds(const Scores& scores);
 
 // Make the bounds `rest_fit` and `own` those with prices from a complete path: its start and the actions taken.
 void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds);
@@ -127,7 +122,7 @@ struct Expansion {
     struct Node {
         int64_t before, action;  // at the root the number of the start
     };
-    std::vector<Node> tree;
+    vector<Node> tree;
     NewIntegers last;
     NewFloats score;
     int64_t expanded = 0;

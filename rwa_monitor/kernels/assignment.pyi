@@ -33,40 +33,7 @@ def find_paths(
         narrow beam.
     """
 
-def scores_of_expanded(
-    scores: Scores, start: IntArray, taken: IntArray, priced: bool, cutoff: float, budget: int, kept: int
-) -> tuple[FloatArray, int]:
-    """Return the scores of all paths that one search finds, and the entries that it expanded.
-
-    Parameters
-    ----------
-    scores, cutoff, budget, kept
-        As for `find_paths`; bounds below the cutoff are dropped.
-    start, taken, priced
-        A path from which the prices come; whether they are used.
-    """
-
 def add_up_laws(scores: Scores, start: IntArray, taken: IntArray, /) -> float: ...
-def switching_path(
-    actions: IntArray, index: IntArray, start: IntArray, taken: IntArray
-) -> tuple[_FlatPath, IntArray, IntArray, IntArray]:
-    """Turn a path into sojourns, and into systems and directions per candidate.
-
-    Parameters
-    ----------
-    actions, index
-        Table of actions, and the candidates' slots.
-    start, taken
-        A path as from `find_paths`.
-
-    Returns
-    -------
-    path, nodes, system, direction
-        Who jumped when, see `stage_results.FlatPath`; int64 (segments + 1,), the accepted candidates as nodes, and
-        both ends of the window; int64 (m, 2), who jumped at each candidate and which way: REJECTED or UNATTRIBUTED
-        alone, REJECTED in second place.
-    """
-
 def weigh(
     scores: Scores,
     start: IntArray,
@@ -84,7 +51,7 @@ def weigh(
     Parameters
     ----------
     scores, start, taken, index
-        As for `switching_path`.
+        As for `find_paths`; the candidates' slots.
     pairs
         The sufficient statistics between all pairs of nodes, see `segments.Level`.
     slots
@@ -97,8 +64,9 @@ def weigh(
     Returns
     -------
     path, system, direction, borders, statistics, log_evidence, score
-        The first three as from `switching_path`; slots at which its segments begin and end, and their statistics; the
-        samples' log-likelihood, and the same with the laws'.
+        Who jumped when, see `stage_results.FlatPath`; int64 (m, 2), who jumped at each candidate and which way:
+        REJECTED or UNATTRIBUTED alone, REJECTED in second place; slots at which the path's segments begin and end, and
+        their statistics; the samples' log-likelihood, and the same with the laws'.
     """
 
 def add_agreement(

@@ -6,8 +6,6 @@
 // good path earn what they cost.
 #include "assignment.hpp"
 
-#include <algorithm>
-
 namespace rwa {
 namespace {
 
@@ -33,10 +31,10 @@ void each_jump(int64_t configurations, Visit visit) {
 Worth size_worth(const Scores& scores) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITE), NewFloats(nodes), NewFloats(nodes),
-                NewFloats(nodes, scores.priors[1])};
+                NewFloats(nodes, scores.unattributed)};
     double smallest = INFINITE;  // variance of a friction that moves at all
     for (double variance : scores.law_variance) {
-        if (variance > 0.0) smallest = std::min(smallest, variance);
+        if (variance > 0.0) smallest = min(smallest, variance);
     }
     for (int64_t k = 1; k < nodes; ++k) {
         worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
@@ -56,16 +54,16 @@ Worth size_worth(const Scores& scores) {
 }
 
 // Raise `highest` to the highest entry of each column above the diagonal.
-void raise(Vector<double> highest, Matrix<const double> table) {
+void raise(Vector<double> highest, FloatMatrix table) {
     for (int64_t i = 0; i < table.shape[0]; ++i) {
-        for (int64_t k = i + 1; k < table.shape[1]; ++k) highest[k] = std::max(highest[k], table(i, k));
+        for (int64_t k = i + 1; k < table.shape[1]; ++k) highest[k] = max(highest[k], table(i, k));
     }
 }
 
 // Add the laws to the most that a jump at each node can be worth; return that by size alone.
 NewFloats add_best_laws(const Scores& scores, Worth& worth) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
-    Table<double, 3> law({systems, configurations, nodes}, -INFINITE);
+    NewCube law({systems, configurations, nodes}, -INFINITE);
     for (int64_t s = 0; s < systems; ++s) {
         NewFloats skips(nodes, -INFINITE);
         for (int64_t q = 0; q < configurations; ++q) {
@@ -73,7 +71,7 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
         }
         for (int64_t q = 0; q < scores.configurations[s]; ++q) {
             const auto best = law.row(s).row(q);
-            std::copy(skips.begin(), skips.end(), best.begin());
+            copy(skips.begin(), skips.end(), best.begin());
             raise(best, scores.jump.row(s).row(q));
         }
     }
@@ -81,35 +79,35 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
     for (int64_t k = 1; k < nodes; ++k) {
         double& with_law = worth.with_law[k];
         with_law += worth.alone[k];
-        size_only[k] = std::max(0.0, worth.alone[k]);
+        size_only[k] = max(0.0, worth.alone[k]);
         double first = -INFINITE, second = -INFINITE;  // the best laws of any two systems
         for (int64_t s = 0; s < systems; ++s) {
             double plain = -INFINITE;
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
                 const double turned = law(s, q, k) + scores.turn(s, q, direction);
                 const double size = worth.single(s, q, direction, k);
-                plain = std::max(plain, turned);
-                with_law = std::max(with_law, turned + size);
-                size_only[k] = std::max(size_only[k], size);
+                plain = max(plain, turned);
+                with_law = max(with_law, turned + size);
+                size_only[k] = max(size_only[k], size);
             });
-            second = std::max(second, std::min(first, plain));
-            first = std::max(first, plain);
+            second = max(second, min(first, plain));
+            first = max(first, plain);
         }
-        with_law = std::max(with_law, first + second + scores.priors[2] + worth.twice[k]);
-        if (systems > 1) size_only[k] = std::max(size_only[k], worth.twice[k]);
+        with_law = max(with_law, first + second + worth.twice[k]);
+        if (systems > 1) size_only[k] = max(size_only[k], worth.twice[k]);
     }
     return size_only;
 }
 
 // The best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k: (m + 1, m + 1).
-Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
+NewMatrix best_rest(FloatMatrix fit, Floats gain) {
     const auto nodes = fit.shape[0] - 1;
-    Table<double, 2> rest({nodes, nodes}, -INFINITE);
+    NewMatrix rest({nodes, nodes}, -INFINITE);
     NewFloats from_node(nodes);
     for (int64_t i = nodes - 1; i >= 0; --i) {
         double best = rest(i, nodes - 1) = fit(i, nodes);
         for (int64_t k = nodes - 1; k > i; --k) {
-            rest(i, k - 1) = best = std::max(best, fit(i, k) + gain[k] + from_node[k]);
+            rest(i, k - 1) = best = max(best, fit(i, k) + gain[k] + from_node[k]);
         }
         from_node[i] = best;
     }
@@ -120,7 +118,7 @@ Table<double, 2> best_rest(Matrix<const double> fit, Floats gain) {
 Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Table<double, 4> own({systems, configurations, nodes, nodes}, -INFINITE);
-    Table<double, 2> begun({configurations, nodes}, -INFINITE);  // of a sojourn that begins at the node
+    NewMatrix begun({configurations, nodes}, -INFINITE);  // of a sojourn that begins at the node
     for (int64_t s = 0; s < systems; ++s) {
         for (int64_t i = nodes - 1; i >= 0; --i) {
             for (int64_t q = 0; q < configurations; ++q) {
@@ -133,11 +131,11 @@ Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned
                     const double* law = sojourn_laws(scores, s, q, i, step);
                     const double* then = &begun(step.after, 0);
                     for (auto k = i + 1; k < nodes; ++k) {
-                        best[k - 1] = std::max(best[k - 1], law[k] + (turn + gain[k]) + then[k]);
+                        best[k - 1] = max(best[k - 1], law[k] + (turn + gain[k]) + then[k]);
                     }
                 }
                 best[nodes - 1] = scores.stay(s, q, i);
-                for (auto k = nodes - 1; k > i; --k) best[k - 1] = std::max(best[k], best[k - 1]);
+                for (auto k = nodes - 1; k > i; --k) best[k - 1] = max(best[k], best[k - 1]);
             }
             for (int64_t q = 0; q < configurations; ++q) begun(q, i) = own(s, q, i, i);
         }
@@ -155,7 +153,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
         const auto action = taken[node - 1];
         if (action == REJECT) continue;
         if (action == NO_SYSTEM) {
-            price[node] = -scores.priors[1];
+            price[node] = -scores.unattributed;
             continue;
         }
         double cost = 0.0, systems = 0.0;
@@ -163,7 +161,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
             const Step step = step_from(configuration[s], number);
             cost -= sojourn_laws(scores, s, configuration[s], since[s], step)[node] +
                     scores.turn(s, step.before, step.direction) +
-                    std::max(worth.single(s, step.before, step.direction, node), LEAST_WORTH);
+                    max(worth.single(s, step.before, step.direction, node), LEAST_WORTH);
             systems += 1.0;
             configuration[s] = step.after, since[s] = node;
         });
@@ -174,7 +172,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
 
 }  // namespace
 
-std::tuple<Bounds, Worth> free_bounds(const Scores& scores) {
+tuple<Bounds, Worth> free_bounds(const Scores& scores) {
     Worth worth = size_worth(scores);
     const NewFloats size_only = add_best_laws(scores, worth);
     const Table<double, 4> nothing(worth.single.shape);
@@ -188,14 +186,14 @@ void set_prices(const Scores& scores, const Worth& worth, Integers start, Intege
     Table<double, 4> earned(worth.single.shape, -INFINITE);
     NewFloats paid(price.size());
     for (std::size_t k = 1; k < price.size(); ++k) {
-        paid[k] = std::max(-price[k], scores.priors[1] + worth.alone[k]);
+        paid[k] = max(-price[k], scores.unattributed + worth.alone[k]);
         // Two that jump at once earn twice, and share one size: each is taken to be worth half of it at least.
-        const double least = 0.5 * (worth.twice[k] + scores.priors[2] - price[k]);
+        const double least = 0.5 * (worth.twice[k] - price[k]);
         for (int64_t s = 0; s < scores.configurations.size(); ++s) {
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
                 // Against the level's sign a system jumps only together with another one.
                 double size = worth.single(s, q, direction, k);
-                size = scores.signs(k - 1, direction) ? std::max(size, least) : least;
+                size = scores.signs(k - 1, direction) ? max(size, least) : least;
                 earned(s, q, direction, k) = size + price[k];
             });
         }

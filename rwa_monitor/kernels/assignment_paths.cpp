@@ -1,10 +1,6 @@
 // Loops over whole paths of the search: found, traced back, weighed, compared.
 #include "assignment.hpp"
 
-#include <algorithm>
-#include <cstdlib>
-#include <numeric>
-
 namespace rwa {
 namespace {
 
@@ -23,10 +19,10 @@ Found search_once(
     const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept, int64_t paths) {
     const Expansion all = expand(scores, bounds, cutoff, budget, kept);
     NewIntegers best(all.score.size());
-    std::iota(best.begin(), best.end(), 0);
-    std::stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
+    iota(best.begin(), best.end(), 0);
+    stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
     const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
-    const int64_t count = std::min<int64_t>(best.size(), paths);
+    const int64_t count = min<int64_t>(best.size(), paths);
     Found found{
         NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
     for (int64_t path = 0; path < count; ++path) {
@@ -34,42 +30,38 @@ Found search_once(
         const Expansion::Node* node = &all.tree[all.last[best[path]]];
         for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
         const NewIntegers start = start_of(node->action, scores.configurations);
-        std::copy(start.begin(), start.end(), found.start.row(path).begin());
+        copy(start.begin(), start.end(), found.start.row(path).begin());
     }
     return found;
 }
 
 // Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all. Where values
 // are wild the full search may drop every path within its budget; then the path of the narrow beam.
-std::tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
+tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
     const Scores& scores, int64_t paths, double margin, int64_t budget, int64_t quick_budget, int64_t kept) {
     auto [bounds, worth] = free_bounds(scores);
-    Found quick = search_once(scores, bounds, -INFINITE, std::min(quick_budget, budget), 1, 1);
+    Found quick = search_once(scores, bounds, -INFINITE, min(quick_budget, budget), 1, 1);
     if (quick.score.empty()) return {};  // nothing is possible
     set_prices(scores, worth, quick.start.row(0), quick.taken.row(0), bounds);
     Found full = search_once(scores, bounds, quick.score[0] - margin, budget, kept, paths);
     const bool none = full.score.empty(), pruned = none || full.lost > full.score[0];
     Found& best = none ? quick : full;
-    return {std::move(best.score), std::move(best.start), std::move(best.taken), quick.states + full.states, pruned};
+    return {best.score, best.start, best.taken, quick.states + full.states, pruned};
 }
 
-// The part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
+// The part of a path's score that comes from laws and from jumps that no system made: no fits, no sizes.
 double add_up_laws(const Scores& scores, Integers start, Integers taken) {
     NewIntegers configuration(start.begin(), start.end()), since(start.size());
     double total = 0.0, staying = 0.0;
     for (int64_t node = 1; node <= taken.size(); ++node) {
         const auto action = taken[node - 1];
-        if (action == REJECT || action == NO_SYSTEM) {
-            total += scores.priors[action];
-            continue;
-        }
+        if (action == NO_SYSTEM) total += scores.unattributed;
         each_step(scores.actions, action, [&](int64_t s, int64_t number) {
             const Step step = step_from(configuration[s], number);
             total += sojourn_laws(scores, s, configuration[s], since[s], step)[node];
             total += scores.turn(s, step.before, step.direction);
             configuration[s] = step.after, since[s] = node;
         });
-        if (scores.actions(action, 2) >= 0) total += scores.priors[2];
     }
     for (int64_t s = 0; s < start.size(); ++s) staying += scores.stay(s, configuration[s], since[s]);
     return total + staying;
@@ -78,15 +70,15 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
 // A path of the search as a switching path, see stage_results.FlatPath.
 struct NewPath {
     NewIntegers configurations, starts, sojourns, unattributed;
-    auto fields() { return std::tie(configurations, starts, sojourns, unattributed); }
+    FIELDS(configurations, starts, sojourns, unattributed)
 };
 
 // A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
 // which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.
-std::tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
-    Matrix<const int64_t> actions, Integers index, Integers start, Integers taken) {
+tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
+    IntegerMatrix actions, Integers index, Integers start, Integers taken) {
     IndexTable system({taken.size(), 2}, REJECTED), direction({taken.size(), 2});
-    std::vector<NewIntegers> configurations, starts(start.size(), {0});
+    vector<NewIntegers> configurations, starts(start.size(), {0});
     for (int64_t q : start) configurations.push_back({q});
     NewPath path;
     NewIntegers nodes{0};
@@ -117,30 +109,30 @@ std::tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
         path.starts.insert(path.starts.end(), starts[s].begin(), starts[s].end());
         path.sojourns.push_back(starts[s].size());
     }
-    return {std::move(path), std::move(nodes), std::move(system), std::move(direction)};
+    return {path, nodes, system, direction};
 }
 
 // A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
 // its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
-std::tuple<NewPath, IndexTable, IndexTable, NewIntegers, Table<double, 2>, double, double> weigh(
-    const Scores& scores, Integers start, Integers taken, Integers index, Array<const double, 3> pairs, int64_t slots,
-    Array<const double, 3> table, const Cases& cases, double variance, double scatter) {
+tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> weigh(
+    const Scores& scores, Integers start, Integers taken, Integers index, FloatCube pairs, int64_t slots,
+    FloatCube table, const Cases& cases, double variance, double scatter) {
     auto [path, borders, system, direction] = switching_path(scores.actions, index, start, taken);
     auto statistics = chain_of(pairs, borders);
     for (auto& node : borders) node = node == 0 ? 0 : node > index.size() ? slots : index[node - 1];
     const double log_evidence = evidence_of_cases(
         {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, table, statistics, cases,
         variance, scatter);
-    return {std::move(path),       std::move(system), std::move(direction), std::move(borders),
-            std::move(statistics), log_evidence,      add_up_laws(scores, start, taken) + log_evidence};
+    const double score = add_up_laws(scores, start, taken) + log_evidence;
+    return {path, system, direction, borders, statistics, log_evidence, score};
 }
 
 // Add the weight of another path to each attribution (m, 2) that it shares with the best: the same system and direction
 // at a candidate at most `apart` slots away. Two that jump at once are listed in the order of their systems, so places
 // correspond.
 void add_agreement(
-    Integers index, int64_t apart, Matrix<const int64_t> system, Matrix<const int64_t> direction,
-    Matrix<const int64_t> other_system, Matrix<const int64_t> other_direction, double weight, Matrix<double> sure) {
+    Integers index, int64_t apart, IntegerMatrix system, IntegerMatrix direction,
+    IntegerMatrix other_system, IntegerMatrix other_direction, double weight, Matrix<double> sure) {
     for (int64_t k = 0; k < index.size(); ++k) {
         for (int place = 0; place < 2; ++place) {
             const auto shared = [&, who = system(k, place), way = direction(k, place)](int64_t near, int beside) {
@@ -148,37 +140,16 @@ void add_agreement(
             };
             bool same = shared(k, place);
             for (int64_t near = 0; near < index.size() && !same && system(k, place) != REJECTED; ++near) {
-                same = std::abs(index[near] - index[k]) <= apart && (shared(near, 0) || shared(near, 1));
+                same = abs(index[near] - index[k]) <= apart && (shared(near, 0) || shared(near, 1));
             }
             if (same) sure(k, place) += weight;
         }
     }
 }
 
-// The scores of all complete paths that `expand` finds, and how many entries it expanded: with the free bounds, or with
-// prices from the path that is `taken`.
-std::tuple<NewFloats, int64_t> scores_of_expanded(
-    const Scores& scores, Integers start, Integers taken, bool priced, double cutoff, int64_t budget, int64_t kept) {
-    auto [bounds, worth] = free_bounds(scores);
-    if (priced) set_prices(scores, worth, start, taken, bounds);
-    auto found = expand(scores, bounds, cutoff, budget, kept);
-    return {std::move(found.score), found.expanded};
-}
-
 }  // namespace
 
-void bind_assignment(nanobind::module_& module) {
-    CONSTANT(REJECT);
-    CONSTANT(NO_SYSTEM);
-    CONSTANT(STEPS);
-    CONSTANT(REJECTED);
-    CONSTANT(UNATTRIBUTED);
-    KERNEL(scores_of_expanded);
-    KERNEL(find_paths);
-    KERNEL(add_up_laws);
-    KERNEL(switching_path);
-    KERNEL(weigh);
-    KERNEL(add_agreement);
-}
+STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, find_paths, add_up_laws,
+      weigh, add_agreement)
 
 }  // namespace rwa

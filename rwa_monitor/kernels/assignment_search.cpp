@@ -2,8 +2,6 @@
 // the same on every machine.
 #include "assignment.hpp"
 
-#include <algorithm>
-
 namespace rwa {
 namespace {
 
@@ -14,7 +12,7 @@ constexpr int64_t MOST_KEPT = 4;             // entries of a state
 // The last accepted changepoint, and the configuration of each system with the node at which its sojourn began.
 struct State {
     std::int16_t last = 0;
-    std::array<std::int16_t, MOST_SYSTEMS> configuration{}, since{};
+    array<std::int16_t, MOST_SYSTEMS> configuration{}, since{};
 
     bool operator==(const State& other) const {
         return last == other.last && configuration == other.configuration && since == other.since;
@@ -26,7 +24,7 @@ struct Entry {
     State state;
     int64_t node;
     double score;
-    std::array<double, MOST_SYSTEMS> mean{}, variance{};
+    array<double, MOST_SYSTEMS> mean{}, variance{};
 };
 
 // An extension of an entry, and the bound of the complete paths through it.
@@ -39,7 +37,7 @@ struct Offer {
 struct Merged {
     State state;
     int64_t kept = 0;
-    std::array<int64_t, MOST_KEPT> best{};
+    array<int64_t, MOST_KEPT> best{};
 };
 
 // What a step of a system is worth: log-probability, change of its own bound, mean and variance of the jump.
@@ -55,9 +53,9 @@ double bound_of_systems(const Bounds& bounds, const State& state, int64_t system
 }
 
 // Enter all configurations that the systems may be in at the window's begin.
-std::vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
+vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
     const auto systems = scores.configurations.size();
-    std::vector<Entry> entries;
+    vector<Entry> entries;
     for (int64_t number = 0; number < starts; ++number) {
         const NewIntegers start = start_of(number, scores.configurations);
         Entry entry;
@@ -67,7 +65,7 @@ std::vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cuto
             entry.mean[s] = scores.law_mean(s, start[s]), entry.variance[s] = scores.law_variance(s, start[s]);
             by_own += bounds.own(s, start[s], 0, 0);
         }
-        if (!(std::min(bounds.rest(0, 0), by_own) >= cutoff)) continue;
+        if (!(min(bounds.rest(0, 0), by_own) >= cutoff)) continue;
         entry.score = 0.0;
         entry.node = found.tree.size();
         entries.push_back(entry);
@@ -101,13 +99,13 @@ void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry,
 
 // List what may happen to each entry at candidate k and is within reach of the best.
 void list_offers(
-    const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, const std::vector<Entry>& entries,
-    std::vector<Offer>& offers) {
+    const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, const vector<Entry>& entries,
+    vector<Offer>& offers) {
     const auto systems = scores.configurations.size(), actions = scores.actions.shape[0];
-    const double unattributed = scores.priors[1] + size_term(scores, k, 0.0, scores.unattributed_variance);
+    const double unattributed = scores.unattributed + size_term(scores, k, 0.0, scores.unattributed_variance);
     const double highest = size_term(scores, k, scores.size[k - 1], 0.0);
     const double rest = bounds.rest(k, k), rest_fit = bounds.rest_fit(k, k);
-    std::vector<Weighed> steps(systems * STEPS);
+    vector<Weighed> steps(systems * STEPS);
     offers.clear();
     for (std::size_t at = 0; at < entries.size(); ++at) {
         const Entry& entry = entries[at];
@@ -121,8 +119,8 @@ void list_offers(
             }
         };
         const double fit = scores.fit(last, k);
-        offer(REJECT, entry.score + scores.priors[0], std::min(bounds.rest(last, k), bounds.rest_fit(last, k) + by_own));
-        offer(NO_SYSTEM, entry.score + (fit + unattributed), std::min(rest, rest_fit + by_own));
+        offer(REJECT, entry.score, min(bounds.rest(last, k), bounds.rest_fit(last, k) + by_own));
+        offer(NO_SYSTEM, entry.score + (fit + unattributed), min(rest, rest_fit + by_own));
         // Most steps end here, before they are weighed: not even a perfect size would bring them within reach.
         const double best = entry.score + fit + highest + rest;
         if (best < cutoff - SLACK) continue;
@@ -138,12 +136,12 @@ void list_offers(
             if (two) {
                 const Weighed& other = steps[action[2] * STEPS + action[3]];
                 if (other.law == -INFINITE) continue;
-                score += other.law + scores.priors[2];
+                score += other.law;
                 own += other.own;
                 mean += other.mean;
                 variance += other.variance;
             }
-            const double follows = std::min(rest, rest_fit + own);
+            const double follows = min(rest, rest_fit + own);
             offer(a, score + size_term(scores, k, mean, variance), follows);
         }
     }
@@ -170,7 +168,7 @@ std::uint64_t hash(const State& state, int64_t systems) {
 }
 
 // Put an offer among the best of its state, after those that score as much.
-void keep(const std::vector<Offer>& offers, int64_t offer, int64_t most, Merged& merged) {
+void keep(const vector<Offer>& offers, int64_t offer, int64_t most, Merged& merged) {
     auto& [state, kept, best] = merged;
     const double score = offers[offer].score;
     if (kept < most) {
@@ -185,10 +183,10 @@ void keep(const std::vector<Offer>& offers, int64_t offer, int64_t most, Merged&
 
 // Bring the first `room` offers that reach the cutoff together by state, which `table` finds by its hash.
 void merge(
-    const Scores& scores, int64_t k, double cutoff, std::size_t room, const std::vector<Entry>& entries,
-    const std::vector<Offer>& offers, int64_t kept, NewIntegers& table, std::vector<Merged>& merged) {
+    const Scores& scores, int64_t k, double cutoff, std::size_t room, const vector<Entry>& entries,
+    const vector<Offer>& offers, int64_t kept, NewIntegers& table, vector<Merged>& merged) {
     std::size_t slots = 16, taken = 0;
-    while (slots < 2 * std::min(room, offers.size())) slots *= 2;
+    while (slots < 2 * min(room, offers.size())) slots *= 2;
     table.assign(slots, -1);
     merged.clear();
     for (std::size_t offer = 0; offer < offers.size() && taken < room; ++offer) {
@@ -233,12 +231,12 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     REQUIRE(systems <= MOST_SYSTEMS && kept <= MOST_KEPT);
     int64_t starts = 1;
     for (auto configurations : scores.configurations) starts *= configurations;
-    const auto room = static_cast<std::size_t>(std::max(budget, starts));
+    const auto room = static_cast<std::size_t>(max(budget, starts));
     Expansion found;
-    std::vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
-    std::vector<Offer> offers;
+    vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
+    vector<Offer> offers;
     NewIntegers table;
-    std::vector<Merged> merged;
+    vector<Merged> merged;
     for (int64_t k = 1; k <= candidates; ++k) {
         list_offers(scores, bounds, k, cutoff, entries, offers);
         found.expanded += static_cast<int64_t>(entries.size());
@@ -247,9 +245,9 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
             NewFloats reached;
             for (const Offer& offer : offers) reached.push_back(offer.bound);
             const auto first = reached.end() - room;
-            std::nth_element(reached.begin(), first, reached.end());
+            nth_element(reached.begin(), first, reached.end());
             stage_cutoff = *first;
-            found.lost = std::max(found.lost, *std::max_element(reached.begin(), first));
+            found.lost = max(found.lost, *max_element(reached.begin(), first));
         }
         merge(scores, k, stage_cutoff, room, entries, offers, kept, table, merged);
         following.clear();
@@ -265,7 +263,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
                 found.tree.push_back({before.node, offer.action});
             }
         }
-        std::swap(entries, following);
+        swap(entries, following);
     }
     for (const auto& [state, node, score, mean, variance] : entries) {
         double total = score + scores.fit(state.last, candidates + 1);

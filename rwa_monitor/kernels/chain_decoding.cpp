@@ -1,9 +1,6 @@
 // The likeliest path of several semi-Markov chains at once (see rwa_monitor/switching/jump_attribution.py).
 #include "arrays.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 namespace rwa {
 namespace {
 
@@ -20,23 +17,23 @@ constexpr int64_t PARTS = 1 + MOST_SYSTEMS;  // of a level: the base, then what 
 struct Record {
     Floats level, variance;  // [N m], [N² m²]
     Integers at;         // slots
-    auto fields() { return std::tie(level, variance, at); }
+    FIELDS(level, variance, at)
 };
 
 struct Laws {
     Integers counts;
-    Matrix<const double> size, variance, mu, sigma, log_up, log_down;  // (systems, configurations)
+    FloatMatrix size, variance, mu, sigma, log_up, log_down;  // (systems, configurations)
     double base, base_variance;
-    auto fields() { return std::tie(counts, size, variance, mu, sigma, log_up, log_down, base, base_variance); }
+    FIELDS(counts, size, variance, mu, sigma, log_up, log_down, base, base_variance)
 };
 
 struct States {
-    Matrix<const int64_t> configuration;  // (states, systems)
+    IntegerMatrix configuration;  // (states, systems)
     Floats log_probability;
-    auto fields() { return std::tie(configuration, log_probability); }
+    FIELDS(configuration, log_probability)
 };
 
-using Configuration = std::array<int64_t, MOST_SYSTEMS>;
+using Configuration = array<int64_t, MOST_SYSTEMS>;
 
 template <typename Values>
 double sum(const Values& values) {
@@ -47,30 +44,30 @@ double sum(const Values& values) {
 
 // Log probability that a sojourn lasts so many slots.
 double log_density(int64_t slots, double mu, double sigma) {
-    const double x = std::log(static_cast<double>(slots)) - mu, u = x / sigma, v = x / BROAD_SIGMA;
-    const double near = std::exp(-0.5 * (u * u)) / sigma, far = std::exp(-0.5 * (v * v)) / BROAD_SIGMA;
-    return std::log(((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far) / std::sqrt(TWO_PI) + NEVER) -
-           std::log(static_cast<double>(slots));
+    const double x = log(slots) - mu, u = x / sigma, v = x / BROAD_SIGMA;
+    const double near = exp(-0.5 * (u * u)) / sigma, far = exp(-0.5 * (v * v)) / BROAD_SIGMA;
+    return log(((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far) / sqrt(TWO_PI) + NEVER) -
+           log(slots);
 }
 
 // Log probability that a sojourn lasts at least so long.
 double log_survival(int64_t slots, double mu, double sigma) {
-    const double x = (std::log(static_cast<double>(slots)) - mu) / std::sqrt(2.0);
-    const double near = 0.5 * std::erfc(x / sigma), far = 0.5 * std::erfc(x / BROAD_SIGMA);
-    return std::log((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far + NEVER);
+    const double x = (log(slots) - mu) / sqrt(2.0);
+    const double near = 0.5 * erfc(x / sigma), far = 0.5 * erfc(x / BROAD_SIGMA);
+    return log((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far + NEVER);
 }
 
 double log_gauss(double deviation, double variance) {
-    return -0.5 * (deviation * deviation / variance + std::log(TWO_PI * variance));
+    return -0.5 * (deviation * deviation / variance + log(TWO_PI * variance));
 }
 
 // A path that is followed: where each system is, since which slot, and whether that is in the record; the Kalman state
 // [N m]; the log-likelihood of what has happened; its last segment in the history.
 struct Track {
     Configuration configuration{}, since{};
-    std::array<bool, MOST_SYSTEMS> began{};
-    std::array<double, PARTS> mean{};
-    std::array<double, PARTS * PARTS> covariance{};
+    array<bool, MOST_SYSTEMS> began{};
+    array<double, PARTS> mean{};
+    array<double, PARTS * PARTS> covariance{};
     double score = 0.0;
     int64_t last = -1;
 
@@ -86,7 +83,7 @@ struct Track {
     // Update the Kalman state by a segment's level, the sum of all its entries.
     void observe(double level, double level_variance) {
         const double variance = sum(covariance) + level_variance, off = level - sum(mean);
-        std::array<double, PARTS> gain{};
+        array<double, PARTS> gain{};
         for (int64_t i = 0; i < PARTS; ++i) {
             for (int64_t k = 0; k < PARTS; ++k) gain[i] += covariance[i * PARTS + k];
             gain[i] /= variance;
@@ -131,8 +128,8 @@ struct Way {
 };
 
 // Begin two paths in each joint state, with the first segment as it is and as an outlier.
-std::vector<Track> begin_paths(const Record& record, const Laws& laws, const States& states, double outlier_score) {
-    std::vector<Track> tracks;
+vector<Track> begin_paths(const Record& record, const Laws& laws, const States& states, double outlier_score) {
+    vector<Track> tracks;
     for (int64_t s = 0; s < states.configuration.shape[0]; ++s) {
         Track track;
         track.mean[0] = laws.base;
@@ -140,7 +137,7 @@ std::vector<Track> begin_paths(const Record& record, const Laws& laws, const Sta
         for (int64_t i = 0; i < laws.counts.size(); ++i) track.enter(i, states.configuration(s, i), record.at[0], laws);
         Track& plain = tracks.emplace_back(track);
         const double off = record.level[0] - sum(track.mean), variance = sum(track.covariance) + record.variance[0];
-        plain.score = states.log_probability[s] + std::log(1.0 - OUTLIER_SHARE) + log_gauss(off, variance);
+        plain.score = states.log_probability[s] + log(1.0 - OUTLIER_SHARE) + log_gauss(off, variance);
         plain.observe(record.level[0], record.variance[0]);
         track.score = states.log_probability[s] + outlier_score;
         tracks.push_back(track);
@@ -150,11 +147,11 @@ std::vector<Track> begin_paths(const Record& record, const Laws& laws, const Sta
 
 // Fill `ways` with each path and each possible move into segment j, as it is and as an outlier.
 void ways_on(
-    const std::vector<Track>& tracks, int64_t j, const Record& record, const Laws& laws,
-    const Matrix<const int64_t>& moves, double outlier_score, std::vector<Way>& ways) {
+    const vector<Track>& tracks, int64_t j, const Record& record, const Laws& laws,
+    const IntegerMatrix& moves, double outlier_score, vector<Way>& ways) {
     const int64_t systems = laws.counts.size(), slot = record.at[j], later = record.at[j + 1];
     ways.clear();
-    Table<double, 2> entering(laws.mu.shape);
+    NewMatrix entering(laws.mu.shape);
     for (int64_t i = 0; i < systems; ++i) {
         for (int64_t q = 0; q < laws.counts[i]; ++q) {
             entering(i, q) = log_survival(later - slot, laws.mu(i, q), laws.sigma(i, q));
@@ -162,7 +159,7 @@ void ways_on(
     }
     for (std::size_t b = 0; b < tracks.size(); ++b) {
         const Track& track = tracks[b];
-        std::array<double, MOST_SYSTEMS> gone, staying;
+        array<double, MOST_SYSTEMS> gone, staying;
         for (int64_t i = 0; i < systems; ++i) {
             const int64_t q = track.configuration[i], since = track.since[i];
             const double m = laws.mu(i, q), s = laws.sigma(i, q);
@@ -186,10 +183,10 @@ void ways_on(
                 }
             }
             if (!possible) continue;
-            if (!moved) worth = std::log(FALSE_RATE);
+            if (!moved) worth = log(FALSE_RATE);
             const auto [expected, spread] = track.expected_level(move, laws);
             const double plain =
-                log_gauss(record.level[j] - expected, spread + record.variance[j]) + std::log(1.0 - OUTLIER_SHARE);
+                log_gauss(record.level[j] - expected, spread + record.variance[j]) + log(1.0 - OUTLIER_SHARE);
             for (bool outlier : {false, true}) {
                 const double value = track.score + worth + (outlier ? outlier_score : plain);
                 if (value > -INFINITE) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
@@ -202,30 +199,30 @@ void ways_on(
 
 // Follow the paths: a score is the log-likelihood of what has happened; paths are ranked by it and by that of what has
 // not happened yet. Returns the configurations of the likeliest path, its outliers and its log-likelihood.
-std::tuple<Table<int64_t, 2>, std::vector<std::uint8_t>, double> likeliest_path(
-    const Record& record, const Laws& laws, const States& states, Matrix<const int64_t> moves, int64_t beam) {
+tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
+    const Record& record, const Laws& laws, const States& states, IntegerMatrix moves, int64_t beam) {
     const auto& [level, variance, at] = record;
     const int64_t n = level.size(), systems = laws.counts.size();
     REQUIRE(systems <= MOST_SYSTEMS);
-    const double highest = *std::max_element(level.begin(), level.end());
-    const double lowest = *std::min_element(level.begin(), level.end());
-    const double noise = std::sqrt(*std::max_element(variance.begin(), variance.end()));
-    const double range = highest - lowest + std::sqrt(laws.base_variance) + noise;
-    const double outlier_score = std::log(OUTLIER_SHARE) - std::log(range);
-    std::vector<Track> tracks = begin_paths(record, laws, states, outlier_score), following;
-    std::vector<Visited> history;
+    const double highest = *max_element(level.begin(), level.end());
+    const double lowest = *min_element(level.begin(), level.end());
+    const double noise = sqrt(*max_element(variance.begin(), variance.end()));
+    const double range = highest - lowest + sqrt(laws.base_variance) + noise;
+    const double outlier_score = log(OUTLIER_SHARE) - log(range);
+    vector<Track> tracks = begin_paths(record, laws, states, outlier_score), following;
+    vector<Visited> history;
     const auto visit = [&](Track& track, bool outlier) {
         history.push_back({track.last, outlier, track.configuration});
         track.last = history.size() - 1;
     };
     for (std::size_t b = 0; b < tracks.size(); ++b) visit(tracks[b], b % 2 == 1);
-    std::vector<Way> ways;
+    vector<Way> ways;
     for (int64_t j = 1; j < n; ++j) {
         ways_on(tracks, j, record, laws, moves, outlier_score, ways);
-        const auto end = ways.begin() + std::min(beam, static_cast<int64_t>(ways.size()));
+        const auto end = ways.begin() + min<int64_t>(beam, ways.size());
         std::partial_sort(ways.begin(), end, ways.end(), [](const Way& one, const Way& other) {
             if (one.rank != other.rank) return one.rank > other.rank;
-            return std::tie(one.path, one.move, one.outlier) < std::tie(other.path, other.move, other.outlier);
+            return tie(one.path, one.move, one.outlier) < tie(other.path, other.move, other.outlier);
         });
         ways.erase(end, ways.end());
         following.clear();
@@ -241,7 +238,7 @@ std::tuple<Table<int64_t, 2>, std::vector<std::uint8_t>, double> likeliest_path(
             track.score = way.value;
             visit(track, way.outlier);
         }
-        std::swap(tracks, following);
+        swap(tracks, following);
     }
     const Track* best = nullptr;
     for (Track& track : tracks) {
@@ -252,18 +249,15 @@ std::tuple<Table<int64_t, 2>, std::vector<std::uint8_t>, double> likeliest_path(
         if (best == nullptr || track.score > best->score) best = &track;
     }
     Table<int64_t, 2> found({n, systems});
-    std::vector<std::uint8_t> outliers(n);
+    vector<std::uint8_t> outliers(n);
     int64_t last = best->last;
     for (int64_t j = n - 1; j >= 0; --j, last = history[last].before) {
-        std::copy_n(history[last].configuration.begin(), systems, found.row(j).begin());
+        copy_n(history[last].configuration.begin(), systems, found.row(j).begin());
         outliers[j] = history[last].outlier;
     }
-    return {std::move(found), std::move(outliers), best->score};
+    return {found, outliers, best->score};
 }
 
-void bind_chain_decoding(nanobind::module_& module) {
-    CONSTANT(NEVER);
-    KERNEL(likeliest_path);
-}
+STAGE(chain_decoding, NEVER, likeliest_path)
 
 }  // namespace rwa

@@ -1,8 +1,6 @@
 // From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/candidates.py).
 #include "detection.hpp"
 
-#include <cstdlib>
-
 namespace rwa {
 namespace {
 
@@ -15,7 +13,7 @@ constexpr int MOST_ROUNDS = 3;  // of slope and candidates in turns; two nearly 
 struct Threshold {
     Floats variances;
     double threshold, outlier;
-    auto fields() { return std::tie(variances, threshold, outlier); }
+    FIELDS(variances, threshold, outlier)
 };
 
 struct Candidate : Peak {
@@ -23,7 +21,7 @@ struct Candidate : Peak {
 };
 
 // The sums of [low, middle) and [middle, high).
-std::tuple<Sums, Sums> halves(int64_t low, int64_t middle, int64_t high, const SumArrays& sums) {
+tuple<Sums, Sums> halves(int64_t low, int64_t middle, int64_t high, const SumArrays& sums) {
     const Sums split = prefix_moments(middle, sums);
     return {split - prefix_moments(low, sums), prefix_moments(high, sums) - split};
 }
@@ -36,14 +34,14 @@ void judge(
     candidate.statistic = candidate.jump = candidate.excess = 0.0;
     if (left.n < 1.0 || right.n < 1.0) return;
     const double jump = right.level(slope) - left.level(slope);
-    const double shorter = std::min(left.n, right.n), longer = std::max(left.n, right.n), both = left.n + right.n;
-    const double variance = required.variances[std::min(static_cast<int64_t>(shorter), required.variances.size() - 1)];
+    const double shorter = min(left.n, right.n), longer = max(left.n, right.n), both = left.n + right.n;
+    const double variance = required.variances[min<int64_t>(shorter, required.variances.size() - 1)];
     const double information = left.n * right.n / both;
     // An outlier o in the shorter half shifts its mean by o/n.
     const double by_chance = required.outlier * required.outlier * longer / (shorter * both) / variance;
     candidate.statistic = jump * jump * information / variance;
     candidate.jump = jump;
-    candidate.excess = candidate.statistic / std::max(required.threshold, by_chance);
+    candidate.excess = candidate.statistic / max(required.threshold, by_chance);
 }
 
 // z - slope x of a sample, as the sums have it.
@@ -53,7 +51,7 @@ double residual(int64_t at, double slope, const SumArrays& sums) {
 
 // The most likely slot of a single jump in [low, high) within `reach` of k.
 int64_t refine(int64_t k, int64_t low, int64_t high, int64_t reach, double slope, const SumArrays& sums) {
-    const int64_t first = std::max(low + 1, k - reach), last = std::min(high - 1, k + reach);
+    const int64_t first = max(low + 1, k - reach), last = min(high - 1, k + reach);
     const Sums a = prefix_moments(low, sums), b = prefix_moments(first, sums), c = prefix_moments(high, sums);
     const double e0 = a.z - slope * a.x, e2 = c.z - slope * c.x;
     double n1 = b.n, e1 = b.z - slope * b.x;
@@ -77,9 +75,9 @@ int64_t refine(int64_t k, int64_t low, int64_t high, int64_t reach, double slope
 }
 
 // Accept the peaks, in their order, that are significant between those accepted before; sorted by slot.
-std::vector<Candidate> accept(
-    const std::vector<Peak>& peaks, int64_t slots, double slope, const SumArrays& sums, const Threshold& required) {
-    std::vector<Candidate> accepted;
+vector<Candidate> accept(
+    const vector<Peak>& peaks, int64_t slots, double slope, const SumArrays& sums, const Threshold& required) {
+    vector<Candidate> accepted;
     for (const Peak& peak : peaks) {
         if (accepted.size() == MOST_CANDIDATES) break;
         const int64_t k = peak.index, w = peak.scale;
@@ -88,11 +86,11 @@ std::vector<Candidate> accept(
         if (place != accepted.end() && place->index == k) continue;
         const int64_t before = place != accepted.begin() ? (place - 1)->index : 0;
         const int64_t after = place != accepted.end() ? place->index : slots;
-        const int64_t low = std::max(k - w, before), high = std::min(k + w, after);
+        const int64_t low = max(k - w, before), high = min(k + w, after);
         Candidate candidate{peak, 0.0};
         judge(candidate, low, high, slope, sums, required);
         if (candidate.excess < 1.0) continue;
-        candidate.index = refine(k, std::max(k - 2 * w, before), std::min(k + 2 * w, after), w, slope, sums);
+        candidate.index = refine(k, max(k - 2 * w, before), min(k + 2 * w, after), w, slope, sums);
         accepted.insert(place, candidate);
     }
     return accepted;
@@ -100,32 +98,32 @@ std::vector<Candidate> accept(
 
 }  // namespace
 
-std::tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums) {
+tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums) {
     const auto [left, right] = halves(k - w, k, k + w, sums);
     if (left.n < 1.0 || right.n < 1.0) return {0.0, 0.0};
     const Sums whole = prefix_moments(k + w, sums) - prefix_moments(k - w, sums);
     const double xl = left.x / left.n, xr = right.x / right.n;
     const double el = left.z / left.n - slope * xl, er = right.z / right.n - slope * xr;
-    const double spread = std::max(whole.xx - left.n * xl * xl - right.n * xr * xr, 0.0);
+    const double spread = max(whole.xx - left.n * xl * xl - right.n * xr * xr, 0.0);
     const double tilt = whole.xz - slope * whole.xx - left.n * xl * el - right.n * xr * er;
     const double step = (xr - xl) / (spread + weight);
     const double jump = er - el - step * tilt;
     return {jump * jump / (1.0 / left.n + 1.0 / right.n + (xr - xl) * step), jump};
 }
 
-void sort_in_turn(std::vector<Peak>& peaks) {
-    std::sort(peaks.begin(), peaks.end(), [](const Peak& a, const Peak& b) {
-        return std::tie(a.scale, b.statistic, a.index) < std::tie(b.scale, a.statistic, b.index);
+void sort_in_turn(vector<Peak>& peaks) {
+    sort(peaks.begin(), peaks.end(), [](const Peak& a, const Peak& b) {
+        return tie(a.scale, b.statistic, a.index) < tie(b.scale, a.statistic, b.index);
     });
 }
 
-NewIntegers kept_apart(const std::vector<Peak>& peaks) {
+NewIntegers kept_apart(const vector<Peak>& peaks) {
     NewIntegers taken;
     for (const Peak& peak : peaks) {
-        const auto near = [&](int64_t slot) { return std::abs(slot - peak.index) <= peak.scale; };
-        if (std::none_of(taken.begin(), taken.end(), near)) taken.push_back(peak.index);
+        const auto near = [&](int64_t slot) { return abs(slot - peak.index) <= peak.scale; };
+        if (none_of(taken.begin(), taken.end(), near)) taken.push_back(peak.index);
     }
-    std::sort(taken.begin(), taken.end());
+    sort(taken.begin(), taken.end());
     return taken;
 }
 
@@ -139,7 +137,7 @@ int64_t refine_in_colour(
     const double left = before.level(slope), right = behind.level(slope);
     const auto square = [](double value) { return value * value; };
     const double alone = 1.0 - correlation * correlation;  // weight of a sample whose neighbour is masked
-    const int64_t first = std::max(low + 1, k - reach), last = std::min(high - 1, k + reach);
+    const int64_t first = max(low + 1, k - reach), last = min(high - 1, k + reach);
     int64_t best = k;
     double cost = 0.0, best_cost = INFINITE;
     for (int64_t at = first; at <= last; ++at) {
@@ -168,62 +166,52 @@ namespace {
 
 // Refine the accepted between their final neighbours, then take away the weakest while it fails the threshold.
 void settle(
-    std::vector<Candidate>& accepted, int64_t slots, double slope, double correlation, const SumArrays& sums,
+    vector<Candidate>& accepted, int64_t slots, double slope, double correlation, const SumArrays& sums,
     const Threshold& required) {
     const auto before = [&](std::size_t i) { return i > 0 ? accepted[i - 1].index : 0; };
     const auto after = [&](std::size_t i) { return i + 1 < accepted.size() ? accepted[i + 1].index : slots; };
     for (std::size_t i = 0; i < accepted.size(); ++i) {
         auto& index = accepted[i].index;
         const int64_t reach = accepted[i].scale;
-        const int64_t low = std::max(index - 2 * reach, before(i)), high = std::min(index + 2 * reach, after(i));
+        const int64_t low = max(index - 2 * reach, before(i)), high = min(index + 2 * reach, after(i));
         index = refine(index, low, high, reach, slope, sums);
         if (correlation > 0.0) index = refine_in_colour(index, low, high, reach, slope, correlation, sums);
     }
     std::size_t first = 0, last = accepted.size();  // whose neighbours have changed
     while (true) {
         for (std::size_t i = first; i < last; ++i) {
-            const int64_t index = accepted[i].index, half = std::max(LONGEST_HALF, 2 * accepted[i].scale);
-            const int64_t low = std::max(index - half, before(i)), high = std::min(index + half, after(i));
+            const int64_t index = accepted[i].index, half = max(LONGEST_HALF, 2 * accepted[i].scale);
+            const int64_t low = max(index - half, before(i)), high = min(index + half, after(i));
             judge(accepted[i], low, high, slope, sums, required);
         }
         const auto weakest =
-            std::min_element(accepted.begin(), accepted.end(), [](const Candidate& a, const Candidate& b) {
-                return a.excess < b.excess || (std::isnan(a.excess) && !std::isnan(b.excess));
+            min_element(accepted.begin(), accepted.end(), [](const Candidate& a, const Candidate& b) {
+                return a.excess < b.excess || (isnan(a.excess) && !isnan(b.excess));
             });
         if (weakest == accepted.end() || weakest->excess >= 1.0) return;
         const std::size_t place = weakest - accepted.begin();
         accepted.erase(weakest);
         first = place > 0 ? place - 1 : 0;
-        last = std::min(place + 1, accepted.size());
+        last = min(place + 1, accepted.size());
     }
 }
 
-// Peaks, in any order, in turn.
-std::vector<Peak> in_turn(Integers index, Integers scale, Floats statistic) {
-    std::vector<Peak> peaks;
-    for (int64_t i = 0; i < index.size(); ++i) peaks.push_back({index[i], scale[i], statistic[i], 0.0});
-    sort_in_turn(peaks);
-    return peaks;
-}
-
-// Choose the candidates of a window among the peaks of all scales, given its slope.
-Columns select(
-    const std::vector<Peak>& peaks, int64_t slots, double slope, double correlation, const SumArrays& sums,
-    const Threshold& required) {
-    std::vector<Candidate> accepted = accept(peaks, slots, slope, sums, required);
-    settle(accepted, slots, slope, correlation, sums, required);
-    return columns_of(accepted);
-}
-
-// Estimate the slope and `select` candidates in turns, until they agree.
+// Choose the candidates of a window among the peaks of all scales, in any order: estimate the slope, and choose given
+// that, until both agree.
 Columns choose(
     Integers peak_index, Integers peak_scale, Floats peak_statistic, int64_t slots, const SumArrays& sums,
     const Threshold& required, double correlation, double variance, double prior_mean, double prior_std) {
-    const std::vector<Peak> peaks = in_turn(peak_index, peak_scale, peak_statistic);
+    vector<Peak> peaks;
+    for (int64_t i = 0; i < peak_index.size(); ++i) {
+        peaks.push_back({peak_index[i], peak_scale[i], peak_statistic[i], 0.0});
+    }
+    sort_in_turn(peaks);
     NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
     for (int round = 1;; ++round) {
         const double slope = std::get<0>(slope_within(slots, index, exclude, sums, variance, prior_mean, prior_std));
-        Columns chosen = select(peaks, slots, slope, correlation, sums, required);
+        vector<Candidate> accepted = accept(peaks, slots, slope, sums, required);
+        settle(accepted, slots, slope, correlation, sums, required);
+        Columns chosen = columns_of(accepted);
         if (round == MOST_ROUNDS || std::get<0>(chosen) == index) return chosen;
         index = std::get<0>(chosen);
         exclude = std::get<1>(chosen);  // half the scale that detected it
@@ -233,14 +221,6 @@ Columns choose(
 
 }  // namespace
 
-void bind_changepoints(nanobind::module_& module) {
-    KERNEL(contrast);
-    KERNEL(refine_in_colour);
-    KERNEL(choose);
-    module.def("select", [](Integers index, Integers scale, Floats statistic, int64_t slots, double slope,
-                            double correlation, const SumArrays& sums, const Threshold& required) {
-        return select(in_turn(index, scale, statistic), slots, slope, correlation, sums, required);
-    });
-}
+STAGE(changepoints, contrast, refine_in_colour, choose)
 
 }  // namespace rwa

@@ -14,38 +14,6 @@ def refine_in_colour(k: int, low: int, high: int, reach: int, slope: float, corr
     The levels are those of [low, k) and [k, high); slots within `reach` of k are tried.
     """
 
-def select(
-    peak_index: IntArray,
-    peak_scale: IntArray,
-    peak_statistic: FloatArray,
-    slots: int,
-    slope: float,
-    correlation: float,
-    sums: SumArrays,
-    threshold: Threshold,
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Choose the candidates of a window among the peaks of all scales.
-
-    Parameters
-    ----------
-    peak_index, peak_scale, peak_statistic
-        (P,), of the peaks above their thresholds; they are tried narrow scales and large statistics first.
-    slots
-        Of the window, all in the sums.
-    slope
-        f_v of the window, as well as it is known.
-    correlation
-        φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
-    sums
-        Running sums of the window.
-    threshold
-        What a jump must clear.
-
-    Returns
-    -------
-    The fields of their `Candidates`: index, scale, statistic, jump.
-    """
-
 def choose(
     peak_index: IntArray,
     peak_scale: IntArray,
@@ -58,4 +26,22 @@ def choose(
     prior_mean: float,
     prior_std: float,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Estimate the slope and choose candidates in turns, until they agree; as `select` and `slope_within` do."""
+    """Estimate the slope and choose among the peaks of all scales in turns, until both agree.
+
+    Parameters
+    ----------
+    peak_index, peak_scale, peak_statistic
+        (P,), of the peaks above their thresholds; they are tried narrow scales and large statistics first.
+    slots, sums
+        Of the window, and its running sums, which hold all slots.
+    threshold
+        What a jump must clear.
+    correlation
+        φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
+    variance, prior_mean, prior_std
+        See `slope_within`.
+
+    Returns
+    -------
+    The fields of their `Candidates`: index, scale, statistic, jump.
+    """

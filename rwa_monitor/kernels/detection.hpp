@@ -3,9 +3,6 @@
 
 #include "arrays.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 namespace rwa {
 
 // ---- running sums (running_sums.cpp): the sufficient statistics of any range of slots -------------------------------
@@ -18,7 +15,7 @@ struct SumArrays {
     Floats x, z;
     Flags used;
     Vector<double> centre;
-    auto fields() { return std::tie(checkpoints, x, z, used, centre); }
+    FIELDS(checkpoints, x, z, used, centre)
 };
 
 // n, Σx, Σz, Σx², Σxz, Σz²
@@ -61,7 +58,7 @@ inline Sums moments_between(const Sums& first, const Sums& last, const Vector<do
 void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start, int64_t stop);
 
 // Slope that all intervals share, and its standard deviation, from the slots so far.
-std::tuple<double, double> slope_within(
+tuple<double, double> slope_within(
     int64_t slots, Integers index, Integers exclude, const SumArrays& sums, double variance, double prior_mean,
     double prior_std);
 
@@ -86,7 +83,7 @@ inline int64_t counted_every(int64_t w) { return w < 4 ? 1 : w / 4; }
 struct ScanSettings {
     double weight, slope;
     Floats variances, floors, sure;
-    auto fields() { return std::tie(weight, slope, variances, floors, sure); }
+    FIELDS(weight, slope, variances, floors, sure)
 };
 
 // A peak as the scan keeps it, with the number of its scale; final when no later slot can replace it.
@@ -111,25 +108,25 @@ struct Detector {
     void scan(Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings);
 
     // The peaks whose statistic, over its scale's variance, reaches `threshold`; by slot, then narrow scales first.
-    std::vector<Peak> above(double threshold, Floats variances) const;
+    vector<Peak> above(double threshold, Floats variances) const;
 
     NewIntegers scales;                  // half-widths w [slots], ascending
     Table<int64_t, 2> histogram;         // (S, BINS), of the statistic at every `counted_every`-th slot
-    std::vector<ScannedPeak> confirmed;  // the sure peaks that became final in the last scan
+    vector<ScannedPeak> confirmed;  // the sure peaks that became final in the last scan
 
     void keep(const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor);
     void confirm(int64_t stop, Floats sure);
     void prune(Floats variances);
 
-    Table<double, 2> prefix;  // column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k
-    std::vector<ScannedPeak> peaks;
-    std::vector<std::array<int64_t, 2>> open;  // of each scale the last peak of each sign; -1 for none
+    NewMatrix prefix;  // column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k
+    vector<ScannedPeak> peaks;
+    vector<array<int64_t, 2>> open;  // of each scale the last peak of each sign; -1 for none
     std::size_t settled = 0;                   // peaks before this one are final
     std::size_t chunk_peaks;                   // that a chunk can give at most
 };
 
 // The fields of `Candidates`.
-using Columns = std::tuple<NewIntegers, NewIntegers, NewFloats, NewFloats>;
+using Columns = tuple<NewIntegers, NewIntegers, NewFloats, NewFloats>;
 template <typename Peaks>
 Columns columns_of(const Peaks& peaks) {
     Columns columns;
@@ -154,14 +151,14 @@ void block_differences(
     Matrix<double> sums, Matrix<double> pairs);
 
 // How many statistics are counted, their median and 99.5 % quantile: the middles of bins of the histogram.
-using Quantiles = std::tuple<double, double, double>;
+using Quantiles = tuple<double, double, double>;
 bool are_heavy(const Quantiles& quantiles, double variance);
 
 // Levels and counts of the complete blocks (`quiet_levels`), the variance of each scale's contrast, and the quantiles
 // of the narrowest scale's statistic.
-using Noise = std::tuple<NewFloats, NewFloats, NewFloats, Quantiles>;
+using Noise = tuple<NewFloats, NewFloats, NewFloats, Quantiles>;
 Noise learn_noise(
-    Matrix<const double> block_sums, Matrix<const double> block_pairs, Matrix<const int64_t> histogram, Integers scales,
+    FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
     double start_variance);
 
 // ---- direction, dead band and wheel angle beside the running sums (structure.cpp) -----------------------------------
@@ -171,12 +168,12 @@ struct StructureArrays {
     Matrix<double> near_zero;
     Vector<double> zeros;
     Matrix<double> ripple;
-    auto fields() { return std::tie(signs, counts, near_zero, zeros, ripple); }
+    FIELDS(signs, counts, near_zero, zeros, ripple)
 };
 
 // The pieces of `length` slots, one every `hop` slots from 0 on, `most` of them, that end by `slot`.
 inline int64_t pieces_before(int64_t slot, int64_t length, int64_t hop, int64_t most) {
-    return slot < length ? 0 : std::min((slot - length) / hop + 1, most);
+    return slot < length ? 0 : min((slot - length) / hop + 1, most);
 }
 
 void count_signs(int64_t first, Floats speed, Flags good, Vector<int64_t> signs, Vector<int64_t> counts);
@@ -188,12 +185,12 @@ void extend_structure(
 
 // The wGLR's statistic [torque²] and jump at slot k and scale w, with any centre and weight of the slope (see wglr.pyi).
 // Both 0 where a half has no used sample.
-std::tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums);
+tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums);
 
 // Bring peaks into the order in which they are tried: narrow scales and large statistics first.
-void sort_in_turn(std::vector<Peak>& peaks);
+void sort_in_turn(vector<Peak>& peaks);
 
 // The slots of peaks, taken in turn, with no kept one within ±w; sorted.
-NewIntegers kept_apart(const std::vector<Peak>& peaks);
+NewIntegers kept_apart(const vector<Peak>& peaks);
 
 }  // namespace rwa

@@ -1,8 +1,5 @@
 #include "arrays.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 namespace rwa {
 namespace {
 
@@ -11,7 +8,7 @@ double sign(double value) { return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : valu
 // The bristle's deflection z/z_c after sliding by an angle in one direction.
 double slide(double bristle, double angle_rad, double scale_rad) {
     const double side = sign(angle_rad);
-    return side + (bristle - side) * std::exp(-std::abs(angle_rad) / scale_rad);
+    return side + (bristle - side) * exp(-abs(angle_rad) / scale_rad);
 }
 
 // Dahl's bristle dz/dt = ω − |ω| z/z_c by its exact step in angle; `state` is z/z_c and the last ω.
@@ -21,7 +18,7 @@ NewFloats dahl_bristle(Floats speed_rad_s, Flags usable, double period_s, double
     for (int64_t k = 0; k < speed_rad_s.size(); ++k) {
         if (usable[k]) {
             const double after = speed_rad_s[k];
-            if (std::isnan(z)) {
+            if (isnan(z)) {
                 z = sign(after);
             } else if (before * after < 0.0) {  // a slot in which ω changes its sign is two steps
                 const double crossing_s = period_s * before / (before - after);
@@ -44,21 +41,21 @@ double forward(
     Floats squares, Flags inside, double quiet, double shaking, double freedom, double on, double off,
     Vector<double> probability) {
     const double half = 0.5 * (freedom + 1.0);
-    const double of_quiet = std::exp(-2.0 * quiet) / freedom, of_shaking = std::exp(-2.0 * shaking) / freedom;
+    const double of_quiet = exp(-2.0 * quiet) / freedom, of_shaking = exp(-2.0 * shaking) / freedom;
     double burst = on / (on + off), total = 0.0;
     for (int64_t k = 0; k < squares.size(); ++k) {
         if (k > 0) burst = burst * (1.0 - off) + (1.0 - burst) * on;
-        if (std::isfinite(squares[k])) {
+        if (isfinite(squares[k])) {
             if (inside[k]) {
-                const double log_quiet = -quiet - half * std::log1p(squares[k] * of_quiet);
-                const double log_shaking = -shaking - half * std::log1p(squares[k] * of_shaking);
-                const double largest = std::max(log_quiet, log_shaking);
-                const double weight = burst * std::exp(log_shaking - largest);
-                const double both = weight + (1.0 - burst) * std::exp(log_quiet - largest);
-                total += largest + std::log(both);
+                const double log_quiet = -quiet - half * log1p(squares[k] * of_quiet);
+                const double log_shaking = -shaking - half * log1p(squares[k] * of_shaking);
+                const double largest = max(log_quiet, log_shaking);
+                const double weight = burst * exp(log_shaking - largest);
+                const double both = weight + (1.0 - burst) * exp(log_quiet - largest);
+                total += largest + log(both);
                 burst = weight / both;
             } else {
-                total -= half * std::log1p(squares[k] / freedom);
+                total -= half * log1p(squares[k] / freedom);
             }
         }
         probability[k] = burst;
@@ -79,10 +76,6 @@ void smooth(Vector<double> probability, double on, double off) {
 
 }  // namespace
 
-void bind_effects(nanobind::module_& module) {
-    KERNEL(dahl_bristle);
-    KERNEL(forward);
-    KERNEL(smooth);
-}
+STAGE(effects, dahl_bristle, forward, smooth)
 
 }  // namespace rwa

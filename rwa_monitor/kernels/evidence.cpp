@@ -34,15 +34,15 @@ VECTORISED int64_t normalise(
     int64_t count = 0;
     for (int64_t k = 0; k < n; ++k) {
         int64_t fit = there[k];
-        fit = std::abs(speed[k]) <= most_speed ? fit : 0;
-        fit = std::abs(torque[k]) <= most_torque ? fit : 0;
+        fit = abs(speed[k]) <= most_speed ? fit : 0;
+        fit = abs(torque[k]) <= most_torque ? fit : 0;
         fits[k] = static_cast<unsigned char>(fit);
         count += fit;
     }
     for (int64_t k = 0; k < n; ++k) {
         const double turning = fits[k] != 0 ? speed[k] : 0.0, friction = fits[k] != 0 ? torque[k] : 0.0;
-        x[k] = std::abs(turning) / speed_unit;
-        z[k] = static_cast<double>((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
+        x[k] = abs(turning) / speed_unit;
+        z[k] = ((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
     }
     return count;
 }
@@ -63,18 +63,15 @@ struct WindowArrays {
     SumArrays sums;
     Vector<double> running;
     StructureArrays structure;
-    auto fields() { return std::tie(x, z, good, used, sums, running, structure); }
+    FIELDS(x, z, good, used, sums, running, structure)
 };
 
 struct WindowSettings {
     double speed_unit, torque_unit, angle_per_x;
     int64_t block_hop, stretch_hop;
     double start_std, prior_mean, prior_std, nominal_slope, outlier;
-    auto fields() {
-        return std::tie(
-            speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
-            nominal_slope, outlier);
-    }
+    FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
+           nominal_slope, outlier)
 };
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
@@ -90,8 +87,8 @@ struct Window {
         : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
           floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
         announced.fill(FAR_AWAY);
-        block_sums = Table<double, 2>({blocks_before(a.x.size()), LAGS});
-        block_pairs = Table<double, 2>(block_sums.shape);
+        block_sums = NewMatrix({blocks_before(a.x.size()), LAGS});
+        block_pairs = NewMatrix(block_sums.shape);
     }
 
     // What Python learned of the first chunk: weight of the slope's prior, dead band, speed whose sign is certain.
@@ -104,10 +101,10 @@ struct Window {
     void set_outlier(double outlier) {
         for (std::size_t s = 0; s < variances.size(); ++s) {
             floors[s] = sure[s] = INFINITE;
-            if (!std::isfinite(variances[s])) continue;
-            const double by_chance = outlier * outlier / (2.0 * static_cast<double>(detector.scales[s]));
-            floors[s] = std::max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
-            sure[s] = std::max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
+            if (!isfinite(variances[s])) continue;
+            const double by_chance = outlier * outlier / (2.0 * detector.scales[s]);
+            floors[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
+            sure[s] = max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
         }
     }
 
@@ -121,7 +118,7 @@ struct Window {
 
     // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns
     // how many are good, where detection ended, how many jumps were reported, and why it ended.
-    std::tuple<int64_t, int64_t, int64_t, int64_t> gather(
+    tuple<int64_t, int64_t, int64_t, int64_t> gather(
         Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
         const int64_t n = speed.size();
         const int64_t count = normalise(
@@ -141,23 +138,23 @@ struct Window {
 
     // Detect from `done` on.
     Why detect_until(int64_t ready, int64_t& done, bool last) {
-        if (std::isnan(std::get<0>(quantiles))) {
+        if (isnan(std::get<0>(quantiles))) {
             if (ready < CHUNK && !last) return ALL_DONE;
-            if (std::isnan(band)) return FIRST_CHUNK;
+            if (isnan(band)) return FIRST_CHUNK;
             // The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
-            scan(0, std::min(ready, CHUNK), true);
+            scan(0, min(ready, CHUNK), true);
             if (refresh(0)) return HEAVY_TAILS;
         }
         while (done < ready) {
             int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
             while (change <= done) change *= 2;
-            const int64_t stop = std::min(ready, change);
+            const int64_t stop = min(ready, change);
             detect(done, stop);
             done = stop;
             report_confirmed();
             if (done == change && done > CHUNK) {
                 const bool heavy = refresh(done);
-                const bool enough = a.running[0] >= static_cast<double>(CHUNK);
+                const bool enough = a.running[0] >= CHUNK;
                 if (enough && is_odd_power(done / CHUNK)) learn_slope(done);
                 if (heavy) return HEAVY_TAILS;
             }
@@ -183,27 +180,27 @@ struct Window {
     // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise
     // look heavy: then the thresholds, made for Gaussian ones, are to be set again.
     bool refresh(int64_t done) {
-        std::tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
+        tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
         const double variance = variances[0];
-        set_outlier(std::isfinite(variance) ? by.outlier * std::sqrt(variance) : 0.0);
-        return std::isfinite(variance) && are_heavy(quantiles, variance);
+        set_outlier(isfinite(variance) ? by.outlier * sqrt(variance) : 0.0);
+        return isfinite(variance) && are_heavy(quantiles, variance);
     }
 
     // Centre the slope's prior on what the window has shown so far; takes effect with the next slot.
     void learn_slope(int64_t slots) {
         double variance = 0.0;
         for (double v : variances) {
-            if (std::isfinite(v)) variance = std::max(variance, v);
+            if (isfinite(v)) variance = max(variance, v);
         }
         if (variance == 0.0) return;
-        std::vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
+        vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
         sort_in_turn(peaks);
         const NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
         const auto [now, error] = slope_within(slots, index, exclude, a.sums, variance, by.prior_mean, by.prior_std);
-        if (!std::isfinite(error)) return;
-        const double spread = std::max({error, SMALLEST_SLOPE_SPREAD * std::abs(now), SMALLEST_STD});
+        if (!isfinite(error)) return;
+        const double spread = max({error, SMALLEST_SLOPE_SPREAD * abs(now), SMALLEST_STD});
         slope = now;
-        weight = std::max(variance / (spread * spread), SMALLEST_WEIGHT);
+        weight = max(variance / (spread * spread), SMALLEST_WEIGHT);
     }
 
     // Report which of the peaks that the last scan confirmed are new, and sure whatever the slope is.
@@ -212,14 +209,14 @@ struct Window {
     // is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one for any
     // slope is certain while the window is open; at its close the window's own slope decides.
     void report_confirmed() {
-        const double largest = std::max({std::abs(slope), std::abs(by.nominal_slope), SMALLEST_SLOPE});
+        const double largest = max({abs(slope), abs(by.nominal_slope), SMALLEST_SLOPE});
         const double most_slope = ANY_SLOPE * largest;
         for (const ScannedPeak& peak : detector.confirmed) {
             const int64_t index = peak.index, w = detector.scales[peak.scale];
             const double variance = variances[peak.scale];
-            const auto near = [&](int64_t other) { return std::abs(other - index) <= w; };
-            if (std::any_of(announced.begin(), announced.end(), near)) continue;
-            const double least_weight = std::min(weight, variance / (most_slope * most_slope));
+            const auto near = [&](int64_t other) { return abs(other - index) <= w; };
+            if (any_of(announced.begin(), announced.end(), near)) continue;
+            const double least_weight = min(weight, variance / (most_slope * most_slope));
             const auto [statistic, jump] = contrast(index, w, slope, least_weight, a.sums);
             if (!(statistic > sure[peak.scale])) continue;
             announced[announcements++ % STEP] = index;
@@ -227,7 +224,7 @@ struct Window {
             slots.push_back(index);
             jumps.push_back(jump);
             normalised.push_back(statistic / variance);
-            stds.push_back(std::abs(jump) / std::sqrt(normalised.back()));
+            stds.push_back(abs(jump) / sqrt(normalised.back()));
         }
     }
 
@@ -238,22 +235,18 @@ struct Window {
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
-    Table<double, 2> block_sums, block_pairs;   // see `block_differences`
-    std::array<int64_t, STEP> announced;        // the last slots reported, in turns
+    NewMatrix block_sums, block_pairs;   // see `block_differences`
+    array<int64_t, STEP> announced;        // the last slots reported, in turns
     int64_t announcements = 0;
-    std::tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
+    tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
 };
 }  // namespace
 
 void bind_evidence(nanobind::module_& module) {
-    CONSTANT(KEPT_STATISTIC);
-    CONSTANT(SMALLEST_WEIGHT);
-    CONSTANT(ALL_DONE);
-    CONSTANT(FIRST_CHUNK);
-    using nanobind::gil_scoped_release;
+    EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT, ALL_DONE, FIRST_CHUNK);
     nanobind::class_<Window>(module, "Window")
         .def(nanobind::init<WindowArrays, WindowSettings, Integers>(), nanobind::keep_alive<1, 2>())
-        .def("gather", &Window::gather, nanobind::call_guard<gil_scoped_release>())
+        .def("gather", &Window::gather, nanobind::call_guard<nanobind::gil_scoped_release>())
         .def("begin", &Window::begin)
         .def("set_outlier", &Window::set_outlier)
         .def("noise", &Window::noise)

@@ -1,8 +1,6 @@
 // A switching path as a linear model with a Gaussian prior (see rwa_monitor/switching/friction_model.py).
 #include "assignment.hpp"
 
-#include <algorithm>
-
 namespace rwa {
 namespace {
 constexpr double PIVOT_ROUNDING = 0x1p-52;  // of a pivot, relative to the diagonal
@@ -16,14 +14,14 @@ struct FreeSojourn {
 
 // The linear model of a switching path, with the unknowns base, free sojourns, unattributed jumps, and slope.
 struct Model {
-    Table<double, 2> levels;  // (segments, unknowns - 1): what each unknown adds to a level; the slope's column left out
+    NewMatrix levels;  // (segments, unknowns - 1): what each unknown adds to a level; the slope's column left out
     NewIntegers column;       // of each sojourn's friction, -1 where it is 0 by law
-    std::vector<FreeSojourn> free;
+    vector<FreeSojourn> free;
 
     int64_t unknowns() const { return levels.shape[1] + 1; }
 };
 
-Model lay_out(const FlatPath& path, Integers borders, Array<const double, 3> table) {
+Model lay_out(const FlatPath& path, Integers borders, FloatCube table) {
     const auto [configurations, starts, sojourns, unattributed] = path;
     Model model;
     model.column.assign(configurations.size(), -1);
@@ -36,7 +34,7 @@ Model lay_out(const FlatPath& path, Integers borders, Array<const double, 3> tab
         }
     }
     const int64_t segments = borders.size() - 1, jumps_at = 1 + model.free.size();
-    model.levels = Table<double, 2>({segments, jumps_at + unattributed.size()});
+    model.levels = NewMatrix({segments, jumps_at + unattributed.size()});
     for (int64_t segment = 0; segment < segments; ++segment) {
         const auto row = model.levels.row(segment);
         const int64_t end = borders[segment + 1];
@@ -64,10 +62,10 @@ VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double
     for (int64_t j = 0, end = 0; j < size; ++j) {
         while (end < size && block[end] <= j) ++end;
         // A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits.
-        const double pivot = std::max({matrix(j, j), PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT});
-        log_pivot[j] = std::log(pivot);
+        const double pivot = max({matrix(j, j), PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT});
+        log_pivot[j] = log(pivot);
         log_determinant += log_pivot[j];
-        const double root = matrix(j, j) = std::sqrt(pivot);
+        const double root = matrix(j, j) = sqrt(pivot);
         for (int64_t i = j + 1; i < end; ++i) {
             double* __restrict row = matrix.row(i).data;
             const double weight = row[j] = column[i] = row[j] / root;
@@ -82,7 +80,7 @@ VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double
 VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> inverse, Vector<double> log_pivot) {
     const int64_t size = matrix.shape[0];
     const double log_determinant = factorise(matrix, block, log_pivot);
-    Table<double, 2> lower({size, size});  // the inverse of the factor
+    NewMatrix lower({size, size});  // the inverse of the factor
     for (int64_t i = 0; i < size; ++i) {
         double* __restrict row = lower.row(i).data;
         for (int64_t c = block[i]; c < i; ++c) {
@@ -94,7 +92,7 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
         for (int64_t j = block[i]; j < i; ++j) row[j] /= pivot;
         row[i] = 1.0 / pivot;
     }
-    std::fill(inverse.begin(), inverse.end(), 0.0);
+    fill(inverse.begin(), inverse.end(), 0.0);
     for (int64_t c = 0; c < size; ++c) {
         const double* __restrict row = lower.row(c).data;
         for (int64_t i = block[c]; i <= c; ++i) {
@@ -114,14 +112,14 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
 // covariance, and a case takes it from the state that it chooses.
 struct Prior {
     NewIntegers part, block;              // whose state each unknown depends on; see `factorise`
-    Table<double, 2> mean, log_variance;  // (states, unknowns); the logarithm of each pivot of the covariance
-    Table<double, 3> precision;           // (states, unknowns, unknowns)
+    NewMatrix mean, log_variance;  // (states, unknowns); the logarithm of each pivot of the covariance
+    NewCube precision;           // (states, unknowns, unknowns)
 };
 
 // Mean, and the lower triangle within the blocks of the covariance, with each part in one state: of a factor 1 + a of a
 // system's laws (m, s), with a of N(mean, spread²), the covariance is spread² m mᵀ + (1 + mean)² diag(s²).
 void write_prior(
-    Matrix<const double> state, const Model& model, Floats rest, Integers block, Vector<double> mean,
+    FloatMatrix state, const Model& model, Floats rest, Integers block, Vector<double> mean,
     Matrix<double> covariance) {
     const int64_t unknowns = mean.size(), jumps_at = 1 + model.free.size();
     mean[0] = state(0, 0), covariance(0, 0) = state(0, 1) * state(0, 1);
@@ -138,14 +136,14 @@ void write_prior(
 
 Prior prior_of_states(const Cases& cases, const Model& model) {
     const int64_t states = cases.states.shape[0], unknowns = model.unknowns(), sojourns = model.free.size();
-    Prior prior{NewIntegers(unknowns), NewIntegers(unknowns), Table<double, 2>({states, unknowns}),
-                Table<double, 2>({states, unknowns}), Table<double, 3>({states, unknowns, unknowns})};
+    Prior prior{NewIntegers(unknowns), NewIntegers(unknowns), NewMatrix({states, unknowns}),
+                NewMatrix({states, unknowns}), NewCube({states, unknowns, unknowns})};
     for (int64_t i = 0; i < unknowns; ++i) {
         const bool free = i > 0 && i <= sojourns;
         prior.part[i] = free ? 1 + model.free[i - 1].system : 0;
         prior.block[i] = free && prior.part[i] == prior.part[i - 1] ? prior.block[i - 1] : i;
     }
-    Table<double, 2> covariance({unknowns, unknowns});
+    NewMatrix covariance({unknowns, unknowns});
     for (int64_t state = 0; state < states; ++state) {
         write_prior(cases.states.row(state), model, cases.rest, prior.block, prior.mean.row(state), covariance);
         invert(covariance, prior.block, prior.precision.row(state), prior.log_variance.row(state));
@@ -155,14 +153,14 @@ Prior prior_of_states(const Cases& cases, const Model& model) {
 
 // What the segments were seen to be: statistics, variance of the noise, and of levels about the model.
 struct Seen {
-    Matrix<const double> statistics;
+    FloatMatrix statistics;
     double variance, scatter;
 };
 
 // One case, conditioned on the segments as far as the precision and the change of the mean times it.
 struct Conditioned {
     NewFloats mean, response, log_variance;
-    Table<double, 2> precision;  // the lower triangle
+    NewMatrix precision;  // the lower triangle
     NewIntegers block;
     double squares = 0.0, log_determinant = 0.0;  // the squared misses of the prior's mean; of prior and segments
 
@@ -177,17 +175,17 @@ struct Conditioned {
             const double* source = prior.precision.row(state).row(i).data;
             double* row = precision.row(i).data;
             mean[i] = prior.mean(state, i);
-            std::fill(row, row + begin, 0.0);
-            std::copy(source + begin, source + i + 1, row + begin);
+            fill(row, row + begin, 0.0);
+            copy(source + begin, source + i + 1, row + begin);
             log_determinant += prior.log_variance(state, i);
         }
     }
 
     // Add the segments to it.
-    void add(const Seen& seen, Matrix<const double> levels) {
+    void add(const Seen& seen, FloatMatrix levels) {
         const auto [statistics, variance, scatter] = seen;
         const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
-        std::fill(response.begin(), response.end(), 0.0);
+        fill(response.begin(), response.end(), 0.0);
         NewFloats row(unknowns);  // what is not zero in a segment's row
         NewIntegers column(unknowns);
         const double slope = mean[slope_at];
@@ -213,7 +211,7 @@ struct Conditioned {
             double rest = z_mean;
             for (int64_t k = 0; k < held; ++k) rest -= row[k] * mean[column[k]];
             squares += rest * rest / mean_variance;
-            log_determinant += std::log(mean_variance * n / variance);  // relative to independent samples
+            log_determinant += log(mean_variance * n / variance);  // relative to independent samples
             for (int64_t k = 0; k < held; ++k) {
                 response[column[k]] += row[k] * rest / mean_variance;
                 for (int64_t other = 0; other <= k; ++other) {
@@ -226,23 +224,23 @@ struct Conditioned {
 
 // Turn log-probabilities into weights that add up to 1; return the logarithm of their sum.
 double normalise(NewFloats& scores) {
-    const double best = *std::max_element(scores.begin(), scores.end());
+    const double best = *max_element(scores.begin(), scores.end());
     double total = 0.0;
-    for (auto& score : scores) total += score = std::exp(score - best);
+    for (auto& score : scores) total += score = exp(score - best);
     for (auto& score : scores) score /= total;
-    return best + std::log(total);
+    return best + log(total);
 }
 
 // Log evidence, mean, standard deviation, covariance of the mixture of all cases' posteriors; the model's column.
-std::tuple<double, NewFloats, NewFloats, Table<double, 2>, NewIntegers> solve_cases(
-    const FlatPath& path, Integers borders, Array<const double, 3> table, Matrix<const double> statistics,
+tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
+    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
-    Model model = lay_out(path, borders, table);
+    const Model model = lay_out(path, borders, table);
     const int64_t count = cases.choice.shape[0], unknowns = model.unknowns();
     const Prior prior = prior_of_states(cases, model);
     Conditioned one(unknowns);
-    Table<double, 2> means({count, unknowns}), covariance({unknowns, unknowns});
-    Table<double, 3> covariances({count, unknowns, unknowns});
+    NewMatrix means({count, unknowns}), covariance({unknowns, unknowns});
+    NewCube covariances({count, unknowns, unknowns});
     NewFloats weights(count), mean(unknowns), std(unknowns);
     for (int64_t c = 0; c < count; ++c) {
         one.choose(prior, cases.choice.row(c));
@@ -269,13 +267,13 @@ std::tuple<double, NewFloats, NewFloats, Table<double, 2>, NewIntegers> solve_ca
             }
         }
     }
-    for (int64_t a = 0; a < unknowns; ++a) std[a] = std::sqrt(std::max(covariance(a, a), 0.0));
-    return {log_evidence, std::move(mean), std::move(std), std::move(covariance), std::move(model.column)};
+    for (int64_t a = 0; a < unknowns; ++a) std[a] = sqrt(max(covariance(a, a), 0.0));
+    return {log_evidence, mean, std, covariance, model.column};
 }
 }  // namespace
 
 double evidence_of_cases(
-    const FlatPath& path, Integers borders, Array<const double, 3> table, Matrix<const double> statistics,
+    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
     const Model model = lay_out(path, borders, table);
     const Prior prior = prior_of_states(cases, model);
@@ -298,9 +296,6 @@ double evidence_of_cases(
     return normalise(scores);
 }
 
-void bind_friction(nanobind::module_& module) {
-    KERNEL(solve_cases);
-    KERNEL(evidence_of_cases);
-}
+STAGE(friction, solve_cases, evidence_of_cases)
 
 }  // namespace rwa

@@ -1,8 +1,5 @@
 #include "arrays.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 namespace rwa {
 namespace {
 
@@ -30,7 +27,7 @@ bool all_between(Vector<const T> values, T low, T high) {
 
 // Give samples their slots, as SlotGrid.slot_of, up to a clock step or beyond slot `furthest`; mark which are ahead of
 // all before. Returns how many samples belong to the piece, how many of them are ahead, and how many of those are good.
-std::tuple<int64_t, int64_t, int64_t> assign_slots(
+tuple<int64_t, int64_t, int64_t> assign_slots(
     Integers time_ns, Flags good, int64_t origin_ns, int64_t period_ns, int64_t frontier, int64_t furthest,
     int64_t window_slots, bool passed, Vector<int64_t> slots, Vector<bool> ahead) {
     int64_t before = frontier - 1, ahead_count = 0, used = 0;
@@ -40,13 +37,13 @@ std::tuple<int64_t, int64_t, int64_t> assign_slots(
         const int64_t beyond = doubled - 2 * period_ns * slot;
         if (beyond < 0 || beyond >= 2 * period_ns) slot = floor_divide(doubled, 2 * period_ns);
         const int64_t step = slot - before;
-        const bool far = std::abs(step) > window_slots;
+        const bool far = abs(step) > window_slots;
         if ((far && !passed) || (k > 0 && slot > furthest)) return {k, ahead_count, used};
         slots[k] = slot;
         ahead[k] = step > 0 && !(passed && far);
         ahead_count += ahead[k];
         used += ahead[k] && good[k];
-        before = std::max(before, slot);
+        before = max(before, slot);
     }
     return {time_ns.size(), ahead_count, used};
 }
@@ -59,31 +56,31 @@ bool judge(
     double last = memory[0], step = memory[1], bend = memory[2], restless = memory[3], repeated = memory[4];
     double restless_before = memory[5], rough = memory[6], steps = memory[7];
     double recent[OUTSTANDING_SLOTS];
-    std::copy_n(state.data, OUTSTANDING_SLOTS, recent);
+    copy_n(state.data, OUTSTANDING_SLOTS, recent);
     const auto at = [&](int64_t k) { return k < 0 ? recent[k + OUTSTANDING_SLOTS] : values[k]; };
     const int64_t n = values.size();
     bool found = false;
     for (int64_t k = 0; k < n; ++k) {
         const double value = values[k];
-        if (std::isnan(value)) continue;
-        const double after = following[k], far = limit + ROUGHNESS_FACTOR * rough / std::max(steps, 1.0);
+        if (isnan(value)) continue;
+        const double after = following[k], far = limit + ROUGHNESS_FACTOR * rough / max(steps, 1.0);
         // Do this slot, and perhaps some before it, stand out from the slot before them and the one after?
-        if (steps >= STEPS_TO_JUDGE && std::abs(value - after) > far) {
+        if (steps >= STEPS_TO_JUDGE && abs(value - after) > far) {
             for (int count = 1; count <= OUTSTANDING_SLOTS; ++count) {
                 const double anchor = at(k - count);
-                if (std::abs(after - anchor) <= 0.5 * far && std::abs(value - anchor) > count * far) {
+                if (abs(after - anchor) <= 0.5 * far && abs(value - anchor) > count * far) {
                     kind[k] = STANDS_OUT, since[k] = count - 1;
                     found = true;
                     break;
                 }
             }
         }
-        const double distance = std::abs(value - at(k - 1));
+        const double distance = abs(value - at(k - 1));
         if (distance <= far) {
             rough += distance - rough / RECENT_SLOTS;
             steps += 1.0 - steps / RECENT_SLOTS;
         }
-        if (!std::isnan(last)) {
+        if (!isnan(last)) {
             if (value != last) {
                 repeated = 0.0;
             } else {
@@ -92,8 +89,8 @@ bool judge(
             }
             const double next_step = value - last, next_bend = next_step - step;
             // As in noise: do not branch.
-            const bool turns = (next_bend * bend < 0.0) & (std::abs(next_bend) > ROUNDING * std::abs(value));
-            restless += (static_cast<double>(turns) - restless) / RECENT_SLOTS;
+            const bool turns = (next_bend * bend < 0.0) & (abs(next_bend) > ROUNDING * abs(value));
+            restless += (turns - restless) / RECENT_SLOTS;
             step = next_step, bend = next_bend;
         }
         last = value;
@@ -113,12 +110,7 @@ bool judge(
 void bind_ingest(nanobind::module_& module) {
     module.def("all_between", &all_between<double>);
     module.def("all_between", &all_between<int64_t>);
-    KERNEL(assign_slots);
-    KERNEL(judge);
-    CONSTANT(HANGING_SLOTS);
-    CONSTANT(OUTSTANDING_SLOTS);
-    CONSTANT(HANGS);
-    CONSTANT(STANDS_OUT);
+    EXPORT(assign_slots, judge, HANGING_SLOTS, OUTSTANDING_SLOTS, HANGS, STANDS_OUT);
 }
 
 }  // namespace rwa

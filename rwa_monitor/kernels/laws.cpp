@@ -1,9 +1,6 @@
 // Laws of sojourns (rwa_monitor/switching/duration_likelihoods.py), densities of measured values (diagnosis/model.py).
 #include "arrays.hpp"
 
-#include <algorithm>
-#include <cmath>
-
 namespace rwa {
 namespace {
 // ---- sojourns ----
@@ -16,8 +13,8 @@ constexpr int DOWN = 0, UP = 1;
 // See duration_likelihoods.Chain.
 struct Chain {
     Floats means, entered, never;
-    Matrix<const double> turn;
-    auto fields() { return std::tie(means, entered, never, turn); }
+    FloatMatrix turn;
+    FIELDS(means, entered, never, turn)
 };
 
 // See duration_likelihoods.FirstSojourn.
@@ -25,7 +22,7 @@ struct FirstSojourn {
     int64_t configuration;
     Floats ends;
     double lasts;
-    auto fields() { return std::tie(configuration, ends, lasts); }
+    FIELDS(configuration, ends, lasts)
 };
 
 // P(τ ≥ slots) of the broad law of this mean: (1 + (slots - 1) / mean)^-2.
@@ -47,13 +44,13 @@ double soft_pmf(double survival, double following, double slots, double mean) {
 
 // A log-probability of the first sojourn, in q: of a mixture where earlier windows give its configuration.
 double log_first(double unknown, double known, int64_t q, int64_t configuration) {
-    if (configuration < 0) return std::log(unknown);
-    return std::log((1.0 - CARRIED_TRUST) * unknown + (q == configuration ? CARRIED_TRUST * known : 0.0));
+    if (configuration < 0) return log(unknown);
+    return log((1.0 - CARRIED_TRUST) * unknown + (q == configuration ? CARRIED_TRUST * known : 0.0));
 }
 
 // Fill the tables of one system, which hold -inf, from the survivals (Q, points), see laws.pyi.
 void tabulate(
-    Floats at, int64_t slots, Matrix<const double> survivals, const Chain& chain, const FirstSojourn& first,
+    Floats at, int64_t slots, FloatMatrix survivals, const Chain& chain, const FirstSojourn& first,
     Array<double, 3> jump, Matrix<double> stay, Array<double, 4> missed) {
     const int64_t count = at.size(), configurations = chain.means.size(), pairs = count * (count - 1) / 2;
     for (int64_t q = 0; q < configurations; ++q) {
@@ -63,25 +60,25 @@ void tabulate(
         for (int64_t i = 0; i < count; ++i) {
             double* row = &jump(q, 1 + i, 1);
             for (int64_t j = i + 1; j < count; ++j) {
-                row[j] = std::log(soft_pmf(*survival++, *following++, at[j] - at[i], mean));
+                row[j] = log(soft_pmf(*survival++, *following++, at[j] - at[i], mean));
             }
         }
         for (int64_t k = 0; k < count; ++k) {
-            stay(q, 1 + k) = std::log(soft_survival(left[k], static_cast<double>(slots) - at[k], mean));
+            stay(q, 1 + k) = log(soft_survival(left[k], slots - at[k], mean));
             const double ended = chain.entered[q] * soft_survival(begun[k], at[k], mean);
             jump(q, 0, 1 + k) = log_first(ended, first.ends[k], q, first.configuration);
         }
         stay(q, 0) = log_first(chain.never[q], first.lasts, q, first.configuration);
         if (q + 1 == configurations) continue;
         const double both = mean + chain.means[q + 1];  // of two sojourns in a row, up or down, seen as one
-        const double log_up = std::log(MISSED_SHARE) + chain.turn(q, UP) + std::log(2.0 / both);
-        const double log_down = std::log(MISSED_SHARE) + chain.turn(q + 1, DOWN) + std::log(2.0 / both);
+        const double log_up = log(MISSED_SHARE) + chain.turn(q, UP) + log(2.0 / both);
+        const double log_down = log(MISSED_SHARE) + chain.turn(q + 1, DOWN) + log(2.0 / both);
         for (int64_t i = 0; i < count; ++i) {
             double *up = &missed(q, UP, 1 + i, 1), *down = &missed(q + 1, DOWN, 1 + i, 1);
             for (int64_t j = i + 1; j < count; ++j) {
                 const double duration = at[j] - at[i];
                 if (!(duration >= 2.0)) continue;
-                const double longer = 3.0 * std::log1p(duration / both);
+                const double longer = 3.0 * log1p(duration / both);
                 up[j] = log_up - longer;
                 down[j] = log_down - longer;
             }
@@ -96,15 +93,15 @@ constexpr double GAUSSIAN_WIDTH = 1e-3;  // of its softness, below which a band 
 constexpr int LEVEL_NUMBERS = 8;
 
 // The standard normal distribution function.
-double below(double x) { return 0.5 * std::erfc(-x * std::sqrt(0.5)); }
+double below(double x) { return 0.5 * erfc(-x * sqrt(0.5)); }
 
 // The density of a uniform value on [low, high] with Gaussian noise sigma, `soft` of it the band's own.
 double density_in(double value, double sigma, double low, double high, double soft) {
-    const double width = high - low, distance = std::abs(value - 0.5 * (low + high));
+    const double width = high - low, distance = abs(value - 0.5 * (low + high));
     // A band narrower than its softness is a Gaussian; the difference below would lose all digits.
     if (width < GAUSSIAN_WIDTH * soft) {
         const double deviation = distance / sigma;
-        return std::exp(-0.5 * (deviation * deviation)) / (sigma * std::sqrt(2.0 * M_PI));
+        return exp(-0.5 * (deviation * deviation)) / (sigma * sqrt(2.0 * M_PI));
     }
     // The tail with both arguments of one sign, so that the difference keeps its digits on either side.
     return (below((0.5 * width - distance) / sigma) - below((-0.5 * width - distance) / sigma)) / width;
@@ -116,8 +113,8 @@ struct Softened {
     double reach, nominal, anomalous;
 
     Softened(double std, const double* of)
-        : numbers(of), reach(std::hypot(of[7], std)), nominal(std::hypot(of[2], std)),
-          anomalous(std::hypot(of[5], std)) {}
+        : numbers(of), reach(hypot(of[7], std)), nominal(hypot(of[2], std)),
+          anomalous(hypot(of[5], std)) {}
 };
 
 // Of a measured value: under nominal and under anomalous, and the probability that it lies in no learned band.
@@ -128,32 +125,32 @@ struct Densities {
 Densities level_density(double value, const Softened& level) {
     const double low = level.numbers[0], high = level.numbers[1], soft = level.numbers[2];
     const double stray_share = level.numbers[6], reach = level.reach;
-    const double far = 1.0 + std::abs(value - 0.5 * (low + high)) / reach;
+    const double far = 1.0 + abs(value - 0.5 * (low + high)) / reach;
     const double stray = 0.5 / reach / (far * far);
-    const double excess = value - (high + 2.0 * soft), beyond = 1.0 + std::max(excess, 0.0) / reach;
+    const double excess = value - (high + 2.0 * soft), beyond = 1.0 + max(excess, 0.0) / reach;
     const double other = below(excess / level.nominal) / reach / (beyond * beyond);
     const double in_nominal = density_in(value, level.nominal, low, high, soft);
     double learned = other, inside = in_nominal;
-    if (!std::isnan(level.numbers[3])) {
+    if (!isnan(level.numbers[3])) {
         learned = density_in(value, level.anomalous, level.numbers[3], level.numbers[4], level.numbers[5]);
         inside = in_nominal + learned;
     }
     const double nominal = (1.0 - stray_share) * in_nominal + stray_share * stray;
     const double anomalous = (1.0 - stray_share - OTHER_SIZE) * learned + OTHER_SIZE * other + stray_share * stray;
     const double everything = 0.5 * (nominal + anomalous);
-    return {nominal, anomalous, everything > 0.0 ? std::max(0.0, 1.0 - 0.5 * inside / everything) : 1.0};
+    return {nominal, anomalous, everything > 0.0 ? max(0.0, 1.0 - 0.5 * inside / everything) : 1.0};
 }
 
 // `Densities` (3, n, offsets) of measured values with each offset added; 1, 1 and NaN where a value is not finite or its
 // configuration was not learned.
-Table<double, 3> densities(
-    Integers configuration, Floats value, Floats std, Floats offset, Matrix<const double> numbers) {
-    Table<double, 3> found({3, value.size(), offset.size()}, 1.0);
+NewCube densities(
+    Integers configuration, Floats value, Floats std, Floats offset, FloatMatrix numbers) {
+    NewCube found({3, value.size(), offset.size()}, 1.0);
     for (int64_t i = 0; i < value.size(); ++i) {
         const int64_t q = configuration[i];
-        const bool learned = q < numbers.shape[0] && !std::isnan(numbers(q, 0));
-        if (!learned || !std::isfinite(value[i]) || !std::isfinite(std[i])) {
-            std::fill_n(&found(2, i, 0), offset.size(), NAN);
+        const bool learned = q < numbers.shape[0] && !isnan(numbers(q, 0));
+        if (!learned || !isfinite(value[i]) || !isfinite(std[i])) {
+            fill_n(&found(2, i, 0), offset.size(), NAN);
             continue;
         }
         const Softened level(std[i], numbers.row(q).data);
@@ -166,12 +163,6 @@ Table<double, 3> densities(
 }
 }  // namespace
 
-void bind_laws(nanobind::module_& module) {
-    CONSTANT(SOFT_SHARE);
-    CONSTANT(OTHER_SIZE);
-    CONSTANT(LEVEL_NUMBERS);
-    KERNEL(tabulate);
-    KERNEL(densities);
-}
+STAGE(laws, SOFT_SHARE, OTHER_SIZE, LEVEL_NUMBERS, tabulate, densities)
 
 }  // namespace rwa

@@ -13,7 +13,7 @@ constexpr int64_t LENGTH = NOISE_BLOCK + LAGS;
 
 // Lower edge and width of each bin of the statistic's histogram [torque²].
 struct Bins {
-    std::array<double, BINS> edges{}, widths{};
+    array<double, BINS> edges{}, widths{};
 };
 constexpr Bins statistic_bins() {
     Bins bins;
@@ -23,7 +23,7 @@ constexpr Bins statistic_bins() {
         const int64_t within = i % BINS_PER_OCTAVE;
         if (i > 0 && within == 0) octave *= 2.0;
         bins.widths[i] = octave / BINS_PER_OCTAVE;
-        bins.edges[i] = octave + static_cast<double>(within) * bins.widths[i];
+        bins.edges[i] = octave + within * bins.widths[i];
     }
     return bins;
 }
@@ -32,7 +32,7 @@ constexpr Bins STATISTIC_BINS = statistic_bins();
 // A scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's.
 double lean(double measured, double borrowed, double independent) {
     const double share = independent / (independent + BORROWED);
-    return std::exp(share * std::log(measured) + (1.0 - share) * std::log(borrowed));
+    return exp(share * log(measured) + (1.0 - share) * log(borrowed));
 }
 
 // v from the mean of the lowest three quarters of `total` statistics. A first estimate shows how many lie beyond
@@ -40,7 +40,7 @@ double lean(double measured, double borrowed, double independent) {
 double trimmed_variance(Integers counts, int64_t total) {
     const auto &edges = STATISTIC_BINS.edges, &widths = STATISTIC_BINS.widths;
     // Counts, and sum of the statistics, of all bins below each one, as far as three quarters of all.
-    std::array<double, BINS> before{}, weight_before{};
+    array<double, BINS> before{}, weight_before{};
     double seen = 0.0, weighted = 0.0, jumped = 0.0, variance = 0.0;
     int64_t place = -1;
     while (counts[place + 1] == 0) ++place;  // half of all bins, as a rule
@@ -61,9 +61,9 @@ double trimmed_variance(Integers counts, int64_t total) {
         seen = before[place];
         int64_t end = place;
         for (; end < BINS && edges[end] + widths[end] <= JUMPED * variance; ++end) seen += counts[end];
-        if (end < BINS) seen += counts[end] * std::max(JUMPED * variance - edges[end], 0.0) / widths[end];
+        if (end < BINS) seen += counts[end] * max(JUMPED * variance - edges[end], 0.0) / widths[end];
         const double last = jumped;
-        jumped = std::min(std::max(1.0 - seen / total - JUMPED_RATE, 0.0), MOST_JUMPED);
+        jumped = min(max(1.0 - seen / total - JUMPED_RATE, 0.0), MOST_JUMPED);
         if (jumped == last) break;  // as nearly always, at once: nothing jumps
     }
     return variance;
@@ -97,8 +97,8 @@ VECTORISED void remainders(
         sxx += u[i] * u[i];
         sxz += u[i] * v[i];
     }
-    const double share = 1.0 / std::max(n, 1.0);
-    const double own = (sxz - sx * sz * share + weight * slope) / (std::max(sxx - sx * sx * share, 0.0) + weight);
+    const double share = 1.0 / max(n, 1.0);
+    const double own = (sxz - sx * sz * share + weight * slope) / (max(sxx - sx * sx * share, 0.0) + weight);
     for (int64_t i = 0; i < LENGTH; ++i) e[i] = v[i] - own * u[i];
 }
 
@@ -115,13 +115,13 @@ VECTORISED void differences(
             pair[lag] += counted[lag];
         }
     }
-    std::copy(sum, sum + LAGS, sums);
-    std::copy(pair, pair + LAGS, pairs);
+    copy(sum, sum + LAGS, sums);
+    copy(pair, pair + LAGS, pairs);
 }
 }  // namespace
 
 // The variance of each scale's contrast, from the lower part of its histogram.
-NewFloats scale_variances(Matrix<const int64_t> histogram, Integers scales, double start_variance) {
+NewFloats scale_variances(IntegerMatrix histogram, Integers scales, double start_variance) {
     NewFloats variances(scales.size());
     double borrowed = start_variance;
     for (int64_t s = 0; s < scales.size(); ++s) {
@@ -129,9 +129,9 @@ NewFloats scale_variances(Matrix<const int64_t> histogram, Integers scales, doub
         int64_t total = 0;
         for (int64_t count : counts) total += count;
         if (total > 0) {
-            const double measured = std::max(trimmed_variance(counts, total), SMALLEST_STD * SMALLEST_STD);
-            if (std::isnan(borrowed)) borrowed = measured;
-            const double rate = static_cast<double>(counted_every(scales[s])) / static_cast<double>(scales[s]);
+            const double measured = max(trimmed_variance(counts, total), SMALLEST_STD * SMALLEST_STD);
+            if (isnan(borrowed)) borrowed = measured;
+            const double rate = static_cast<double>(counted_every(scales[s])) / scales[s];
             borrowed = lean(measured, borrowed, total * rate);
         }
         variances[s] = borrowed;
@@ -152,21 +152,21 @@ void block_differences(
 }
 
 // γ(0) - γ(l) at the lags 1 … LAGS and the pairs behind it, over the full blocks that do not stand out upwards.
-std::tuple<NewFloats, NewFloats> quiet_levels(Matrix<const double> sums, Matrix<const double> pairs) {
+tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     const int64_t blocks = sums.shape[0];
     NewFloats score(blocks, NAN), full;
     for (int64_t b = 0; b < blocks; ++b) {
         const double* row = &pairs(b, 0);
         const double count = sum_of_lags(row);
-        if (count == LAGS * NOISE_BLOCK || *std::min_element(row, row + LAGS) >= LEAST_PAIRS) {
+        if (count == LAGS * NOISE_BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
             score[b] = sum_of_lags(&sums(b, 0)) / count;
         }
-        if (std::isfinite(score[b])) full.push_back(score[b]);
+        if (isfinite(score[b])) full.push_back(score[b]);
     }
     NewFloats levels(LAGS, NAN), counts = NewFloats(LAGS);
     if (full.empty()) return {levels, counts};
     const double middle = median_in_place(full);
-    for (double& value : full) value = std::abs(value - middle);
+    for (double& value : full) value = abs(value - middle);
     const double most = middle + 4.0 * (1.4826 * median_in_place(full));
     double level[LAGS] = {}, count[LAGS] = {};
     for (int64_t b = 0; b < blocks; ++b) {
@@ -194,7 +194,7 @@ NewFloats contrast_variances(Floats levels, Integers scales) {
         for (int64_t lag = 1; lag < 2 * w; ++lag) {
             lacking += (lag < w ? 2 * w - 3 * lag : lag - 2 * w) * levels[lag - 1];  // w² r(l)
         }
-        if (std::isfinite(lacking)) variances[s] = std::max(-lacking / w, 0.0);
+        if (isfinite(lacking)) variances[s] = max(-lacking / w, 0.0);
     }
     return variances;
 }
@@ -214,11 +214,11 @@ double bin_middle(int64_t bin) { return STATISTIC_BINS.edges[bin] + 0.5 * STATIS
 Quantiles quantiles_of(Integers counts) {
     int64_t sum = 0, seen = 0, middle = 0, end = 0;
     for (auto count : counts) sum += count;
-    const double total = static_cast<double>(sum);
+    const double total = sum;
     for (int64_t place = 0; place < counts.size(); ++place) {
         seen += counts[place];
-        middle += static_cast<double>(seen) < 0.5 * total;
-        if (static_cast<double>(seen) >= 0.995 * total) {
+        middle += seen < 0.5 * total;
+        if (seen >= 0.995 * total) {
             end = place;
             break;
         }
@@ -234,7 +234,7 @@ bool are_heavy(const Quantiles& quantiles, double variance) {
     // Neighbours that are mostly equal: coarse quantisation, whose quantiles show nothing of tails.
     if (median < LATTICE * variance * CHI_MEDIAN) return false;
     // The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
-    return far > GAUSSIAN_RATIO * (LIGHT_TAIL + 3 * 0.225 / std::sqrt(0.005 * total)) * median;
+    return far > GAUSSIAN_RATIO * (LIGHT_TAIL + 3 * 0.225 / sqrt(0.005 * total)) * median;
 }
 
 // ---- all of it ----
@@ -244,36 +244,20 @@ constexpr double LEAST_SHARE = 0.8;  // of the variance by mean squares: heavy t
 }  // namespace
 
 Noise learn_noise(
-    Matrix<const double> block_sums, Matrix<const double> block_pairs, Matrix<const int64_t> histogram, Integers scales,
+    FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
     double start_variance) {
     auto [levels, counts] = quiet_levels(block_sums, block_pairs);
     auto variances = scale_variances(histogram, scales, start_variance);
     auto implied = contrast_variances(levels, scales);
     for (int64_t s = 0; s < scales.size(); ++s) {
         // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
-        variances[s] = std::max(variances[s], LEAST_SHARE * implied[s]);
+        variances[s] = max(variances[s], LEAST_SHARE * implied[s]);
     }
-    return {std::move(levels), std::move(counts), std::move(variances), quantiles_of(histogram.row(0))};
+    return {levels, counts, variances, quantiles_of(histogram.row(0))};
 }
 
-void bind_noise(nanobind::module_& module) {
-    CONSTANT(LAGS);
-    module.attr("BLOCK") = NOISE_BLOCK;
-    CONSTANT(SMALLEST_STD);
-    CONSTANT(KEPT);
-    CONSTANT(KEPT_MEAN);
-    CONSTANT(JUMPED);
-    CONSTANT(JUMPED_RATE);
-    CONSTANT(MOST_JUMPED);
-    KERNEL(lean);
-    KERNEL(scale_variances);
-    KERNEL(block_differences);
-    KERNEL(quiet_levels);
-    KERNEL(contrast_variances);
-    CONSTANT(CHI_MEDIAN);
-    CONSTANT(GAUSSIAN_RATIO);
-    KERNEL(quantiles_of);
-    KERNEL(are_heavy);
-}
+STAGE(noise, LAGS, NOISE_BLOCK, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,
+      scale_variances, block_differences, quiet_levels, contrast_variances, CHI_MEDIAN, GAUSSIAN_RATIO, quantiles_of,
+      are_heavy)
 
 }  // namespace rwa

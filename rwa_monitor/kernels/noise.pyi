@@ -3,7 +3,7 @@ from typing import Final
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 LAGS: Final[int]
-BLOCK: Final[int]
+NOISE_BLOCK: Final[int]
 SMALLEST_STD: Final[float]
 KEPT: Final[float]
 KEPT_MEAN: Final[float]
@@ -53,7 +53,7 @@ def block_differences(
     x, z, used
         (slots,), the window's samples.
     first, last
-        Blocks; block b reads the slots [b·hop, b·hop + BLOCK + LAGS).
+        Blocks; block b reads the slots [b·hop, b·hop + NOISE_BLOCK + LAGS).
     hop
         Slots from one block to the next.
     slope, weight
@@ -83,4 +83,4 @@ def quantiles_of(counts: IntArray) -> tuple[float, float, float]:
     """Return how many statistics a scale's histogram, int64 (BINS,), holds, their median and their 99.5 % quantile."""
 
 def are_heavy(quantiles: tuple[float, float, float], variance: float) -> bool:
-    """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.estimate_outliers`."""
+    """Return whether tails are heavier than a Gaussian's; parameters as those of `noise.largest_outlier`."""

@@ -1,7 +1,6 @@
 // Running sums; slope and residuals of friction over them (rwa_monitor/changepoints/running_sums.py, estimation.py).
 #include "detection.hpp"
 
-
 namespace rwa {
 namespace {
 // The statistics, not centred, of the slots [start, stop).
@@ -14,11 +13,11 @@ Sums moments(int64_t start, int64_t stop, const SumArrays& arrays) {
 // first sample must not become the origin of all sums. Not inlined: that costs the loop of `extend_sums` half its speed.
 [[gnu::noinline]] void find_centre(const SumArrays& arrays, Floats running, int64_t start, int64_t stop) {
     if (running[0] > 0.0) return;
-    const bool* const first = std::find(arrays.used.data + start, arrays.used.data + stop, true);
+    const bool* const first = find(arrays.used.data + start, arrays.used.data + stop, true);
     const int64_t begin = first - arrays.used.data;
     if (begin >= stop) return;
     NewFloats x, z;
-    for (int64_t k = begin; k < std::min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK); ++k) {
+    for (int64_t k = begin; k < min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK); ++k) {
         if (!arrays.used[k]) continue;
         x.push_back(arrays.x[k]);
         z.push_back(arrays.z[k]);
@@ -36,25 +35,25 @@ void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start,
     const bool* __restrict used = arrays.used.data;
     const double x_centre = arrays.centre[0], z_centre = arrays.centre[1];
     double sums[6];  // in one array: as six variables GCC makes half of them a vector, at twice the time
-    std::copy(running.begin(), running.end(), sums);
+    copy(running.begin(), running.end(), sums);
     for (int64_t k = start; k < stop;) {
         const int64_t checkpoint = k - k % STRIDE + STRIDE;
-        for (; k < std::min(checkpoint, stop); ++k) {
+        for (; k < min(checkpoint, stop); ++k) {
             if (!used[k]) continue;
             const double u = x[k] - x_centre, v = z[k] - z_centre;
             const double terms[6] = {1.0, u, v, u * u, u * v, v * v};
             for (int i = 0; i < 6; ++i) sums[i] += terms[i];
         }
-        if (k == checkpoint) std::copy(sums, sums + 6, &arrays.checkpoints(k / STRIDE, 0));
+        if (k == checkpoint) copy(sums, sums + 6, &arrays.checkpoints(k / STRIDE, 0));
     }
-    std::copy(sums, sums + 6, running.begin());
+    copy(sums, sums + 6, running.begin());
 }
 
 // Write the statistics of each range [start, stop), not centred, to `out` (6, m); returns whether all slots lie in
 // [0, slots].
 bool range_moments(Integers start, Integers stop, int64_t slots, const SumArrays& arrays, Matrix<double> out) {
     for (int64_t i = 0; i < start.size(); ++i) {
-        if (std::min(start[i], stop[i]) < 0 || std::max(start[i], stop[i]) > slots) return false;
+        if (min(start[i], stop[i]) < 0 || max(start[i], stop[i]) > slots) return false;
         moments(start[i], stop[i], arrays).write(&out(0, i), start.size());
     }
     return true;
@@ -62,7 +61,7 @@ bool range_moments(Integers start, Integers stop, int64_t slots, const SumArrays
 
 // An interval is left without `exclude` slots on each side of each changepoint, at most a quarter of it at each end; one
 // whose kept part has no used sample counts with all its slots.
-std::tuple<double, double> slope_within(
+tuple<double, double> slope_within(
     int64_t slots, Integers index, Integers exclude, const SumArrays& arrays, double variance, double prior_mean,
     double prior_std) {
     double sxx = 0.0, sxz = 0.0, xx = 0.0;  // about the intervals' own means, but the last
@@ -70,22 +69,22 @@ std::tuple<double, double> slope_within(
         const int64_t first = i > 0 ? index[i - 1] : 0, last = i < index.size() ? index[i] : slots;
         const int64_t most = (last - first) / 4;
         Sums sum = moments(
-            first + (i > 0 ? std::min(exclude[i - 1], most) : 0),
-            last - (i < index.size() ? std::min(exclude[i], most) : 0), arrays);
+            first + (i > 0 ? min(exclude[i - 1], most) : 0),
+            last - (i < index.size() ? min(exclude[i], most) : 0), arrays);
         if (sum.n == 0.0) sum = moments(first, last, arrays);
-        const double share = 1.0 / std::max(sum.n, 1.0);
-        sxx += std::max(sum.xx - sum.x * sum.x * share, 0.0);
+        const double share = 1.0 / max(sum.n, 1.0);
+        sxx += max(sum.xx - sum.x * sum.x * share, 0.0);
         sxz += sum.xz - sum.x * sum.z * share;
         xx += sum.xx;
     }
     if (!(sxx > 1e-11 * xx)) sxx = sxz = 0.0;  // below this, S_xx is the rounding of Σx²
-    if (!std::isnan(prior_std)) {
+    if (!isnan(prior_std)) {
         const double weight = variance / (prior_std * prior_std);
         sxx += weight;
         sxz += weight * prior_mean;
     }
     if (sxx == 0.0) return {0.0, INFINITE};
-    return {sxz / sxx, std::sqrt(variance / sxx)};
+    return {sxz / sxx, sqrt(variance / sxx)};
 }
 
 // n, x, friction, residual, interval and usable of `Blocks`; `index` are the changepoints.
@@ -93,7 +92,7 @@ auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumAr
     NewFloats n(blocks), x = n, friction = n, residual = n;
     NewIntegers interval(blocks);
     Table<std::uint8_t, 1> usable({blocks});
-    std::vector<Sums> own(index.size() + 1);  // of the usable blocks of each interval: n, and Σz the friction
+    vector<Sums> own(index.size() + 1);  // of the usable blocks of each interval: n, and Σz the friction
     int64_t place = 0;
     Sums begin = prefix_moments(0, arrays);
     for (int64_t b = 0; b < blocks; ++b) {
@@ -101,7 +100,7 @@ auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumAr
         while (place < index.size() && index[place] <= b * size) ++place;
         const Sums end = prefix_moments((b + 1) * size, arrays), block = moments_between(begin, end, arrays.centre);
         begin = end;
-        n[b] = std::max(block.n, 1.0);
+        n[b] = max(block.n, 1.0);
         x[b] = block.x / n[b];
         friction[b] = (block.z - slope * block.x) / n[b];
         interval[b] = place;
@@ -110,34 +109,26 @@ auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumAr
     }
     // The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
     // in all blocks.
-    for (int64_t b = 0; b < blocks; ++b) residual[b] = friction[b] - own[interval[b]].z / std::max(own[interval[b]].n, 1.0);
-    return std::make_tuple(
+    for (int64_t b = 0; b < blocks; ++b) residual[b] = friction[b] - own[interval[b]].z / max(own[interval[b]].n, 1.0);
+    return make_tuple(
         std::move(n), std::move(x), std::move(friction), std::move(residual), std::move(interval), std::move(usable));
 }
 
 // The sums of products of values that lie `first` places apart and more, in the order of their intervals and within one:
 // (intervals, lags).
-Table<double, 2> lagged_products(Floats value, Integers interval, int64_t intervals, int64_t first, int64_t lags) {
-    Table<double, 2> products({intervals, lags});
+NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, int64_t first, int64_t lags) {
+    NewMatrix products({intervals, lags});
     for (int64_t begin = 0, end = 0; begin < value.size(); begin = end) {
         while (end < value.size() && interval[end] == interval[begin]) ++end;
         double* __restrict sums = &products(interval[begin], 0);
         for (int64_t b = begin; b < end; ++b) {
             const double* later = value.data + b + first;
-            for (int64_t row = 0; row < std::min(lags, end - b - first); ++row) sums[row] += value[b] * later[row];
+            for (int64_t row = 0; row < min(lags, end - b - first); ++row) sums[row] += value[b] * later[row];
         }
     }
     return products;
 }
 
-void bind_running_sums(nanobind::module_& module) {
-    CONSTANT(STRIDE);
-    CONSTANT(CENTRE_BLOCK);
-    KERNEL(extend_sums);
-    KERNEL(range_moments);
-    KERNEL(slope_within);
-    KERNEL(cut);
-    KERNEL(lagged_products);
-}
+STAGE(running_sums, STRIDE, CENTRE_BLOCK, extend_sums, range_moments, slope_within, cut, lagged_products)
 
 }  // namespace rwa

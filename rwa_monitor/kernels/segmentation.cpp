@@ -1,8 +1,6 @@
 // Exact penalised segmentation (see rwa_monitor/discrepancy/segmentation.py), and the running sums that it reads.
 #include "arrays.hpp"
 
-#include <algorithm>
-#include <cmath>
 #include <optional>
 
 namespace rwa {
@@ -19,7 +17,7 @@ struct Parabola {
     double bend, centre, least, edge;
     int64_t history;
 };
-using Parabolas = std::vector<Parabola>;  // of one function, from left to right
+using Parabolas = vector<Parabola>;  // of one function, from left to right
 
 // Append the lesser of a parabola and a constant on [from, to).
 void append(Parabolas& envelope, const Parabola& p, double from, double to, const Parabola& constant) {
@@ -29,8 +27,8 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
         envelope.back().edge = start;
     };
     const double below = constant.least - p.least;
-    const double half = below > 0.0 ? std::sqrt(below / p.bend) : 0.0;
-    const double left = std::clamp(p.centre - half, from, to), right = std::clamp(p.centre + half, from, to);
+    const double half = below > 0.0 ? sqrt(below / p.bend) : 0.0;
+    const double left = clamp(p.centre - half, from, to), right = clamp(p.centre + half, from, to);
     put(constant, from, left);
     put(p, left, right);
     put(constant, right, to);
@@ -38,12 +36,12 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
 
 // The mean of each block of samples of the sum of rows, and how many samples it has.
 VECTORISED void block_means(
-    const Matrix<const double>& running, const Floats& factors, int64_t block, NewFloats& means,
+    const FloatMatrix& running, const Floats& factors, int64_t block, NewFloats& means,
     NewFloats& weights) {
     const int64_t size = running.shape[1] - 1, count = (size + block - 1) / block;
     means.assign(count, 0.0);
-    weights.assign(count, static_cast<double>(block));
-    weights[count - 1] = static_cast<double>(size - (count - 1) * block);
+    weights.assign(count, block);
+    weights[count - 1] = size - (count - 1) * block;
     double* __restrict mean = means.data();
     for (int64_t row = 0; row < factors.size(); ++row) {
         const double* __restrict sums = &running(row, 0);
@@ -61,25 +59,25 @@ struct Edges {
     int64_t count() const { return static_cast<int64_t>(at.size()) - 2; }
 };
 
-double sum_until(const Matrix<const double>& running, const Floats& factors, int64_t index) {
+double sum_until(const FloatMatrix& running, const Floats& factors, int64_t index) {
     double total = 0.0;
     for (int64_t row = 0; row < factors.size(); ++row) total += factors[row] * running(row, index);
     return total;
 }
 
 // Move each jump, in order, to the best sample around it.
-void move_jumps(const Matrix<const double>& running, const Floats& factors, Edges& edges) {
+void move_jumps(const FloatMatrix& running, const Floats& factors, Edges& edges) {
     auto& [at, sums] = edges;
     for (int64_t i = 1; i <= edges.count(); ++i) {
         const int64_t before = at[i - 1], after = at[i + 1];
-        const int64_t last = std::min(at[i] + REFINE, after - 1);
+        const int64_t last = min(at[i] + REFINE, after - 1);
         double best = -INFINITE, at_best = sums[i];
         int64_t place = at[i];
-        for (int64_t k = std::max(at[i] - REFINE, before + 1); k <= last; ++k) {
+        for (int64_t k = max(at[i] - REFINE, before + 1); k <= last; ++k) {
             const double until = sum_until(running, factors, k);
             const double left = until - sums[i - 1], right = sums[i + 1] - until;
             const double explained =
-                left * left / static_cast<double>(k - before) + right * right / static_cast<double>(after - k);
+                left * left / (k - before) + right * right / (after - k);
             if (explained > best) best = explained, place = k, at_best = until;
         }
         at[i] = place;
@@ -94,7 +92,7 @@ bool drop_jumps(Edges& edges, double penalty) {
         int64_t weakest = 0;
         double least = penalty;
         for (int64_t i = 1; i <= edges.count(); ++i) {
-            const auto n1 = static_cast<double>(at[i] - at[i - 1]), n2 = static_cast<double>(at[i + 1] - at[i]);
+            const double n1 = at[i] - at[i - 1], n2 = at[i + 1] - at[i];
             const double step = (sums[i + 1] - sums[i]) / n2 - (sums[i] - sums[i - 1]) / n1;
             const double worth = step * step * n1 * n2 / (n1 + n2);
             if (worth < least) weakest = i, least = worth;
@@ -151,7 +149,7 @@ Crossings crossings(const Parabola& p, const Parabola& q) {
         return {bend == 0.0 && up < 0.0 ? -INFINITE : INFINITE, INFINITE};
     }
     // The roots of bend x² - 2 b x + c, x = μ - p.centre, without cancellation.
-    const double root = std::sqrt(square), b = q.bend * apart, c = b * apart + up;
+    const double root = sqrt(square), b = q.bend * apart, c = b * apart + up;
     if (b >= 0.0) return {p.centre + c / (b + root), p.centre + (b + root) / bend};
     return {p.centre + (b - root) / bend, p.centre + c / (b - root)};
 }
@@ -165,9 +163,9 @@ void lay(Parabolas& envelope, Parabola next, double low, double high) {
         if (next.history == last.history) return;
         const auto [falling, rising] = crossings(last, next);
         const bool inside = next.bend >= last.bend;
-        if (inside ? std::max(falling, low) >= std::min(rising, high) : rising <= low && falling >= high) return;
-        next.edge = !inside && rising > limit ? low : std::min(falling, limit);
-        if (next.edge > std::max(last.edge, low)) break;
+        if (inside ? max(falling, low) >= min(rising, high) : rising <= low && falling >= high) return;
+        next.edge = !inside && rising > limit ? low : min(falling, limit);
+        if (next.edge > max(last.edge, low)) break;
         limit = last.edge;
     }
     if (envelope.empty()) next.edge = -INFINITE;
@@ -178,9 +176,9 @@ void lay(Parabolas& envelope, Parabola next, double low, double high) {
 void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabolas& out) {
     double low = INFINITE, high = -INFINITE;
     for (const Parabola& p : parabolas) {
-        const double half = std::sqrt(std::max(constant.least - p.least, 0.0) / p.bend);
-        low = std::min(low, p.centre - half);
-        high = std::max(high, p.centre + half);
+        const double half = sqrt(max(constant.least - p.least, 0.0) / p.bend);
+        low = min(low, p.centre - half);
+        high = max(high, p.centre + half);
     }
     out.clear();
     for (const Parabola& p : parabolas) {
@@ -198,9 +196,9 @@ void least_of(const Parabolas& first, const Parabolas& second, const Parabola& c
     double from = -INFINITE;
     for (std::size_t i = 0, j = 0; i < first.size() && j < second.size();) {
         const Parabola &p = first[i], &q = second[j];
-        const double p_end = end_of(first, i), q_end = end_of(second, j), to = std::min(p_end, q_end);
+        const double p_end = end_of(first, i), q_end = end_of(second, j), to = min(p_end, q_end);
         const auto [falling, rising] = crossings(p, q);
-        const double fall = std::clamp(falling, from, to), rise = std::clamp(rising, from, to);
+        const double fall = clamp(falling, from, to), rise = clamp(rising, from, to);
         const bool inside = q.bend >= p.bend;  // q is less between the crossings, else outside
         const double low = inside ? fall : rise, high = inside ? rise : fall;
         append(out, inside ? p : q, from, low, constant);
@@ -214,14 +212,14 @@ void least_of(const Parabolas& first, const Parabolas& second, const Parabola& c
 
 const Parabola& least_in(const Parabolas& parts) {
     const auto less = [](const Parabola& p, const Parabola& q) { return p.least < q.least; };
-    return *std::min_element(parts.begin(), parts.end(), less);
+    return *min_element(parts.begin(), parts.end(), less);
 }
 
 // `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
 // is found costs no more than the best, so it is the best where its own history is known.
 std::optional<NewIntegers> decafs_within(
     const Floats& z, const Floats& phi, const Floats& v, double q, double penalty, double room) {
-    std::vector<Jump> jumps;
+    vector<Jump> jumps;
     Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITE, NO_JUMP}}, moved, walk, jump;
     const auto history = [&](int64_t at, int64_t before) {
         jumps.push_back({at, before});
@@ -230,13 +228,13 @@ std::optional<NewIntegers> decafs_within(
     for (int64_t k = 1; k < z.size(); ++k) {
         const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k], q};
         const Parabola best = least_in(cost);
-        if (slope_of(step) < 0.0) std::reverse(cost.begin(), cost.end());
+        if (slope_of(step) < 0.0) reverse(cost.begin(), cost.end());
         moved.clear();
         for (const Parabola& p : cost) moved.push_back(walked(p, step));
-        const double top = std::min(least_in(moved).least, best.least + penalty) + room;
+        const double top = min(least_in(moved).least, best.least + penalty) + room;
         const Parabola constant{0.0, 0.0, top, -INFINITE, history(k, UNKNOWN)};
         envelope_below(constant, moved, walk);
-        if (slope_of(step) * step.phi < 0.0) std::reverse(cost.begin(), cost.end());
+        if (slope_of(step) * step.phi < 0.0) reverse(cost.begin(), cost.end());
         if (step.phi * step.phi == 0.0) cost = {best};  // all are alike
         moved.clear();
         for (const Parabola& p : cost) {
@@ -250,7 +248,7 @@ std::optional<NewIntegers> decafs_within(
     int64_t last = least_in(cost).history;
     for (; last >= 0; last = jumps[last].before) found.push_back(jumps[last].at);
     if (last == UNKNOWN) return {};
-    std::reverse(found.begin(), found.end());
+    reverse(found.begin(), found.end());
     return found;
 }
 
@@ -258,7 +256,7 @@ std::optional<NewIntegers> decafs_within(
 
 // The jumps of weighted values: FPOP. A history is its last jump.
 NewIntegers fpop(Floats z, Floats weight, double penalty) {
-    const double low = *std::min_element(z.begin(), z.end()), high = *std::max_element(z.begin(), z.end());
+    const double low = *min_element(z.begin(), z.end()), high = *max_element(z.begin(), z.end());
     Parabolas cost{{0.0, 0.0, 0.0, low, 0}}, capped;
     NewIntegers last(z.size() + 1), found;
     for (int64_t t = 1; t <= z.size(); ++t) {
@@ -271,7 +269,7 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
             p.centre += share * apart;
             p.bend += w;
             const double end = i + 1 < cost.size() ? cost[i + 1].edge : high;
-            const double off = std::min(std::max(p.centre, p.edge), end) - p.centre;
+            const double off = min(max(p.centre, p.edge), end) - p.centre;
             const double within = p.bend * off * off + p.least;
             if (within < least) least = within, last[t] = p.history;
         }
@@ -280,10 +278,10 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
         for (std::size_t i = 0; i < cost.size(); ++i) {
             append(capped, cost[i], cost[i].edge, i + 1 < cost.size() ? cost[i + 1].edge : high, constant);
         }
-        if (low < high) std::swap(cost, capped);
+        if (low < high) swap(cost, capped);
     }
     for (int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
-    std::reverse(found.begin(), found.end());
+    reverse(found.begin(), found.end());
     return found;
 }
 
@@ -298,7 +296,7 @@ NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, dou
 
 // The jumps of a sum of rows, each times its factor, from the rows' running sums; long ones between blocks, each jump
 // then moved to its best sample, and the second dropped of two that framed one block with a jump in it.
-NewIntegers segment_sums(Matrix<const double> running, Floats factors, double penalty) {
+NewIntegers segment_sums(FloatMatrix running, Floats factors, double penalty) {
     const int64_t n = running.shape[1] - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
     NewFloats means, weights;
     block_means(running, factors, block, means, weights);
@@ -318,7 +316,7 @@ NewIntegers segment_sums(Matrix<const double> running, Floats factors, double pe
 // The first block of each straight line but the first, of running sums (6, blocks + 1) of 1, x, z, xx, xz, zz: optimal
 // partitioning (Jackson et al., IEEE Signal Processing Letters 12, 2005) with the pruning of PELT (Killick et al.,
 // J. Am. Stat. Assoc. 107, 2012).
-NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
+NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
     const int64_t count = sums.shape[1] - 1;
     NewFloats best(count + 1, -penalty), costs(count + 1);
     NewIntegers previous(count + 1), alive{0}, found;
@@ -329,7 +327,7 @@ NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
             const auto between = [&](int64_t row) { return sums(row, j) - sums(row, i); };
             const double n = between(0), x = between(1), z = between(2);
             const double xx = between(3) - x * x / n, xz = between(4) - x * z / n, zz = between(5) - z * z / n;
-            costs[k] = best[i] + std::max(zz - (xx > 0.0 ? xz * xz / xx : 0.0), 0.0);
+            costs[k] = best[i] + max(zz - (xx > 0.0 ? xz * xz / xx : 0.0), 0.0);
             if (costs[k] + penalty < least) least = costs[k] + penalty, previous[j] = i;
         }
         best[j] = least;
@@ -341,7 +339,7 @@ NewIntegers optimal_lines(Matrix<const double> sums, double penalty) {
         alive.push_back(j);
     }
     for (int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
-    std::reverse(found.begin(), found.end());
+    reverse(found.begin(), found.end());
     return found;
 }
 
@@ -360,12 +358,6 @@ void five_sums(Floats x, Floats z, Matrix<double> out) {
     }
 }
 
-void bind_segmentation(nanobind::module_& module) {
-    KERNEL(fpop);
-    KERNEL(decafs);
-    KERNEL(segment_sums);
-    KERNEL(optimal_lines);
-    KERNEL(five_sums);
-}
+STAGE(segmentation, fpop, decafs, segment_sums, optimal_lines, five_sums)
 
 }  // namespace rwa

@@ -2,22 +2,21 @@
 #include "assignment.hpp"
 #include "detection.hpp"
 
-
 namespace rwa {
 namespace {
 constexpr double PREFERENCE = 1e-6;     // log-likelihood of a slot nearer to the detected one: decides ties in gaps
 constexpr double LEVEL_SCATTER = 0.15;  // of levels that should be equal, in standard deviations of a sample's noise
 
-std::vector<Sums> prefixes(Integers nodes, const SumArrays& sums) {
-    std::vector<Sums> prefix;
+vector<Sums> prefixes(Integers nodes, const SumArrays& sums) {
+    vector<Sums> prefix;
     for (const int64_t slot : nodes) prefix.push_back(prefix_moments(slot, sums));
     return prefix;
 }
 
 // The sufficient statistics between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
-Table<double, 3> pair_moments(Integers nodes, const SumArrays& sums) {
+NewCube pair_moments(Integers nodes, const SumArrays& sums) {
     const int64_t count = nodes.size();
-    Table<double, 3> table({6, count, count});
+    NewCube table({6, count, count});
     const auto prefix = prefixes(nodes, sums);
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
@@ -29,13 +28,13 @@ Table<double, 3> pair_moments(Integers nodes, const SumArrays& sums) {
 
 // The slope that the segments between consecutive nodes share beside their own levels, and its information (inverse
 // variance), with a Gaussian prior.
-std::tuple<double, double> shared_slope(
-    Array<const double, 3> pairs, Integers nodes, double variance, double prior_mean, double prior_std) {
+tuple<double, double> shared_slope(
+    FloatCube pairs, Integers nodes, double variance, double prior_mean, double prior_std) {
     const double weight = variance / (prior_std * prior_std);
     double sxx = weight, sxz = weight * prior_mean;
     for (int64_t i = 0; i + 1 < nodes.size(); ++i) {
         const auto sum = [&](int64_t k) { return pairs(k, nodes[i], nodes[i + 1]); };
-        const double n = std::max(sum(0), 1.0);
+        const double n = max(sum(0), 1.0);
         sxx += sum(3) - sum(1) * sum(1) / n;
         sxz += sum(4) - sum(1) * sum(2) / n;
     }
@@ -44,8 +43,8 @@ std::tuple<double, double> shared_slope(
 
 // Size and variance of the jump at each candidate, between the accepted nodes beside it; 0 and inf beside a segment
 // without samples. The variance holds that of both means, of their slope, and of levels that are not quite constant.
-std::tuple<NewFloats, NewFloats> jumps_of(
-    Array<const double, 3> pairs, Integers nodes, double slope, double information, double variance) {
+tuple<NewFloats, NewFloats> jumps_of(
+    FloatCube pairs, Integers nodes, double slope, double information, double variance) {
     const int64_t count = pairs.shape[1] - 2;
     NewFloats jump(count), spread = NewFloats(count, INFINITE);
     const double scatter = LEVEL_SCATTER * LEVEL_SCATTER * variance;
@@ -60,28 +59,28 @@ std::tuple<NewFloats, NewFloats> jumps_of(
         jump[at - 1] = friction - slope * speed;
         spread[at - 1] = variance * (1.0 / left + 1.0 / right) + speed * speed / information + 2.0 * scatter;
     }
-    return {std::move(jump), std::move(spread)};
+    return {jump, spread};
 }
 
 // Σ (z - level - slope x)² of a segment about its own level.
 double squared_error(const Sums& sum, double slope) {
     const double y = sum.z - slope * sum.x;
     const double yy = sum.zz - 2.0 * slope * sum.xz + slope * slope * sum.xx;
-    return std::max(yy - y * y / std::max(sum.n, 1.0), 0.0);
+    return max(yy - y * y / max(sum.n, 1.0), 0.0);
 }
 
 // The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `range`: it charges
 // each level log(range √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
-Table<double, 2> fit_table(Array<const double, 3> pairs, double slope, double variance, double range) {
+NewMatrix fit_table(FloatCube pairs, double slope, double variance, double range) {
     const int64_t count = pairs.shape[1];
-    const double log_range = std::log(range);
-    Table<double, 2> table({count, count});
+    const double log_range = log(range);
+    NewMatrix table({count, count});
     for (int64_t i = 0; i < count; ++i) {
         for (int64_t j = i + 1; j < count; ++j) {
             const Sums sum = Sums::read(&pairs(0, i, j), count * count);
             if (!(sum.n > 0.0)) continue;
-            const double charge = log_range - 0.5 * std::log(2.0 * M_PI * variance / sum.n);
-            table(i, j) = -squared_error(sum, slope) / (2.0 * variance) - std::max(charge, 0.0);
+            const double charge = log_range - 0.5 * log(2.0 * M_PI * variance / sum.n);
+            table(i, j) = -squared_error(sum, slope) / (2.0 * variance) - max(charge, 0.0);
         }
     }
     return table;
@@ -95,15 +94,15 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
     const auto prefix = prefixes(nodes, sums);
     for (int64_t i = 0; i < count; ++i) {
         const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
-        const int64_t low = std::max(left + (at - left) / 2, at - reach[i]);  // exclusive unless it is `at`
-        const int64_t high = std::min(at + (right - at) / 2, at + reach[i]);
+        const int64_t low = max(left + (at - left) / 2, at - reach[i]);  // exclusive unless it is `at`
+        const int64_t high = min(at + (right - at) / 2, at + reach[i]);
         double best = -INFINITE;
         refined[i] = at;
-        for (int64_t trial = std::min(low + 1, at); trial <= high; ++trial) {
+        for (int64_t trial = min(low + 1, at); trial <= high; ++trial) {
             const Sums here = prefix_moments(trial, sums);
             double error = squared_error(moments_between(prefix[i], here, sums.centre), slope);
             error += squared_error(moments_between(here, prefix[i + 2], sums.centre), slope);
-            const double score = -error / (2.0 * variance) - PREFERENCE * static_cast<double>(std::abs(trial - at));
+            const double score = -error / (2.0 * variance) - PREFERENCE * abs(trial - at);
             if (score > best) best = score, refined[i] = trial;
         }
     }
@@ -111,22 +110,14 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
 }
 }  // namespace
 
-Table<double, 2> chain_of(Array<const double, 3> pairs, Integers nodes) {
-    Table<double, 2> chain({pairs.shape[0], nodes.size() - 1});
+NewMatrix chain_of(FloatCube pairs, Integers nodes) {
+    NewMatrix chain({pairs.shape[0], nodes.size() - 1});
     for (int64_t k = 0; k < pairs.shape[0]; ++k) {
         for (int64_t i = 0; i + 1 < nodes.size(); ++i) chain(k, i) = pairs(k, nodes[i], nodes[i + 1]);
     }
     return chain;
 }
 
-void bind_segments(nanobind::module_& module) {
-    CONSTANT(PREFERENCE);
-    CONSTANT(LEVEL_SCATTER);
-    KERNEL(pair_moments);
-    KERNEL(shared_slope);
-    KERNEL(jumps_of);
-    KERNEL(fit_table);
-    KERNEL(refine_nodes);
-}
+STAGE(segments, PREFERENCE, LEVEL_SCATTER, pair_moments, shared_slope, jumps_of, fit_table, refine_nodes)
 
 }  // namespace rwa

@@ -22,7 +22,7 @@ def jumps_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Return size and variance of the jump at each candidate, between the accepted candidates beside it, (m,) each.
 
-    Beside a segment without samples the size is 0 and its variance infinite. `nodes` as from `segments.nodes_of`.
+    Beside a segment without samples the size is 0 and its variance infinite. `nodes` see `segments.Level`.
     """
 
 def fit_table(pairs: FloatArray, slope: float, variance: float, level_range: float) -> FloatArray:

@@ -1,7 +1,5 @@
 #include "arrays.hpp"
 
-#include <cmath>
-
 namespace rwa {
 
 // Variances of the parts of the noise.
@@ -9,7 +7,7 @@ struct NoiseLaw {
     double white;        // of the measurement noise of each sample
     double coloured;     // stationary variance of the AR(1) part
     double correlation;  // its φ from slot to slot
-    auto fields() { return std::tie(white, coloured, correlation); }
+    FIELDS(white, coloured, correlation)
 };
 
 // What a sample shows: the variance of its innovation, and the gains of level and coloured noise.
@@ -61,7 +59,7 @@ double filter_gains(
             jumping = smooth = {drift[k], 0.0, law.coloured};
         } else {
             if (gap[k] != last_gap) {
-                power = gap[k] == 1 ? law.correlation : std::pow(law.correlation, static_cast<double>(gap[k]));
+                power = gap[k] == 1 ? law.correlation : pow(law.correlation, gap[k]);
                 last_gap = gap[k];
             }
             jumping.predict(power, law.coloured, drift[k]);
@@ -69,7 +67,7 @@ double filter_gains(
         }
         const bool alike = jumping == smooth;  // far from jumps, to the last bit
         const Gains without_jumps = smooth.update(sign[k], law.white);
-        log_determinant += std::log(without_jumps.variance);
+        log_determinant += log(without_jumps.variance);
         gains(k, 3) = power;
         if (next < jumps.size() && jumps[next] == k) {
             ++next;
@@ -79,14 +77,14 @@ double filter_gains(
         }
         const auto [variance, of_level, of_coloured] = alike ? without_jumps : jumping.update(sign[k], law.white);
         if (alike) jumping = smooth;
-        gains(k, 0) = 1.0 / std::sqrt(variance), gains(k, 1) = of_level, gains(k, 2) = of_coloured;
+        gains(k, 0) = 1.0 / sqrt(variance), gains(k, 1) = of_level, gains(k, 2) = of_coloured;
     }
     return log_determinant;
 }
 
 // Whiten the rows from row j on, P at a time: their recursions wait for themselves, not for each other.
 template <int64_t P>
-void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains, int64_t& j) {
+void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains, int64_t& j) {
     for (; j + P <= columns.shape[0]; j += P) {
         double l[P] = {}, a[P] = {};
         for (int64_t k = 0; k < columns.shape[1]; ++k) {
@@ -110,16 +108,13 @@ void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, Matrix<const
 }
 
 // Replace each row of `columns` (p, n), friction or a regressor, by its innovations over their standard deviations.
-void whiten(Matrix<double> columns, Floats sign, Integers gap, Matrix<const double> gains) {
+void whiten(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains) {
     int64_t j = 0;
     whiten_rows<4>(columns, sign, gap, gains, j);
     whiten_rows<2>(columns, sign, gap, gains, j);
     whiten_rows<1>(columns, sign, gap, gains, j);
 }
 
-void bind_state_space(nanobind::module_& module) {
-    KERNEL(filter_gains);
-    KERNEL(whiten);
-}
+STAGE(state_space, filter_gains, whiten)
 
 }  // namespace rwa

@@ -36,7 +36,7 @@ constexpr double COSINE_TERMS[] = {1.0 / 20922789888000.0, -1.0 / 87178291200.0,
 VECTORISED void rotations(
     const double* __restrict angle, int64_t n, double* __restrict cosine, double* __restrict sine) {
     for (int64_t k = 0; k < n; ++k) {
-        const double quarters = std::rint(angle[k] * (2.0 / PI));
+        const double quarters = rint(angle[k] * (2.0 / PI));
         const double r = (angle[k] - quarters * QUARTER_HIGH) - quarters * QUARTER_LOW;
         const double y = r * r;
         double near_sine = SINE_TERMS[0], near_cosine = COSINE_TERMS[0];
@@ -45,7 +45,7 @@ VECTORISED void rotations(
 #pragma GCC unroll 8
         for (int term = 1; term < 9; ++term) near_cosine = near_cosine * y + COSINE_TERMS[term];
         near_sine *= r;
-        const double place = quarters - 4.0 * std::floor(0.25 * quarters);  // 0, 1, 2 or 3
+        const double place = quarters - 4.0 * floor(0.25 * quarters);  // 0, 1, 2 or 3
         const bool odd = (place == 1.0) | (place == 3.0);
         sine[k] = (odd ? near_cosine : near_sine) * (place >= 2.0 ? -1.0 : 1.0);
         cosine[k] = (odd ? near_sine : near_cosine) * ((place == 1.0) | (place == 2.0) ? -1.0 : 1.0);
@@ -67,7 +67,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
     constexpr double MIDDLE = 0.5 * (STRETCH - 1);
     double mean = 0.0, tilt = 0.0, spread = 0.0;
     for (int64_t k = 0; k < STRETCH; ++k) {
-        const double time = static_cast<double>(k) - MIDDLE;
+        const double time = k - MIDDLE;
         mean += z[k];
         tilt += time * z[k];
         spread += time * time;
@@ -80,7 +80,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
     rotations(angle, STRETCH, c, s);
     double energy = 0.0;
     for (int64_t k = 0; k < STRETCH; ++k) {
-        const double e = z[k] - mean - tilt * (static_cast<double>(k) - MIDDLE);
+        const double e = z[k] - mean - tilt * (k - MIDDLE);
         energy += e * e;
         real[k] = e * c[k];
         imaginary[k] = e * s[k];
@@ -94,14 +94,14 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k];
             real[k] = turned;
         }
-        const double turns = static_cast<double>(h + 1) * angle[STRETCH - 1] / (2.0 * PI * (STRETCH - 1));
-        if (std::abs(turns - std::rint(turns)) < SLOWEST_TURNS) continue;
+        const double turns = (h + 1) * angle[STRETCH - 1] / (2.0 * PI * (STRETCH - 1));
+        if (abs(turns - rint(turns)) < SLOWEST_TURNS) continue;
         double r = 0.0, i = 0.0;
         for (int64_t column = 0; column < SIDE; ++column) {
             r += real_sums[column];
             i += imaginary_sums[column];
         }
-        power[h] = 2.0 * (r * r + i * i) / std::max(energy, 1e-300);
+        power[h] = 2.0 * (r * r + i * i) / max(energy, 1e-300);
     }
 }
 
@@ -120,9 +120,9 @@ void find_plateaus(Floats x, Flags good, double certain, Vector<double> state) {
         } else if (state[2] == 0.0) {
             state[2] = x[k];
         } else {
-            const double largest = std::max(std::abs(x[k] - state[2]), std::abs(state[2] - state[1]));
+            const double largest = max(abs(x[k] - state[2]), abs(state[2] - state[1]));
             state[3] += 1.0;
-            if (largest > 0.0 && std::max(GAP_IN_STEPS * largest, certain) < state[1] && state[1] < LARGEST_GAP) {
+            if (largest > 0.0 && max(GAP_IN_STEPS * largest, certain) < state[1] && state[1] < LARGEST_GAP) {
                 state[4] += 1.0;
             }
             state[0] = state[1] = state[2] = 0.0;
@@ -136,7 +136,7 @@ VECTORISED void count_signs(int64_t first, Floats speed, Flags good, Vector<int6
     const double* __restrict turning = speed.data;
     const auto* __restrict there = reinterpret_cast<const unsigned char*>(good.data);  // else not vectorised
     for (int64_t start = 0; start < speed.size();) {
-        const int64_t block = (first + start) / BLOCK, stop = std::min((block + 1) * BLOCK - first, speed.size());
+        const int64_t block = (first + start) / BLOCK, stop = min((block + 1) * BLOCK - first, speed.size());
         int64_t count = 0, forward = 0;
         for (; start < stop; ++start) {
             const int64_t is_good = there[start];
@@ -153,7 +153,7 @@ void extend_structure(
     Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain, double angle_per_x,
     int64_t hop, const StructureArrays& arrays) {
     for (int64_t first = start; first < stop;) {
-        const int64_t block = first / BLOCK, end = std::min((block + 1) * BLOCK, stop), n = end - first;
+        const int64_t block = first / BLOCK, end = min((block + 1) * BLOCK, stop), n = end - first;
         if (!std::equal(&good[first], &good[first] + n, &used[first])) {  // in few blocks, as the next
             for (int64_t k = first; k < end; ++k) {
                 if (!good[k] || used[k] || !(x[k] > certain)) continue;
@@ -163,7 +163,7 @@ void extend_structure(
                 arrays.near_zero(3, block) += z[k] * z[k];
             }
         }
-        if (arrays.zeros[0] != 0.0 || std::find(&x[first], &x[first] + n, 0.0) != &x[first] + n) {
+        if (arrays.zeros[0] != 0.0 || find(&x[first], &x[first] + n, 0.0) != &x[first] + n) {
             find_plateaus(x.slice(first, end), good.slice(first, end), certain, arrays.zeros);
         }
         first = end;
@@ -172,22 +172,12 @@ void extend_structure(
     for (int64_t stretch = pieces_before(start, STRETCH, hop, most);
          stretch < pieces_before(stop, STRETCH, hop, most); ++stretch) {
         const int64_t from = stretch * hop;
-        if (std::all_of(&used[from], &used[from] + STRETCH, [](bool taken) { return taken; })) {
+        if (all_of(&used[from], &used[from] + STRETCH, [](bool taken) { return taken; })) {
             ripple_power(&x[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.shape[1]);
         }
     }
 }
 
-void cosines_and_sines(Floats angle, Vector<double> cosine, Vector<double> sine) {
-    rotations(angle.data, angle.size(), cosine.data, sine.data);
-}
-
-void bind_structure(nanobind::module_& module) {
-    CONSTANT(BLOCK);
-    CONSTANT(STRETCH);
-    KERNEL(count_signs);
-    KERNEL(extend_structure);
-    KERNEL(cosines_and_sines);
-}
+STAGE(structure, BLOCK, STRETCH, count_signs, extend_structure)
 
 }  // namespace rwa

@@ -36,6 +36,3 @@ def extend_structure(
     arrays
         What they are added to; not their directions.
     """
-
-def cosines_and_sines(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
-    """Write cos and sin of each angle [rad], (n,): the same on every machine, unlike libm's."""

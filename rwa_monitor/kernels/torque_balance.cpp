@@ -1,8 +1,5 @@
 #include "arrays.hpp"
 
-#include <cmath>
-#include <numeric>
-
 namespace rwa {
 namespace {
 
@@ -23,11 +20,11 @@ struct Share {
 void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, double max_variance_ratio) {
     const double full = (half * (half + 1) * (2 * half + 1)) / 3.0;  // Σ j² of a whole stencil: 1 / variance
     for (int64_t k = half; k < speed.size() - half; ++k) {
-        if (!std::isnan(result[k]) || std::isnan(speed[k])) continue;
+        if (!isnan(result[k]) || isnan(speed[k])) continue;
         double n = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0, s4 = 0.0, y = 0.0, jy = 0.0, jjy = 0.0;
         for (int64_t i = -half; i <= half; ++i) {
-            const double value = speed[k + i] - speed[k], j = static_cast<double>(i);
-            if (std::isnan(value)) continue;
+            const double value = speed[k + i] - speed[k], j = i;
+            if (isnan(value)) continue;
             n += 1.0, s1 += j, s2 += j * j, s3 += j * j * j, s4 += j * j * j * j;
             y += value, jy += j * value, jjy += j * j * value;
         }
@@ -49,39 +46,39 @@ double noise_of(Floats torque, NewFloats& differences) {
     double largest = -1.0;
     int64_t at = -1, known = 0;
     for (int64_t i = 0; narrow && i < n - 1; ++i) {
-        const double step = std::abs(torque[i + 1] - torque[i]);
+        const double step = abs(torque[i + 1] - torque[i]);
         if (step > largest) largest = step, at = i;
     }
     differences.clear();
     for (int64_t i = 0; i < n - 4; ++i) {
         const double outer = torque[i + 4] + torque[i], inner = torque[i + 3] + torque[i + 1];
-        const double difference = std::abs(outer - 4.0 * inner + 6.0 * torque[i + 2]);
-        if (std::isnan(difference)) continue;
+        const double difference = abs(outer - 4.0 * inner + 6.0 * torque[i + 2]);
+        if (isnan(difference)) continue;
         ++known;
         if (!(narrow && i <= at && at < i + IN_A_STEP)) differences.push_back(difference);
     }
     // The variance of a fourth difference is 70σ²; the median of |N(0, 1)| is 0.6745.
     const bool enough = known >= FEWEST_DIFFERENCES && !differences.empty();
-    return enough ? median_in_place(differences) / (0.6745 * std::sqrt(70.0)) : 0.0;
+    return enough ? median_in_place(differences) / (0.6745 * sqrt(70.0)) : 0.0;
 }
 
 // The error that the least-squares parabola through a torque makes, and its std; zeros where some is NaN.
 // Of a torque c·j² at slot j the filter's average is c·Σ W_i·(i² + (i + 1)²), and its value is 0.
 std::pair<double, double> error_of_parabola(Floats torque, Floats weights) {
     const int64_t half = weights.size();
-    const double n = static_cast<double>(torque.size()), mean_square = (half * (half + 1)) / 3.0;  // of j
+    const double n = torque.size(), mean_square = (half * (half + 1)) / 3.0;  // of j
     double level = 0.0, slope = 0.0, curvature = 0.0, squares = 0.0, spread = 0.0, average = 0.0;
     for (int64_t i = -half; i <= half; ++i) {
-        const double j = static_cast<double>(i), off_mean = j * j - mean_square;
+        const double j = i, off_mean = j * j - mean_square;
         const double value = torque[half + i] - torque[half];
         level += value, slope += j * value, curvature += off_mean * value;
         squares += value * value, spread += off_mean * off_mean;
     }
-    for (int64_t i = 0; i < half; ++i) average += weights[i] * static_cast<double>(i * i + (i + 1) * (i + 1));
-    if (std::isnan(curvature) || n < 5.0) return {0.0, 0.0};
+    for (int64_t i = 0; i < half; ++i) average += weights[i] * (i * i + (i + 1) * (i + 1));
+    if (isnan(curvature) || n < 5.0) return {0.0, 0.0};
     const double left =
         squares - level * level / n - slope * slope / (n * mean_square) - curvature * curvature / spread;
-    return {-average * curvature / spread, average * std::sqrt(std::max(left, 0.0) / (n - 3.0) / spread)};
+    return {-average * curvature / spread, average * sqrt(max(left, 0.0) / (n - 3.0) / spread)};
 }
 
 // The slope of the least-squares line through those samples of a speed that are there, the one in the middle among them.
@@ -89,8 +86,8 @@ double slope_of(Floats speed) {
     const int64_t middle = speed.size() / 2;
     double n = 0.0, j1 = 0.0, j2 = 0.0, v0 = 0.0, v1 = 0.0;
     for (int64_t i = 0; i < speed.size(); ++i) {
-        const double value = speed[i] - speed[middle], j = static_cast<double>(i - middle);
-        if (std::isnan(value)) continue;
+        const double value = speed[i] - speed[middle], j = i - middle;
+        if (isnan(value)) continue;
         n += 1.0, j1 += j, j2 += j * j;
         v0 += value, v1 += j * value;
     }
@@ -113,20 +110,20 @@ Share share_beside(int degree, Floats shape, Floats speed) {
     NewFloats place, bent, beside;
     double origin = 0.0;
     for (int64_t i = 0; i < speed.size(); ++i) {
-        if (std::isnan(speed[i])) continue;
+        if (isnan(speed[i])) continue;
         if (place.empty()) origin = speed[i];
         place.push_back((i - 0.5 * (shape.size() - 1)) / shape.size());
         bent.push_back(shape[i]);
         beside.push_back(speed[i] - origin);
     }
-    const double freedom = static_cast<double>(place.size()) - degree - 2.0;
+    const double freedom = place.size() - degree - 2.0;
     if (freedom < 1.0) return {};
-    std::vector<NewFloats> powers;  // orthonormal
+    vector<NewFloats> powers;  // orthonormal
     for (int exponent = 0; exponent <= degree; ++exponent) {
         NewFloats power;
-        for (double p : place) power.push_back(std::pow(p, exponent));
+        for (double p : place) power.push_back(pow(p, exponent));
         for (const auto& lower : powers) project_out(lower, power);
-        const double length = std::sqrt(dot(power, power));
+        const double length = sqrt(dot(power, power));
         for (auto& value : power) value /= length;
         project_out(power, bent);
         project_out(power, beside);
@@ -136,8 +133,8 @@ Share share_beside(int degree, Floats shape, Floats speed) {
     if (energy <= 0.0) return {};
     const double share = dot(bent, beside) / energy;
     for (std::size_t i = 0; i < bent.size(); ++i) beside[i] -= share * bent[i];
-    const double left_over = std::sqrt(dot(beside, beside) / freedom);
-    return {share, left_over / std::sqrt(energy), left_over};
+    const double left_over = sqrt(dot(beside, beside) / freedom);
+    return {share, left_over / sqrt(energy), left_over};
 }
 
 // Set by how much derived friction is wrong where the derivative rounds off a bend of the speed: see the Python
@@ -151,13 +148,13 @@ void rounding_error(
     differences.reserve(2 * half + 1);
     for (int64_t k = half; k < n - half; ++k) {
         const double here = torque[k];
-        if (std::isnan(here) || std::isnan(speed[k])) continue;
+        if (isnan(here) || isnan(speed[k])) continue;
         const double* const t = torque.data + k;
         const Floats near_torque = torque.slice(k - half, k + half + 1);
         double off = 0.0, slope = 0.0;  // the torque less its average, by trapezoids; its mean step from slot to slot
         for (int64_t i = 0; i < half; ++i) {
             const double far = t[i + 1] + t[-i - 1], near = t[i] + t[-i], steps = t[i + 1] - t[i] + t[-i] - t[-i - 1];
-            if (std::isnan(steps)) continue;
+            if (isnan(steps)) continue;
             off += weights[i] * (2.0 * here - 0.5 * (far + near));
             slope += weights[i] * steps;
         }
@@ -165,40 +162,40 @@ void rounding_error(
         double uncertain = 0.0;
         for (int64_t i = 0; i < half; ++i) {
             const double right = t[i + 1] - t[i], left = t[-i] - t[-i - 1];
-            if (std::isnan(right + left)) continue;
-            const double most = std::max(std::abs(right - slope), std::abs(left - slope));
-            uncertain = std::max(uncertain, 0.5 * weights[i] * most);
+            if (isnan(right + left)) continue;
+            const double most = max(abs(right - slope), abs(left - slope));
+            uncertain = max(uncertain, 0.5 * weights[i] * most);
         }
         double enough = least_Nm;
-        if (std::isnan(least_Nm)) {
-            enough = least_share * std::abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
+        if (isnan(least_Nm)) {
+            enough = least_share * abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
         }
-        if (std::abs(off) + uncertain <= enough) continue;
+        if (abs(off) + uncertain <= enough) continue;
         const double noise = noise_of(near_torque, differences);
-        const bool sudden = std::abs(off) > OVER_NOISE * noise;
+        const bool sudden = abs(off) > OVER_NOISE * noise;
         if (!(sudden || soft)) continue;
         if (!sudden) {
             // A bend as long as the window shows in a parabola through the torque long before it shows in one sample.
-            std::tie(off, uncertain) = error_of_parabola(near_torque, weights);
-            if (std::abs(off) <= std::max(enough, OVER_NOISE * uncertain)) continue;
+            tie(off, uncertain) = error_of_parabola(near_torque, weights);
+            if (abs(off) <= max(enough, OVER_NOISE * uncertain)) continue;
         }
-        const int64_t aside = std::min({reach, k, n - 1 - k});
+        const int64_t aside = min({reach, k, n - 1 - k});
         bend[aside] = 0.0;
         for (int64_t i = 0; i < aside; ++i) {
             const double right = 0.5 * (t[i] + t[i + 1]) - here, left = 0.5 * (t[-i] + t[-i - 1]) - here;
-            bend[aside + i + 1] = bend[aside + i] + (std::isnan(right) ? 0.0 : per_torque * right);
-            bend[aside - i - 1] = bend[aside - i] - (std::isnan(left) ? 0.0 : per_torque * left);
+            bend[aside + i + 1] = bend[aside + i] + (isnan(right) ? 0.0 : per_torque * right);
+            bend[aside - i - 1] = bend[aside - i] - (isnan(left) ? 0.0 : per_torque * left);
         }
         const auto bent = bend.slice(0, 2 * aside + 1);
         const auto around = speed.slice(k - aside, k + aside + 1);
         const Share line = share_beside(1, bent, around);
-        if (line.share <= std::max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
-        bool known = uncertain <= std::max(enough, CERTAIN_STDS * noise_gain * line.left_over);
-        if (soft && known && std::abs(off) > OVER_NOISE * std::max(noise, noise_gain * line.left_over)) {
+        if (line.share <= max(MOVES_THE_ROTOR, CLEAR_STDS * line.std)) continue;
+        bool known = uncertain <= max(enough, CERTAIN_STDS * noise_gain * line.left_over);
+        if (soft && known && abs(off) > OVER_NOISE * max(noise, noise_gain * line.left_over)) {
             // Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
             // which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.
             const Share cubic = share_beside(3, bent, around);
-            known = cubic.share > std::max(MOVES_THE_ROTOR, CLEAR_STDS * cubic.std);
+            known = cubic.share > max(MOVES_THE_ROTOR, CLEAR_STDS * cubic.std);
         }
         error[k] = known ? off : NAN;
     }
@@ -206,9 +203,6 @@ void rounding_error(
 
 }  // namespace
 
-void bind_torque_balance(nanobind::module_& module) {
-    KERNEL(bridge);
-    KERNEL(rounding_error);
-}
+STAGE(torque_balance, bridge, rounding_error)
 
 }  // namespace rwa

@@ -2,7 +2,6 @@
 #include "detection.hpp"
 
 #include <cstring>
-#include <numeric>
 
 namespace rwa {
 namespace {
@@ -16,11 +15,11 @@ constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
 void fill_prefix(
     Matrix<double> prefix, Floats x, Floats z, Flags used, int64_t chunk, int64_t start, int64_t stop, double slope) {
     int64_t begin = start;
-    const int64_t earliest = std::max<int64_t>(0, chunk - HISTORY);
+    const int64_t earliest = max<int64_t>(0, chunk - HISTORY);
     if (start == chunk) {
         begin = earliest;
         for (int64_t row = 0; row < PREFIXES; ++row) {
-            std::fill_n(&prefix(row, 0), HISTORY + begin - chunk + 1, 0.0);
+            fill_n(&prefix(row, 0), HISTORY + begin - chunk + 1, 0.0);
         }
     }
     // The centre is the first used sample that the sums of this chunk may hold.
@@ -57,16 +56,16 @@ ALWAYS_INLINE void evaluate_slots(
     const double* __restrict e = x + width;
     const double* __restrict xx = e + width;
     const double* __restrict xe = xx + width;
-    const double all = static_cast<double>(w), need = std::max(1.0, 0.5 * all);
+    const double all = w, need = max(1.0, 0.5 * all);
     for (int64_t j = 0; j < count; ++j) {
         const double nl = AllUsed ? all : n[j] - n[j - w], nr = AllUsed ? all : n[j + w] - n[j];
-        const double left_share = 1.0 / std::max(nl, 1.0), right_share = 1.0 / std::max(nr, 1.0);
+        const double left_share = 1.0 / max(nl, 1.0), right_share = 1.0 / max(nr, 1.0);
         const double xl = x[j] - x[j - w], xr = x[j + w] - x[j];
         const double el = e[j] - e[j - w], er = e[j + w] - e[j];
         const double dx = xr * right_share - xl * left_share;
         const double spread = (xx[j + w] - xx[j - w]) - xl * (xl * left_share) - xr * (xr * right_share);
         const double tilt = (xe[j + w] - xe[j - w]) - xl * (el * left_share) - xr * (er * right_share);
-        const double inverse = 1.0 / (std::max(spread, 0.0) + weight);
+        const double inverse = 1.0 / (max(spread, 0.0) + weight);
         const double difference = (er * right_share - el * left_share) - dx * (tilt * inverse);
         jump[j] = difference;
         const double value = difference * difference / (left_share + right_share + dx * dx * inverse);
@@ -77,10 +76,10 @@ ALWAYS_INLINE void evaluate_slots(
 // Statistic and jump of one scale at neighbouring slots, `column` the first one's end k + w; NOT_EVALUATED where a half
 // has fewer than max(1, w/2) used samples.
 VECTORISED void evaluate(
-    Matrix<const double> prefix, int64_t column, int64_t w, double weight, int64_t count, double* statistic,
+    FloatMatrix prefix, int64_t column, int64_t w, double weight, int64_t count, double* statistic,
     double* jump) {
     const double* middle = &prefix(0, column - w);
-    const bool all_used = middle[w + count - 1] - middle[-w] == static_cast<double>(2 * w + count - 1);
+    const bool all_used = middle[w + count - 1] - middle[-w] == 2 * w + count - 1;
     if (all_used) {
         evaluate_slots<true>(middle, prefix.shape[1], w, weight, count, statistic, jump);
     } else {
@@ -122,7 +121,7 @@ Detector::Detector(Integers half_widths)
       prefix({PREFIXES, HISTORY + CHUNK + 1}), open(scales.size(), {-1, -1}) {
     // Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
     double most = 0.0;
-    for (int64_t w : scales) most += 2.0 * CHUNK / static_cast<double>(w + 1);
+    for (int64_t w : scales) most += 2.0 * CHUNK / (w + 1);
     chunk_peaks = static_cast<std::size_t>(std::ceil(most)) + 2 * scales.size();
 }
 
@@ -168,10 +167,10 @@ void Detector::prune(Floats variances) {
         }
     }
     NewIntegers kept(peaks.size()), place(peaks.size(), -1);
-    std::iota(kept.begin(), kept.end(), 0);
-    std::stable_sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return strength[a] > strength[b]; });
+    iota(kept.begin(), kept.end(), 0);
+    stable_sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return strength[a] > strength[b]; });
     kept.resize(peaks.size() / 2);
-    std::sort(kept.begin(), kept.end());
+    sort(kept.begin(), kept.end());
     for (std::size_t i = 0; i < kept.size(); ++i) {
         peaks[i] = peaks[kept[i]];
         place[kept[i]] = i;
@@ -186,17 +185,17 @@ void Detector::prune(Floats variances) {
 void Detector::scan(
     Floats x, Floats z, Flags used, int64_t start, int64_t stop, bool counting, const ScanSettings& settings) {
     confirmed.clear();
-    const int64_t count_scales = scales.size(), room = std::min(STRETCH, std::max<int64_t>(stop - start, 0));
+    const int64_t count_scales = scales.size(), room = min(STRETCH, max<int64_t>(stop - start, 0));
     NewFloats values(2 * count_scales * room);
-    std::vector<Evaluated> evaluated(count_scales);
+    vector<Evaluated> evaluated(count_scales);
     for (int64_t begin = start, end; begin < stop; begin = end) {
         const int64_t chunk = begin - begin % CHUNK;
         // Only where a chunk begins: what is left out must not depend on how slots arrive.
         if (begin == chunk && peaks.size() + chunk_peaks > MOST_PEAKS) prune(settings.variances);
-        end = std::min({begin + STRETCH, chunk + CHUNK, stop});
+        end = min({begin + STRETCH, chunk + CHUNK, stop});
         fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
         for (int64_t s = 0; s < count_scales; ++s) {
-            const int64_t w = scales[s], right = std::max(begin + 1, 2 * w), count = end - right + 1;
+            const int64_t w = scales[s], right = max(begin + 1, 2 * w), count = end - right + 1;
             evaluated[s] = {right, false};
             if (count <= 0) continue;
             double* const statistic = &values[2 * s * room];
@@ -205,10 +204,10 @@ void Detector::scan(
             if (counting) count_bins(&histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
         for (int64_t step = begin; step < end; step += STEP) {
-            const int64_t step_end = std::min(step + STEP, end);
+            const int64_t step_end = min(step + STEP, end);
             for (int64_t s = 0; s < count_scales; ++s) {
                 if (!evaluated[s].above) continue;
-                const int64_t w = scales[s], right = std::max(step + 1, evaluated[s].first_right);
+                const int64_t w = scales[s], right = max(step + 1, evaluated[s].first_right);
                 const double* statistic = &values[2 * s * room] + (right - evaluated[s].first_right);
                 keep(statistic, statistic + room, right - w, step_end + 1 - right, s, settings.floors[s]);
             }
@@ -217,25 +216,25 @@ void Detector::scan(
     }
 }
 
-std::vector<Peak> Detector::above(double threshold, Floats variances) const {
-    std::vector<Peak> found;
+vector<Peak> Detector::above(double threshold, Floats variances) const {
+    vector<Peak> found;
     for (const auto& [scale, index, value, jump, final] : peaks) {
         const double statistic = value / variances[scale];
         if (statistic >= threshold) found.push_back({index, scales[scale], statistic, jump});
     }
-    std::stable_sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
-        return std::tie(a.index, a.scale) < std::tie(b.index, b.scale);
+    stable_sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
+        return tie(a.index, a.scale) < tie(b.index, b.scale);
     });
     return found;
 }
 
 // Statistic and jump of one scale at every slot of a whole array; NaN where a half leaves the array or lacks samples.
-std::tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, double weight, double slope) {
+tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, double weight, double slope) {
     const int64_t slots = x.size();
-    Table<double, 2> prefix({PREFIXES, HISTORY + CHUNK + 1});
+    NewMatrix prefix({PREFIXES, HISTORY + CHUNK + 1});
     NewFloats statistic(slots, NAN), jump(slots, NAN);
     for (int64_t chunk = 0; chunk < slots; chunk += CHUNK) {
-        const int64_t stop = std::min(chunk + CHUNK, slots), right = std::max(chunk + 1, 2 * scale);
+        const int64_t stop = min(chunk + CHUNK, slots), right = max(chunk + 1, 2 * scale);
         fill_prefix(prefix, x, z, used, chunk, chunk, stop, slope);
         if (right > stop) continue;
         const int64_t first = right - scale, count = stop + 1 - right;
@@ -248,14 +247,7 @@ std::tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t sc
 }
 
 void bind_wglr(nanobind::module_& module) {
-    CONSTANT(CHUNK);
-    CONSTANT(STEP);
-    CONSTANT(MAX_SCALE);
-    CONSTANT(MOST_PEAKS);
-    CONSTANT(BINS);
-    CONSTANT(BINS_PER_OCTAVE);
-    CONSTANT(LOWEST_EXPONENT);
-    KERNEL(wglr);
+    EXPORT(CHUNK, STEP, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
     nanobind::class_<Detector>(module, "Detector")
         .def(nanobind::init<Integers>())
         .def("scan", &Detector::scan);

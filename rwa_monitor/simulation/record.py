@@ -188,8 +188,6 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
     return Telemetry(telemetry.samples[rows], Truth(**piece))
 
 
-__all__ = ["VISIBLE_INFORMATION", "Changepoints", "Telemetry", "Truth", "cut", "simulate"]
-
 ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
 DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
 ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
@@ -313,7 +311,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * viscous_factor
     # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
     power = np.abs(speed) * (dry + viscous * np.abs(speed))
-    temperature = bearing_temperature(time, power, ORBIT_S, streams.temperature)
+    temperature = bearing_temperature(time, power, streams.temperature)
     channels = Channels(
         time_s=time,
         speed_rad_s=speed,
@@ -403,8 +401,7 @@ def _couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArr
     """
     plain = channels.motor_torque_Nm
     if plain is not None:
-        rate = np.gradient(plain, channels.sample_period_s)
-        channels = replace(channels, motor_torque_rate_Nm_s=rate)
+        channels = replace(channels, motor_torque_rate_Nm_s=np.gradient(plain, channels.sample_period_s))
     coupled = plain is not None and any("motor_torque_Nm" in effect.needs for effect in effects)
     torques: list[FloatArray] = []
     for _ in range(COUPLING_ROUNDS if coupled else 1):
@@ -530,9 +527,7 @@ def measure(true: FloatArray, noise_std: float, quantum: float, rng: np.random.G
     return reading
 
 
-def bearing_temperature(
-    time_s: FloatArray, friction_power_W: FloatArray, orbit_s: float, rng: np.random.Generator
-) -> FloatArray:
+def bearing_temperature(time_s: FloatArray, friction_power_W: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return the bearing's temperature [°C], float64 (n,): orbital swing of the housing, with lag, plus dissipation.
 
     Parameters
@@ -541,14 +536,12 @@ def bearing_temperature(
         Time of each slot [s].
     friction_power_W
         Friction torque times speed [W], float64 (n,).
-    orbit_s
-        Period of the orbit [s].
     rng
         Source of all randomness: base temperature, size and phase of the swing.
     """
     base = rng.uniform(15.0, 25.0)  # °C, usual for a wheel inside the spacecraft
     swing = 0.5 * rng.uniform(*ORBITAL_SWING_K)
-    rate = 2.0 * np.pi / orbit_s
+    rate = 2.0 * np.pi / ORBIT_S
     lag = np.arctan(rate * ROTOR_TIME_CONSTANT_S)  # of a first-order body behind its housing
     housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)
     if time_s.size < 2:
@@ -559,8 +552,7 @@ def bearing_temperature(
     stay = float(np.exp(-(time_s[1] - time_s[0]) / ROTOR_TIME_CONSTANT_S))
     target = DISSIPATION_K_W * friction_power_W
     warm, _ = signal.lfilter([1.0 - stay], [1.0, -stay], target, zi=[stay * float(np.mean(target))])
-    temperature: FloatArray = housing + warm
-    return temperature
+    return np.asarray(housing + warm)
 
 
 def _apply_faults(
@@ -585,8 +577,7 @@ def _apply_faults(
 
 def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray) -> BoolArray:
     """Return bool (n,), the slots from which a diagnosis can learn."""
-    dead_band = wheel.window.dead_band_rad_s
-    if dead_band is None:
+    if (dead_band := wheel.window.dead_band_rad_s) is None:
         dead_band = FALLBACK_DEAD_BAND * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
     speed = np.where(faulty, np.nan, samples.speed_rad_s)
     used = ~faulty & (np.abs(speed) > dead_band)

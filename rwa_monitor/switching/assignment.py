@@ -11,7 +11,7 @@ The search is a dynamic programme over the candidates. State: the last accepted 
 configuration and the candidate that began its sojourn. Paths that agree on it have the same future, so only the best
 few of each state are kept. The score of a path is
 
-    Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of rare events
+    Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of unattributed jumps
     +  Σ jumps  log P(size | friction of the system before).
 
 For given fits, durations, signs and sizes a path is dropped only when an upper bound of all that can follow is more
@@ -40,7 +40,6 @@ from rwa_monitor.changepoints.stage_results import (
     UNATTRIBUTED,
     Alternative,
     Assignment,
-    Candidates,
     Estimate,
     Evidence,
     FlatPath,
@@ -86,17 +85,14 @@ class Scores(NamedTuple):
         bool (m, 2): whether the level may fall, may rise at each candidate.
     actions
         See `action_table`.
-    priors
-        float64 (3,): log prior (≤ 0) of a candidate that is no jump, of a jump that no system made, of two systems
-        jumping at once beyond what their laws give.
     size, size_variance
         float64 (m,), level after less level before each candidate, and the variance of this measurement; normalised.
     law_mean, law_variance
         float64 (S, Q), friction of a new sojourn; both 0 at rest.
     log_range
         Logarithm of the width of the flat prior that the fits assume for each level.
-    unattributed_variance
-        Of a jump that no system made.
+    unattributed, unattributed_variance
+        Log prior (≤ 0) of a jump that no system made, and the variance of its size.
     """
 
     fit: FloatArray
@@ -107,17 +103,16 @@ class Scores(NamedTuple):
     configurations: IntArray
     signs: BoolArray
     actions: IntArray
-    priors: FloatArray
     size: FloatArray
     size_variance: FloatArray
     law_mean: FloatArray
     law_variance: FloatArray
     log_range: float
+    unattributed: float
     unattributed_variance: float
 
 
-@dataclass(frozen=True, slots=True)
-class Path:
+class Path(NamedTuple):
     """One complete assignment.
 
     Attributes
@@ -125,18 +120,17 @@ class Path:
     score
         Its score.
     start
-        Configuration of each system at the window's begin.
+        int64 (S,), configuration of each system at the window's begin.
     actions
         int64 (m,), row of the action table at each candidate.
     """
 
     score: float
-    start: tuple[int, ...]
+    start: IntArray
     actions: IntArray
 
 
-@dataclass(frozen=True, slots=True)
-class SearchResult:
+class SearchResult(NamedTuple):
     """The best paths, best first, and the work done.
 
     Attributes
@@ -165,15 +159,14 @@ class _Inputs:
     variance: float  # of the noise, see `segments.effective_variance`
 
 
-@dataclass(frozen=True, slots=True)
-class _Ranked:
-    """A path of the search as a switching path, with its full log-likelihood."""
+class _Ranked(NamedTuple):
+    """A path of the search as a switching path, with its full log-likelihood; see `kernels.assignment.weigh`."""
 
     path: FlatPath
-    system: IntArray  # (m, 2), see `kernels.assignment.tell`, as `direction`
+    system: IntArray
     direction: IntArray
-    borders: IntArray  # slots at which its segments begin and end
-    statistics: FloatArray  # of these
+    borders: IntArray
+    statistics: FloatArray
     log_evidence: float
     score: float
 
@@ -212,10 +205,8 @@ def assign(
     candidates = evidence.candidates
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
     level = _measure(inputs, candidates.index, everyone)
-    reach = segments.reach_of(candidates)
-    index = segments.refine(evidence.sums, candidates.index, reach, level.slope, inputs.variance)
-    level = _measure(inputs, index, everyone)
-    signs = _signs(candidates, level, everyone)
+    level = _measure(inputs, _refined(inputs, level, everyone), everyone)
+    signs = segments.possible_signs(candidates, level)
     states = rounds = 0
     while True:
         rounds += 1
@@ -225,9 +216,10 @@ def assign(
         if rounds == MAX_ROUNDS:
             break
         accepted = np.flatnonzero(result.paths[0].actions != REJECT)
-        again = _measure(inputs, _refine_accepted(inputs, level, accepted), accepted)
+        moved = _refined(inputs, level, accepted)
+        again = _measure(inputs, moved if (moved[1:] > moved[:-1]).all() else level.at, accepted)
         new_signs = signs.copy()
-        new_signs[accepted] = _signs(candidates, again, accepted)[accepted]
+        new_signs[accepted] = segments.possible_signs(candidates, again)[accepted]
         settled = 0.5 * again.information * (again.slope - level.slope) ** 2 < SETTLED
         if settled and np.array_equal(again.at, level.at) and np.array_equal(new_signs, signs):
             break
@@ -238,11 +230,16 @@ def assign(
 
 def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
     """Measure slope and levels between the accepted candidates."""
-    evidence, prior = inputs.evidence, inputs.priors.slope
-    nodes = segments.nodes_of(accepted, index.size)
-    return segments.measure_level(
-        index, nodes, evidence.sums.arrays, evidence.slots, inputs.variance, prior.mean, prior.std
-    )
+    prior = inputs.priors.slope
+    return segments.measure_level(index, accepted, inputs.evidence.sums, inputs.variance, prior.mean, prior.std)
+
+
+def _refined(inputs: _Inputs, level: Level, accepted: IntArray) -> IntArray:
+    """Return all positions, those of the accepted candidates refined between accepted neighbours."""
+    reach = segments.reach_of(inputs.evidence.candidates)[accepted]
+    moved = level.at.copy()
+    moved[accepted] = segments.refine(inputs.evidence.sums, level.at[accepted], reach, level.slope, inputs.variance)
+    return moved
 
 
 def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
@@ -253,22 +250,18 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
     # A candidate costs nothing to reject: that it exists is already in the data. Nor do two systems that jump at once:
     # both laws must end at this very slot, which is rare enough.
     expected = UNATTRIBUTED_PER_WINDOW if systems else UNATTRIBUTED_ALONE
-    log_priors = np.array([0.0, np.log(min(expected / slots, 1.0)), 0.0])
     return Scores(
         fit=fit_table(level.pairs, level.slope, inputs.variance, level.spread),
-        jump=durations.jump,
-        stay=durations.stay,
-        turn=durations.turn,
-        missed=durations.missed,
+        **durations._asdict(),
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
         actions=action_table(len(systems)),
-        priors=log_priors,
         size=level.jump,
         size_variance=np.where(np.isfinite(level.jump_variance), level.jump_variance, level.spread**2),
         law_mean=law_mean,
         law_variance=law_variance,
         log_range=float(np.log(level.spread)),
+        unattributed=float(np.log(min(expected / slots, 1.0))),
         unattributed_variance=priors.unattributed_std**2,
     )
 
@@ -306,27 +299,8 @@ def search(scores: Scores, *, paths: int, margin: float, budget: int) -> SearchR
     """
     kept = KEPT_PER_STATE if paths > 1 else 1
     score, starts, taken, states, pruned = find_paths(scores, paths, margin + ROUNDING, budget, QUICK_BUDGET, kept)
-    found = tuple(
-        Path(value, tuple(start), actions)
-        for value, start, actions in zip(score.tolist(), starts.tolist(), taken, strict=True)
-    )
-    close = tuple(path for path in found if path.score >= found[0].score - margin)
-    return SearchResult(close, states, pruned)
-
-
-def _signs(candidates: Candidates, level: Level, accepted: IntArray) -> BoolArray:
-    """Return the possible signs of all candidates; those accepted by the levels beside them."""
-    nodes = segments.nodes_of(accepted, len(candidates))
-    return segments.possible_signs(candidates, level.pairs, nodes, level.slope)
-
-
-def _refine_accepted(inputs: _Inputs, level: Level, accepted: IntArray) -> IntArray:
-    """Refine the positions of the accepted candidates between accepted neighbours; keep the order of all."""
-    evidence = inputs.evidence
-    reach = segments.reach_of(evidence.candidates)[accepted]
-    moved = level.at.copy()
-    moved[accepted] = segments.refine(evidence.sums, level.at[accepted], reach, level.slope, inputs.variance)
-    return moved if (moved[1:] > moved[:-1]).all() else level.at
+    found = map(Path, score.tolist(), starts, taken)
+    return SearchResult(tuple(path for path in found if path.score >= score[0] - margin), states, pruned)
 
 
 # ---- ranking by the full likelihood ----------------------------------------------------------------------------------
@@ -337,9 +311,8 @@ def _rank(inputs: _Inputs, scores: Scores, paths: tuple[Path, ...], level: Level
     table, cases = prior_tables(inputs.priors)
     slots, variance, scatter = inputs.evidence.slots, inputs.variance, segments.level_scatter(inputs.variance)
     ranked = []
-    for path in paths:
-        start = np.array(path.start, dtype=np.int64)
-        weighed = weigh(scores, start, path.actions, level.at, level.pairs, slots, table, cases, variance, scatter)
+    for _, start, taken in paths:
+        weighed = weigh(scores, start, taken, level.at, level.pairs, slots, table, cases, variance, scatter)
         ranked.append(_Ranked(FlatPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 

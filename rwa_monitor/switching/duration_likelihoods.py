@@ -45,8 +45,7 @@ class Onset:
     age: int
 
 
-@dataclass(frozen=True, slots=True)
-class DurationLikelihoods:
+class DurationLikelihoods(NamedTuple):
     """Log-probabilities over nodes: node 0 is the window's begin, nodes 1 … m are the candidates.
 
     Axes: S systems, Q configurations (padded with -inf to the largest system), nodes where a sojourn begins (0: before

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
-from rwa_monitor.changepoints.running_sums import RunningSums, SumArrays
+from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, NoiseEstimate
 from rwa_monitor.kernels.segments import LEVEL_SCATTER, jumps_of, pair_moments, refine_nodes, shared_slope
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -27,6 +27,8 @@ class Level(NamedTuple):
     ----------
     at
         int64 (m,), the positions [slots].
+    nodes
+        int64, the nodes of the segments between accepted candidates: both ends of the window, j + 1 of candidate j.
     pairs
         Sufficient statistics between all pairs of nodes, see `kernels.segments.pair_moments`.
     slope, information
@@ -38,6 +40,7 @@ class Level(NamedTuple):
     """
 
     at: IntArray
+    nodes: IntArray
     pairs: FloatArray
     slope: float
     information: float
@@ -58,7 +61,7 @@ def effective_variance(noise: NoiseEstimate) -> float:
 
 
 def measure_level(
-    index: IntArray, nodes: IntArray, sums: SumArrays, slots: int, variance: float, prior_mean: float, prior_std: float
+    index: IntArray, accepted: IntArray, sums: RunningSums, variance: float, prior_mean: float, prior_std: float
 ) -> Level:
     """Measure slope, levels and jumps.
 
@@ -66,27 +69,20 @@ def measure_level(
     ----------
     index
         int64 (m,), positions of all candidates.
-    nodes
-        Those accepted, see `nodes_of`.
-    sums, slots
-        The window's running sums, and its length.
+    accepted
+        Which of these are jumps.
+    sums
+        The window's running sums.
     variance, prior_mean, prior_std
         Of the noise; mean and standard deviation of the slope's Gaussian prior.
     """
-    pairs = pair_moments(np.concatenate(([0], index, [slots])), sums)
+    nodes = np.concatenate(([0], accepted + 1, [index.size + 1]))
+    pairs = pair_moments(np.concatenate(([0], index, [sums.slots])), sums.arrays)
     slope, information = shared_slope(pairs, nodes, variance, prior_mean, prior_std)
     levels = levels_of(pairs, nodes, slope)
     seen = levels[np.isfinite(levels)]
     spread = max(float(np.ptp(seen)) if seen.size else 0.0, 10.0 * float(np.sqrt(variance)))
-    return Level(index, pairs, slope, information, spread, *jumps_of(pairs, nodes, slope, information, variance))
-
-
-def nodes_of(accepted: IntArray, count: int) -> IntArray:
-    """Return the nodes of the segments between the accepted of `count` candidates: these, and both ends of the window.
-
-    int64 (accepted + 2,); candidate j is node j + 1.
-    """
-    return np.concatenate(([0], accepted + 1, [count + 1]))
+    return Level(index, nodes, pairs, slope, information, spread, *jumps_of(pairs, nodes, slope, information, variance))
 
 
 def levels_of(pairs: FloatArray, nodes: IntArray, slope: float) -> FloatArray:
@@ -128,16 +124,16 @@ def reach_of(candidates: Candidates) -> IntArray:
     return np.clip(candidates.scale // 2, MIN_REACH, MAX_REACH)
 
 
-def possible_signs(candidates: Candidates, pairs: FloatArray, nodes: IntArray, slope: float) -> BoolArray:
+def possible_signs(candidates: Candidates, level: Level) -> BoolArray:
     """Return whether the level may fall, may rise at each candidate, bool (m, 2).
 
-    The contrast that found a candidate and the levels between accepted candidates, given by `nodes`, usually
-    agree; where they do not, or the contrast is weak, both directions stay open.
+    The contrast that found a candidate and the levels between accepted candidates usually agree; where they do not, or
+    the contrast is weak, both directions stay open.
     """
-    levels = levels_of(pairs, nodes, slope)
+    levels = levels_of(level.pairs, level.nodes, level.slope)
     # Without samples a segment has the level of the one before it.
     seen = np.maximum.accumulate(np.where(np.isfinite(levels), np.arange(levels.size), 0))
     step = np.zeros(len(candidates))
-    step[nodes[1:-1] - 1] = np.diff(levels[seen])
+    step[level.nodes[1:-1] - 1] = np.diff(levels[seen])
     weak = (candidates.statistic < WEAK_STATISTIC) | ~np.isfinite(candidates.jump)
     return np.stack([(d * candidates.jump > 0.0) | (d * step > 0.0) | weak for d in (-1.0, 1.0)], axis=1)

@@ -9,15 +9,13 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from rwa_monitor.changepoints.candidates import Threshold, peaks_behind_gaps, variance_table
-from rwa_monitor.changepoints.noise import OutlierModel
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
-from rwa_monitor.kernels.changepoints import contrast, select
+from rwa_monitor.kernels.changepoints import choose, contrast
 from rwa_monitor.kernels.wglr import CHUNK, MAX_SCALE, wglr
 from tests.switching.assignment_windows import sums_of
 
 SIGMA = 0.024  # the paper's noise, normalised
-NO_TAILS = OutlierModel(np.inf, 0.0)
 
 
 def _glr_by_least_squares(x, z, used, k, w, weight, slope):
@@ -91,16 +89,18 @@ def _all_peaks(sums, scales, least):
     return Candidates(index, scale, statistic, np.zeros(index.size))
 
 
-def _choose(sums, threshold=20.0, outliers=NO_TAILS):
+def _choose(sums, threshold=20.0, outlier=0.0):
     scales = np.array([1, 2, 4, 8, 16, 32, 64, 128])
     peaks = _all_peaks(sums, scales, threshold)
     table = variance_table(scales, np.full(scales.size, SIGMA**2))
-    return _select(peaks, sums, table, threshold, outliers)
+    return _select(peaks, sums, table, threshold, outlier)
 
 
-def _select(peaks, sums, table, threshold, outliers=NO_TAILS, correlation=0.0):
-    least, arrays = Threshold(table, threshold, outliers.largest_outlier), sums.arrays
-    return Candidates(*select(peaks.index, peaks.scale, peaks.statistic, sums.slots, 0.0, correlation, arrays, least))
+def _select(peaks, sums, table, threshold, outlier=0.0, correlation=0.0):
+    least = Threshold(table, threshold, outlier)
+    slope = (SIGMA**2, 0.0, 1.0)  # the speed is constant: the slope is that of its prior
+    tried = (peaks.index, peaks.scale, peaks.statistic)
+    return Candidates(*choose(*tried, sums.slots, sums.arrays, least, correlation, *slope))
 
 
 @pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])
@@ -111,14 +111,6 @@ def test_two_jumps_near_each_other_are_two_candidates_and_nothing_else(sojourn):
     chosen = _choose(_window(z))
     assert chosen.index.tolist() == [1000, 1000 + sojourn]
     assert np.sign(chosen.jump).tolist() == [1.0, -1.0]
-
-
-def test_a_candidate_is_the_first_used_slot_of_the_new_level():
-    z = SIGMA * np.random.default_rng(8).standard_normal(2000)
-    z[1000:] += 20 * SIGMA
-    used = np.ones(2000, dtype=np.bool_)
-    used[995:1010] = False
-    assert _choose(_window(z, used)).index.tolist() == [1010]
 
 
 def test_statistic_of_a_lone_jump_is_that_of_its_long_halves():
@@ -137,7 +129,7 @@ def test_an_outlier_within_the_tails_is_no_pair_of_jumps_but_a_lasting_jump_stay
     z[500] += 15 * SIGMA
     z[1200:] += 6 * SIGMA
     assert _choose(_window(z)).index.tolist() == [500, 501, 1200]
-    assert _choose(_window(z), outliers=OutlierModel(3.0, 40 * SIGMA)).index.tolist() == [1200]
+    assert _choose(_window(z), outlier=40 * SIGMA).index.tolist() == [1200]
 
 
 def test_in_coloured_noise_places_are_found_better_with_its_colour():

@@ -9,6 +9,7 @@ from rwa_monitor.changepoints.estimation import (
     SlopePrior,
     estimate,
     nominal_slope_prior,
+    residual_blocks,
 )
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.kernels.running_sums import slope_within
@@ -68,18 +69,8 @@ def test_levels_slope_and_stds_are_those_of_least_squares(prior, share):
     slope = slope_within(window.slots, index, margin, window.sums.arrays, variance, *known)
     assert slope == pytest.approx((fit.viscous, fit.viscous_std))
     np.testing.assert_allclose([*fit.level_std, fit.viscous_std], np.sqrt(np.diag(covariance)), rtol=1e-7)
-
-
-def test_jump_std_takes_the_shared_slope_into_account():
-    x, z, index = _record()
-    evidence = _evidence(x, z)
-    fit = estimate(evidence, index)
-    _, covariance, _ = _least_squares(x, z, np.ones(z.size, dtype=bool), index)
-    for i in range(index.size):
-        contrast = np.zeros(4)
-        contrast[i], contrast[i + 1] = -1.0, 1.0
-        expected = np.sqrt(contrast @ covariance @ contrast)
-        assert fit.jump_std[i] == pytest.approx(expected, rel=1e-7)
+    contrasts = np.diff(np.eye(4)[:3], axis=0)  # the slope's share is common to both levels of a jump
+    np.testing.assert_allclose(fit.jump_std**2, np.diag(contrasts @ covariance @ contrasts.T), rtol=1e-7)
 
 
 def test_rmse_is_that_of_the_residuals_and_excess_is_near_zero_with_the_true_jumps():
@@ -136,10 +127,19 @@ def test_exclusion_leaves_at_least_half_of_every_interval():
     assert slope == pytest.approx(1.1, rel=1e-6)
 
 
-@pytest.mark.parametrize("offset", [0.0, 1e3])
-def test_an_offset_of_the_friction_moves_the_levels_only(offset):
-    x, z, index = _record()
-    here, there = estimate(_evidence(x, z), index), estimate(_evidence(x, z + offset), index)
-    np.testing.assert_allclose(there.level - offset, here.level, atol=1e-8)
-    assert there.viscous == pytest.approx(here.viscous, rel=1e-7)
-    assert there.rmse == pytest.approx(here.rmse, rel=1e-5)
+def test_residual_blocks_are_those_of_the_samples():
+    x, z, index = _record(n=4_000, jumps=((320, 0.4), (1_003, -0.3), (1_040, 0.5), (2_500, -0.6), (3_900, 0.2)))
+    used, size = np.random.default_rng(71).random(z.size) > 0.1, 64
+    evidence = _evidence(x, z, used)
+    fit = estimate(evidence, index)
+    blocks = residual_blocks(evidence, fit, size)
+    residual = z - fit.viscous * x
+    inside = {int(k // size) for k in index if k % size}
+    for b in range(z.size // size):
+        there = slice(b * size, (b + 1) * size)
+        assert blocks.usable[b] == (b not in inside and used[there].sum() >= size // 2)
+        assert blocks.friction[b] == pytest.approx(residual[there][used[there]].mean(), rel=1e-10)
+        assert blocks.interval[b] == int((-(-index // size) <= b).sum())
+    for i in range(index.size + 1):
+        own = blocks.usable & (blocks.interval == i)
+        assert np.sum(blocks.n[own] * blocks.residual[own]) == pytest.approx(0.0, abs=1e-9)

@@ -6,11 +6,18 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from rwa_monitor.changepoints.noise import OUTLIERS, ar_coefficient, estimate_noise, estimate_outliers
+from rwa_monitor.changepoints.noise import (
+    OUTLIERS,
+    ar_coefficient,
+    estimate_noise,
+    gaussian_outlier,
+    largest_outlier,
+    mean_variance_factor,
+)
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
-    BLOCK,
     LAGS,
+    NOISE_BLOCK,
     block_differences,
     contrast_variances,
     quantiles_of,
@@ -34,12 +41,17 @@ def _ar(rng, phi, n=N):
     return signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.standard_normal(n + 500))[500:]
 
 
-def _blocks(z, hop=4 * BLOCK, used=None):
-    count = (z.size - BLOCK - LAGS) // hop + 1
+def _blocks(z, hop=4 * NOISE_BLOCK, used=None):
+    count = (z.size - NOISE_BLOCK - LAGS) // hop + 1
     sums, pairs = np.zeros((count, LAGS)), np.zeros((count, LAGS))
     used = np.ones(z.size, dtype=np.bool_) if used is None else used
     block_differences(np.ones(z.size), z, used, 0, count, hop, 0.0, 1.0, sums, pairs)
     return sums, pairs
+
+
+def _outlier(z, variance=1.0):
+    statistic = np.maximum(np.diff(z) ** 2 / 2, 1e-300)
+    return largest_outlier(quantiles_of(_histogram(statistic)), variance, N)
 
 
 def _estimate(z, **kwargs):
@@ -47,22 +59,13 @@ def _estimate(z, **kwargs):
     return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, None)
 
 
-@pytest.mark.parametrize("variance", [1e-9, 1.0, 5.76e-4])
-def test_variance_of_a_contrast_comes_from_its_histogram(variance):
-    rng = np.random.default_rng(1)
-    counts = _histogram(variance * rng.chisquare(1, 40_000))
-    [v] = scale_variances(counts[None], np.array([2]), np.nan)
-    # Relative standard error of the trimmed mean: below 2/√n.
-    assert v == pytest.approx(variance, rel=4 * 2 / np.sqrt(40_000))
-
-
-@pytest.mark.parametrize("jumped", [0.02, 0.1])
-def test_jumps_hardly_move_the_variance(jumped):
-    rng = np.random.default_rng(2)
-    values = rng.chisquare(1, 40_000)
+@pytest.mark.parametrize(("variance", "jumped"), [(1e-9, 0.0), (1.0, 0.0), (5.76e-4, 0.0), (1.0, 0.02), (1.0, 0.1)])
+def test_variance_of_a_contrast_comes_from_its_histogram_whatever_jumps(variance, jumped):
+    values = variance * np.random.default_rng(1).chisquare(1, 40_000)
     values[: int(jumped * values.size)] *= 1e3
     [v] = scale_variances(_histogram(values)[None], np.array([2]), np.nan)
-    assert v == pytest.approx(1.0, rel=0.05)
+    # Relative standard error of the trimmed mean: below 2/√n.
+    assert v == pytest.approx(variance, rel=0.05 if jumped else 4 * 2 / np.sqrt(40_000))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -101,19 +104,13 @@ def test_jumps_gaps_and_outliers_do_not_become_noise():
 @pytest.mark.parametrize("freedom", [3.0, 5.0])
 def test_heavy_tails_are_measured(freedom):
     rng = np.random.default_rng(7)
-    z = rng.standard_t(freedom, N)
-    counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    outliers = estimate_outliers(quantiles_of(counts), 1.0, N)
-    assert outliers.degrees_of_freedom == pytest.approx(freedom, rel=0.25)
     expected = stats.t(freedom).isf(0.5 * OUTLIERS / N)
-    assert outliers.largest_outlier == pytest.approx(expected, rel=0.5)
+    assert _outlier(rng.standard_t(freedom, N)) == pytest.approx(expected, rel=0.3)
 
 
 def test_gaussian_noise_has_light_tails_also_with_jumps_in_it():
     rng = np.random.default_rng(8)
-    z = rng.standard_normal(N) + 15.0 * (np.arange(N) // 2000 % 2)
-    outliers = estimate_outliers(quantiles_of(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
-    assert outliers.largest_outlier < 6.0
+    assert _outlier(rng.standard_normal(N) + 15.0 * (np.arange(N) // 2000 % 2)) < 6.0
 
 
 @pytest.mark.parametrize("share", [0.9, 1.0])
@@ -122,15 +119,15 @@ def test_block_differences_are_those_of_plain_loops(share):
     z, used = rng.standard_normal(300), rng.random(300) < share
     x, slope, weight = 1.0 + 0.01 * z[::-1].copy(), 0.5, 1e-2
     sums, pairs = np.zeros((2, LAGS)), np.zeros((2, LAGS))
-    block_differences(x, z, used, 0, 2, BLOCK, slope, weight, sums, pairs)
+    block_differences(x, z, used, 0, 2, NOISE_BLOCK, slope, weight, sums, pairs)
     for b in range(2):
-        there = slice(b * BLOCK, b * BLOCK + BLOCK + LAGS)
+        there = slice(b * NOISE_BLOCK, b * NOISE_BLOCK + NOISE_BLOCK + LAGS)
         good, u, v = used[there], x[there] - x[there][used[there]].mean(), z[there] - z[there][used[there]].mean()
         e = v - (u[good] @ v[good] + weight * slope) / (u[good] @ u[good] + weight) * u
         for lag in range(1, LAGS + 1):
-            both = good[:BLOCK] & good[lag : BLOCK + lag]
+            both = good[:NOISE_BLOCK] & good[lag : NOISE_BLOCK + lag]
             assert pairs[b, lag - 1] == both.sum()
-            half = 0.5 * (e[lag : BLOCK + lag] - e[:BLOCK])[both] ** 2
+            half = 0.5 * (e[lag : NOISE_BLOCK + lag] - e[:NOISE_BLOCK])[both] ** 2
             assert sums[b, lag - 1] == pytest.approx(half.sum(), rel=1e-9)
 
 
@@ -158,5 +155,15 @@ def test_block_differences_imply_the_variance_of_each_contrast(phi):
 
 def test_a_lattice_has_no_heavy_tails():
     z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
-    counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    assert np.isinf(estimate_outliers(quantiles_of(counts), 0.05, N).degrees_of_freedom)
+    assert _outlier(z, 0.05) == 0.05**0.5 * gaussian_outlier(N)
+
+
+def test_variance_of_a_mean_is_the_double_sum_over_its_samples():
+    covariance = np.array([1.0, 0.6, 0.0, -0.2, 0.1, 0.0])
+    long_run = 1.0 + 2.0 * covariance[1:].sum()
+    counts = np.array([1.0, 2.0, 3.0, 4.0, 7.0, 40.0])
+    factors = mean_variance_factor(NoiseEstimate(1.0, covariance, long_run), counts)
+    for n, factor in zip(counts.astype(int).tolist(), factors, strict=True):
+        apart = np.abs(np.subtract.outer(np.arange(n), np.arange(n)))
+        of_pairs = np.where(apart < covariance.size, covariance[np.minimum(apart, covariance.size - 1)], 0.0)
+        assert factor == pytest.approx(of_pairs.sum() / n, rel=1e-12)

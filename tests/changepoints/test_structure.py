@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.changepoints.running_sums import HARMONICS, Structure, StructureSums
-from rwa_monitor.kernels.structure import BLOCK, STRETCH, cosines_and_sines, count_signs, extend_structure
+from rwa_monitor.kernels.structure import BLOCK, STRETCH, count_signs, extend_structure
 from rwa_monitor.samples import BoolArray, FloatArray
 
 SLOTS = 20_000
@@ -138,14 +138,3 @@ def test_the_ripple_is_the_power_at_multiples_of_the_angle() -> None:
     there = np.isfinite(power)
     assert there.sum() > HARMONICS // 2
     np.testing.assert_allclose(power[there], (2.0 * np.abs(wave @ e) ** 2 / (e @ e))[there], rtol=1e-9)
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40))
-def test_cosines_and_sines_are_those_of_numpy(angles: list[float]) -> None:
-    angle = np.array(angles)
-    cosine, sine = np.empty_like(angle), np.empty_like(angle)
-    cosines_and_sines(angle, cosine, sine)
-    # Half a digit of the series, and what a quarter of a turn in two parts leaves out of each turn.
-    most = 4e-16 + 1e-16 * np.abs(angle)
-    assert (np.abs(cosine - np.cos(angle)) <= most).all()
-    assert (np.abs(sine - np.sin(angle)) <= most).all()

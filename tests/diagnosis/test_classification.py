@@ -159,14 +159,6 @@ def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another()
         carried = carried.model_copy(update={"probability": after})
 
 
-@pytest.mark.parametrize("probability", [0.0, 0.1, 0.44, 0.6, 0.99])
-def test_time_alone_makes_no_anomaly(probability: float) -> None:
-    later = probability
-    for _ in range(1000):
-        later = probability_before(later, 0.44)
-    assert later <= max(probability, 0.44)
-
-
 @pytest.mark.parametrize(("name", "change"), [("dry", {"base_dry": 1.3}), ("viscous", {"viscous": 1.1})])
 def test_a_coefficient_that_no_window_measures_well_does_not_add_up(name: str, change: dict[str, float]) -> None:
     """Its estimate is drawn to the same side each time: by friction without a name, by a speed that hardly moves."""

@@ -81,10 +81,3 @@ def test_what_the_wheel_lacks_is_named():
         Scenario(duration_s=0.1).slots(wheel)
     with pytest.raises(InputError, match="duration_s"):
         Scenario(duration_s=1e12).slots(wheel)
-
-
-def test_anomaly_grows_linearly_from_its_onset():
-    anomaly = Anomaly(factor=1.6, onset_s=100.0, growth_s=50.0)
-    assert [anomaly.factor_at(time) for time in (0.0, 100.0, 125.0, 150.0, 1e6)] == pytest.approx([1, 1, 1.3, 1.6, 1.6])
-    sudden = Anomaly(factor=1.6, onset_s=100.0)
-    assert [sudden.factor_at(time) for time in (99.9, 100.0)] == [1.0, 1.6]

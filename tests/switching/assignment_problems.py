@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.kernels.assignment import REJECT
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.assignment import Path, Scores, action_table
+from rwa_monitor.switching.assignment import Scores, action_table
 from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods, tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
 from rwa_monitor.wheel.wheel import SwitchingSystem
@@ -17,6 +16,7 @@ SHORT = SwitchingSystem(name="short", durations=(Uniform(low=200, high=500), Uni
 LONG = SwitchingSystem(name="long", durations=(Uniform(low=300, high=900),) * 3, up=(1.0, 0.4, 0.0))
 FREE = SwitchingSystem(name="free", durations=(Geometric(mean=400), Lognormal(mu=5.0, sigma=0.5)))
 SLOTS = 3000
+UNATTRIBUTED = -10.0  # log prior
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,13 @@ class Problem:
     durations: DurationLikelihoods
     configurations: IntArray
     signs: BoolArray
-    reject: float
-    unattributed: float
-    simultaneous: float
+    pairs: bool
     sizes: Sizes | None = None
 
     @property
     def actions(self) -> IntArray:
-        return action_table(self.configurations.size)
+        table = action_table(self.configurations.size)
+        return table if self.pairs else table[table[:, 2] < 0]
 
     @property
     def scores(self) -> Scores:
@@ -56,19 +55,16 @@ class Problem:
         sizes = sizes or Sizes(np.zeros(count), np.full(count, 1e30), none, none, 0.5 * np.log(2e30 * np.pi), 1.0)
         return Scores(
             fit=self.fit,
-            jump=durations.jump,
-            stay=durations.stay,
-            turn=durations.turn,
-            missed=durations.missed,
+            **durations._asdict(),
             configurations=self.configurations,
             signs=self.signs,
             actions=self.actions,
-            priors=np.array([self.reject, self.unattributed, self.simultaneous]),
             size=sizes.jump,
             size_variance=sizes.variance,
             law_mean=sizes.law_mean,
             law_variance=sizes.law_variance,
             log_range=sizes.log_range,
+            unattributed=UNATTRIBUTED,
             unattributed_variance=sizes.unattributed_variance,
         )
 
@@ -112,20 +108,9 @@ def random_problem(
         durations=durations,
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
-        reject=-float(rng.exponential(1.0)),
-        unattributed=-10.0,
-        simultaneous=-1.0 if rare else -np.inf,
+        pairs=rare,
         sizes=sizes if sized else None,
     )
-
-
-def random_path(rng: np.random.Generator, problem: Problem) -> Path:
-    """A path that need not be a good one: systems go up and down in turn, at random candidates."""
-    actions = np.zeros(problem.signs.shape[0], dtype=np.int64)
-    for s in range(problem.configurations.size):
-        mine = np.flatnonzero((rng.random(actions.size) < 0.4) & (actions == REJECT))
-        actions[mine] = 2 + 6 * s + np.arange(1, mine.size + 1) % 2  # up, down, up …
-    return Path(0.0, (0,) * problem.configurations.size, actions)
 
 
 def step_of(number: int) -> tuple[int, int]:

@@ -105,7 +105,7 @@ def test_a_window_that_does_not_show_a_value_only_widens_it() -> None:
 @given(st.floats(0, 1), st.floats(0.01, 0.99))
 def test_the_hazard_pulls_to_the_rate_and_an_anomaly_stays_likelier_than_that(probability: float, rate: float) -> None:
     after = probability_before(probability, rate)
-    assert 0.0 <= after <= 1.0
+    assert 0.0 <= after <= max(probability, rate)  # time alone makes no anomaly
     assert after >= probability_before(0.0, rate) == pytest.approx(CHANGE_PER_WINDOW * rate)
     assert probability_before(1.0, rate) > 0.99
 

@@ -2,67 +2,19 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatPath
+from rwa_monitor.changepoints.stage_results import Candidates, FlatPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
-from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, switching_path
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.kernels.laws import densities
-from rwa_monitor.kernels.segments import pair_moments
+from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
 from rwa_monitor.switching import segments
-from rwa_monitor.switching.assignment import Path, search
 from rwa_monitor.switching.friction_model import Cases
-from tests.switching.assignment_problems import LONG, SHORT, Problem, random_path, random_problem, step_of
 from tests.switching.assignment_windows import sums_of
-
-
-def plain_path(problem: Problem, path: Path, index: np.ndarray) -> tuple[list[list[int]], list[list[int]], list[int]]:
-    """Configurations and starts of each system's sojourns, and the slots of jumps that no system made."""
-    configurations, starts = [[q] for q in path.start], [[0] for _ in path.start]
-    alone = []
-    for k, action in enumerate(path.actions.tolist()):
-        if action == NO_SYSTEM:
-            alone.append(int(index[k]))
-        if action in (REJECT, NO_SYSTEM):
-            continue
-        row = problem.actions[action].tolist()
-        for who, number in (row[:2], row[2:]):
-            if who < 0:
-                continue
-            step, missed = step_of(number)
-            if missed:
-                starts[who].append(starts[who][-1] + 1)
-                configurations[who].append(configurations[who][-1] + missed)
-            starts[who].append(int(index[k]))
-            configurations[who].append(configurations[who][-1] + step)
-    return configurations, starts, alone
-
-
-def test_a_path_of_the_search_becomes_a_switching_path():
-    rng = np.random.default_rng(12)
-    kinds = set()
-    for _ in range(40):
-        problem = random_problem(rng, (SHORT, LONG), 7)
-        index = np.sort(rng.choice(np.arange(1, 3000), 7, replace=False))
-        paths = [*search(problem.scores, paths=8, margin=12.0, budget=20_000).paths, random_path(rng, problem)]
-        for path in paths:
-            kinds.update(path.actions.tolist())
-            flat, nodes, system, direction = switching_path(problem.actions, index, np.array(path.start), path.actions)
-            configurations, starts, alone = plain_path(problem, path, index)
-            nested = FlatPath(*flat).by_system()
-            assert [q.tolist() for q in nested.configurations] == configurations
-            assert [slots.tolist() for slots in nested.starts] == starts
-            assert nested.unattributed.tolist() == alone
-            again = nested.flat()
-            assert all(np.array_equal(one, other) for one, other in zip(flat, again, strict=True))
-            accepted = np.flatnonzero(path.actions != REJECT)
-            assert nodes.tolist() == [0, *(accepted + 1), 8]
-            assert np.array_equal(system[:, 0] == REJECTED, path.actions == REJECT)
-            assert np.array_equal(system[:, 0] == UNATTRIBUTED, path.actions == NO_SYSTEM)
-            assert np.array_equal(direction != 0, system >= 0)
-    assert len(kinds) >= 10  # with missed jumps and two at once
 
 
 def test_levels_signs_and_chains_are_those_of_the_samples():
@@ -72,10 +24,9 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     level = np.array([1.0, 1.5, 1.5, 1.2, 1.4])[np.searchsorted(index, np.arange(slots), side="right")]
     z = level + 0.8 * x + 0.02 * rng.standard_normal(slots)
     sums = sums_of(x, z, used)
-    accepted = np.array([0, 2, 3])
-    nodes = segments.nodes_of(accepted, index.size)
+    found = segments.measure_level(index, np.array([0, 2, 3]), sums, 0.02**2, 0.0, 1e6)
+    nodes = found.nodes
     assert nodes.tolist() == [0, 1, 3, 4, 5]
-    found = segments.measure_level(index, nodes, sums.arrays, slots, 0.02**2, 0.0, 1e6)
     borders = np.array([0, 90, 330, 450, 600])
     chain = found.pairs[:, nodes[:-1], nodes[1:]]
     assert chain == pytest.approx(sums.between(borders[:-1], borders[1:]).table)
@@ -88,7 +39,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     # The contrast of the first says down, the levels say up; that of the second, rejected one, is weak.
     statistic, jump = np.array([100.0, 4.0, 100.0, 100.0]), np.array([-0.1, 0.1, -0.3, np.nan])
     candidates = Candidates(index, np.full(4, 16), statistic, jump)
-    signs = segments.possible_signs(candidates, found.pairs, nodes, found.slope)
+    signs = segments.possible_signs(candidates, found)
     assert signs.tolist() == [[True, True], [True, True], [True, False], [True, True]]
 
 
@@ -96,10 +47,10 @@ def test_levels_without_samples_leave_the_sign_to_the_contrast():
     x, used = np.ones(300), np.ones(300, dtype=np.bool_)
     used[100:200] = False
     sums = sums_of(x, np.where(np.arange(300) < 150, 1.0, 2.0), used)
-    index, nodes = np.array([100, 200]), np.array([0, 1, 2, 3])
-    pairs = pair_moments(np.array([0, 100, 200, 300]), sums.arrays)
+    index = np.array([100, 200])
+    level = segments.measure_level(index, np.array([0, 1]), sums, 1.0, 0.0, 1e-6)
     candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))
-    signs = segments.possible_signs(candidates, pairs, nodes, 0.0)
+    signs = segments.possible_signs(candidates, level)
     assert signs.tolist() == [[False, True], [False, True]]
     assert segments.typical_jump(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
     assert segments.typical_jump(np.array([np.nan])) == 0.0
@@ -167,3 +118,60 @@ def test_values_that_are_not_known_have_no_density():
     stray, relative = stray_probabilities(model, configuration, friction, std)
     assert stray == pytest.approx(found[2, 1:3, 2], rel=1e-12)
     assert relative == pytest.approx([0.05 / model.levels[q].reach for q in (1, 2)], rel=1e-12)
+
+
+# ---- levels and positions over the samples themselves ---------------------------------------------------------------
+
+
+SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
+INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])
+
+
+@pytest.fixture
+def record() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, z and used of a window with five jumps, a tenth of its samples masked."""
+    rng = np.random.default_rng(71)
+    x = 0.6 + 0.3 * np.sin(np.arange(SLOTS) / 300.0)
+    level = np.concatenate([[1.0], 1.0 + np.cumsum([0.4, -0.3, 0.5, -0.6, 0.2])])
+    z = level[np.searchsorted(INDEX, np.arange(SLOTS), side="right")] + SLOPE * x + STD * rng.standard_normal(SLOTS)
+    return x, z, rng.random(SLOTS) > 0.1
+
+
+def _error(values: np.ndarray) -> float:
+    return float(((values - values.mean()) ** 2).sum()) if values.size else 0.0
+
+
+def test_jumps_and_levels_are_those_of_the_samples(record):
+    x, z, used = record
+    pairs = pair_moments(np.concatenate([[0], INDEX, [SLOTS]]), sums_of(x, z, used).arrays)
+    nodes = np.array([0, 1, 3, 6])  # the first and the third candidate are accepted
+    borders = np.concatenate([[0], INDEX, [SLOTS]])
+    residual = np.where(used, z - SLOPE * x, np.nan)
+    levels = segments.levels_of(pairs, nodes, SLOPE)
+    plain = [np.nanmean(residual[borders[a] : borders[b]]) for a, b in pairwise(nodes)]
+    assert levels == pytest.approx(plain, rel=1e-10)
+    jump, variance = jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
+    for k, (before, after) in enumerate([(0, 3), (1, 3), (1, 6), (3, 6), (3, 6)], start=1):
+        left, right = slice(borders[before], borders[k]), slice(borders[k], borders[after])
+        assert jump[k - 1] == pytest.approx(np.nanmean(residual[right]) - np.nanmean(residual[left]), rel=1e-9)
+        apart = x[right][used[right]].mean() - x[left][used[left]].mean()
+        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * LEVEL_SCATTER**2)
+        assert variance[k - 1] == pytest.approx(own + apart**2 / 1e4, rel=1e-9)
+
+
+def test_positions_are_refined_to_the_least_error(record):
+    x, z, used = record
+    index, reach = INDEX + np.array([7, -9, 5, 20, -3]), np.array([8, 16, 16, 32, 32])
+    refined = segments.refine(sums_of(x, z, used), index, reach, SLOPE, STD**2)
+    residual, borders = z - SLOPE * x, np.concatenate([[0], index, [SLOTS]])
+    for i, at in enumerate(index):
+        left, right = borders[i], borders[i + 2]
+        low = max(left + (at - left) // 2, at - reach[i])
+        high = min(at + (right - at) // 2, at + reach[i])
+        trials = [k for k in range(low, high + 1) if k > low or k == at]
+        cost = [
+            (_error(residual[left:k][used[left:k]]) + _error(residual[k:right][used[k:right]])) / (2.0 * STD**2)
+            + PREFERENCE * abs(k - at)
+            for k in trials
+        ]
+        assert refined[i] == trials[int(np.argmin(cost))]

@@ -47,16 +47,6 @@ def direction_dependent_viscous(speed: Values, forward: float, backward: float) 
     return np.array([(forward if v > 0 else backward) * v - mean * v for v in speed])
 
 
-def palmgren(speed: Values, f0: float, viscosity_mm2_s: float, mean_diameter_mm: float) -> np.ndarray:
-    """Palmgren 1959: M₀ = 1e-7 f₀ (ν n)^(2/3) d_m³ in N mm, n in revolutions a minute (for ν n ≥ 2000 mm²/s/min)."""
-    out = []
-    for omega in speed:
-        rpm = abs(omega) * 60.0 / (2.0 * math.pi)
-        moment_Nmm = 1e-7 * f0 * (viscosity_mm2_s * rpm) ** (2.0 / 3.0) * mean_diameter_mm**3
-        out.append(sgn(omega) * moment_Nmm * 1e-3)
-    return np.array(out)
-
-
 def disc_windage(speed: Values, moment_coefficient: float, density: float, radius: float) -> np.ndarray:
     """Schlichting: M = C_M ½ ρ ω² R⁵ against the motion, with a constant coefficient C_M (both sides of the disc)."""
     return np.array([sgn(v) * moment_coefficient * 0.5 * density * v * v * radius**5 for v in speed])
@@ -245,11 +235,9 @@ def jumping_slope(speed: Values, places: Sequence[int], sizes: Values, per_torqu
     return np.array(out)
 
 
-def cross_film(speed: Values, slope: float, critical: float) -> np.ndarray:
-    """Cross (1965): viscosity η₀/(1 + rate/critical rate), of a film whose shear rate is in proportion to the speed."""
-    return speed * slope / (1.0 + np.abs(speed) / critical)
-
-
 def carreau_yasuda_film(speed: Values, slope: float, critical: float, bend: float) -> np.ndarray:
-    """Yasuda and others (1981) with power index n = 0: viscosity η₀ [1 + (λγ̇)^a]^((n−1)/a), λγ̇ = |ω|/critical."""
+    """Yasuda and others (1981) with power index n = 0: viscosity η₀ [1 + (λγ̇)^a]^((n−1)/a), λγ̇ = |ω|/critical.
+
+    With a = 1 Cross (1965): η₀/(1 + λγ̇).
+    """
     return speed * slope * (1.0 + (np.abs(speed) / critical) ** bend) ** (-1.0 / bend)

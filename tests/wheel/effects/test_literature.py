@@ -95,22 +95,13 @@ def test_sublinear_viscous_follows_speed_and_viscosity_alike(motion: Channels) -
     assert_same(torque("sublinear_viscous", motion, strength_Nm=4e-5, **shape), theirs)
 
 
-def test_saturating_drag_is_a_film_whose_viscosity_follows_cross(motion: Channels) -> None:
-    theirs = literature.cross_film(motion.speed_rad_s, 2e-5, 12.0)
-    assert_same(torque("saturating_drag", motion, strength_Nm=2e-5 * 12.0, saturation_speed_rad_s=12.0), theirs)
-
-
-def test_a_sharper_saturating_drag_is_a_film_after_carreau_and_yasuda(motion: Channels) -> None:
-    theirs = literature.carreau_yasuda_film(motion.speed_rad_s, 2e-5, 12.0, 2.5)
-    shape = {"saturation_speed_rad_s": 12.0, "bend": 2.5}
+@pytest.mark.parametrize("bend", [None, 2.5])
+def test_saturating_drag_is_a_film_after_cross_and_after_carreau_and_yasuda(
+    motion: Channels, bend: float | None
+) -> None:
+    theirs = literature.carreau_yasuda_film(motion.speed_rad_s, 2e-5, 12.0, bend or 1.0)
+    shape = {"saturation_speed_rad_s": 12.0} | ({"bend": bend} if bend else {})
     assert_same(torque("saturating_drag", motion, strength_Nm=2e-5 * 12.0, **shape), theirs)
-
-
-def test_sublinear_viscous_is_palmgren(motion: Channels) -> None:
-    f0, viscosity, diameter = 1.5, 40.0, 20.0
-    at_one_rad_s = literature.palmgren([1.0], f0, viscosity, diameter)[0]
-    ours = torque("sublinear_viscous", motion, strength_Nm=at_one_rad_s, exponent=2 / 3)
-    assert_same(ours, literature.palmgren(motion.speed_rad_s, f0, viscosity, diameter))
 
 
 def test_quadratic_drag(motion: Channels) -> None:

@@ -11,11 +11,13 @@ from scipy import optimize
 
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.wheel.effects.formula import FORMULAS
 from tests.wheel.effects.records import mirrored, piece, rich_motion
 
 ALL = sorted(MEAN_EFFECTS.values(), key=lambda effect: effect.name)
 GRID = 60  # start values of a profiled shape: a dead zone's sum of squares is a staircase with many local minima
 every_mean_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+every_column = pytest.mark.parametrize("effect", [*ALL, *FORMULAS.values()], ids=lambda effect: effect.name)
 
 
 def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
@@ -46,25 +48,7 @@ def test_friction_runs_in_over_an_hour_or_longer() -> None:
     assert drift.largest_share(replace(channels, sample_period_s=60.0)) == 1.0
 
 
-@every_mean_effect
-def test_columns_have_one_for_each_strength_and_are_finite(effect: type[MeanEffect]) -> None:
-    channels = rich_motion(2048)
-    columns, _ = effect.columns(channels, typical_shape(effect))
-    assert columns.shape == (2048, len(effect.strength_parameters()))
-    assert columns.dtype == np.float64
-    assert np.isfinite(columns).all()
-    assert np.abs(columns).max() > 0, "a rich motion must show the effect"
-
-
-@every_mean_effect
-def test_torque_is_proportional_to_the_strengths(effect: type[MeanEffect]) -> None:
-    channels = rich_motion(1024)
-    typical = effect.typical()
-    doubled = effect.typical(**{p.name: 2 * typical.values[p.name] for p in effect.strength_parameters()})
-    np.testing.assert_allclose(doubled.torque(channels)[0], 2 * typical.torque(channels)[0], rtol=1e-14)
-
-
-@every_mean_effect
+@every_column
 @pytest.mark.parametrize("seed", range(3))
 def test_a_record_in_pieces_gives_the_same_bits(effect: type[MeanEffect], seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -120,7 +104,7 @@ def test_a_missing_channel_gives_nan_not_a_guess(effect: type[MeanEffect]) -> No
     assert np.isnan(columns).all() == bool(effect.needs)
 
 
-@every_mean_effect
+@every_column
 def test_parity_is_as_stated(effect: type[MeanEffect]) -> None:
     channels = rich_motion(1024)
     shape = typical_shape(effect)
