@@ -19,7 +19,7 @@ import numpy as np
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples, concatenate
-from rwa_monitor.telemetry.files import PathLike, display_name, read_checked_text
+from rwa_monitor.telemetry.files import PathLike, display_name, read_text
 from rwa_monitor.wheel.wheel import Wheel
 
 MAX_MAP_BYTES: Final = 1_000_000
@@ -138,7 +138,7 @@ def read_decoding(map_file: PathLike | None, xtce_file: PathLike | None) -> Deco
     """Read a map and an XTCE definition, where given; raises InputError where one cannot be read."""
 
     def text_of(path: PathLike | None, limit: int) -> TextFile | None:
-        return None if path is None else TextFile(display_name(path), read_checked_text(path, limit))
+        return None if path is None else TextFile(display_name(path), read_text(path, limit))
 
     return Decoding(text_of(map_file, MAX_MAP_BYTES), text_of(xtce_file, MAX_XTCE_BYTES))
 

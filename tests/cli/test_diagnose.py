@@ -16,7 +16,6 @@ import rwa_monitor as rwa
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.configuration import write_wheel
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.cli.conftest import WINDOW, simulate
@@ -248,7 +247,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
     scenario = rwa.Scenario.from_toml(GROWING, "growing")
     table = folder / "growing.csv"
     table_writer(table)(rwa.simulate(scenario, wheel, seed=3).samples, table)
-    write_wheel(wheel, folder / "wheel.toml")
+    (folder / "wheel.toml").write_text(wheel.to_toml())
     return str(table), str(folder / "wheel.toml")
 
 
