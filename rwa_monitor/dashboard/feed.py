@@ -165,29 +165,21 @@ class AlarmNotifier:
         with suppress(zenoh.ZError):  # the session may have been closed under us
             self._queryable.undeclare()
 
-    def publish(self, alarm: AlarmRecord) -> None:
-        """Report a change of an alarm; on the bus in the health of its wheel, if that has a window.
+    def publish(self, *alarms: AlarmRecord) -> None:
+        """Report changes of alarms to the pages, and on the bus in the health of each wheel that has a window.
 
         Raises
         ------
         HistoryError
-            If the history cannot be read; the pages have it then.
+            If the history cannot be read; the pages have them then.
         """
-        self.show(alarm)
-        self.publish_health(alarm.spacecraft, alarm.wheel)
+        for alarm in alarms:
+            self.hub.post(record_entry(alarm, "alarm"))
+        for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in alarms):
+            self._publish_health(*name)
 
-    def show(self, alarm: AlarmRecord) -> None:
-        """Report a change of an alarm to the pages."""
-        self.hub.post(record_entry(alarm, "alarm"))
-
-    def publish_health(self, spacecraft: str, wheel: str) -> None:
-        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed.
-
-        Raises
-        ------
-        HistoryError
-            If the history cannot be read.
-        """
+    def _publish_health(self, spacecraft: str, wheel: str) -> None:
+        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed."""
         with self._publishing:  # else what was read before a change could be published after it
             latest = self._history.windows(spacecraft, wheel, 1)
             if not latest:

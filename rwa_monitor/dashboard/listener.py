@@ -117,8 +117,7 @@ class Listener:
         def write() -> None:
             changed = self.history.take_monitors(changes)
             self._monitors.written(changes)
-            for alarm in changed:
-                self.notifier.publish(alarm)
+            self.notifier.publish(*changed)
 
         if changes:
             self._use_history(write)
@@ -204,10 +203,7 @@ class Listener:
             if isinstance(message, Discrepancy):
                 self.history.add_discrepancy(message)
             self._waiting.popleft()
-        for alarm in changed:
-            self.notifier.show(alarm)
-        for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in changed):
-            self.notifier.publish_health(*name)
+        self.notifier.publish(*changed)
 
 
 # ---- which monitors report -------------------------------------------------------------------------------------------

@@ -30,8 +30,8 @@ from rwa_monitor.telemetry.files import display_name, first_line, read_bytes
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.telemetry_map import (
     TIME_UNITS,
-    UNITS,
     PacketWheel,
+    channel_conversion,
     check_time,
     conversion,
     telemetry_file,
@@ -240,7 +240,7 @@ class WheelPackets:
         for channel, spec in wheel.channels.items():
             place = f"{where}: {channel}: {spec.parameter}"
             unit = spec.unit or unit_of(spec.parameter, place)
-            factor, offset = conversion(UNITS[channel], unit, channel, source, place)
+            factor, offset = channel_conversion(channel, unit, source, place)
             if spec.valid is not None:
                 unit_of(spec.valid, place, _FLAGS)
             self._channels.append((spec.parameter, spec.valid, factor, offset))

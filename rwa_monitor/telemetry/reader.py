@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
@@ -121,17 +121,8 @@ class Decoding:
         return hashlib.sha256(json.dumps(texts).encode()).hexdigest() if any(texts) else None
 
 
-class Reader(Protocol):
-    """A format: reads a file whole, or refuses it with an InputError that names file, place and reason."""
-
-    def __call__(self, path: Path, decoding: Decoding) -> TelemetryFile:
-        """Read a file.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be used, or holds no samples.
-        """
+# A format: reads a file whole, or refuses it with an InputError that names file, place and reason.
+Reader = Callable[[Path, Decoding], TelemetryFile]
 
 
 def read_decoding(map_file: PathLike | None, xtce_file: PathLike | None) -> Decoding:

@@ -39,11 +39,10 @@ from rwa_monitor.telemetry.files import display_name, first_line, unreadable
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
 from rwa_monitor.telemetry.telemetry_map import (
     SI_UNITS,
-    UNITS,
     TopicChannel,
     TopicWheel,
+    channel_conversion,
     check_time,
-    conversion,
     telemetry_file,
     wheels_of,
 )
@@ -99,7 +98,7 @@ class _Series:
         self.spec = spec
         self.times = array("q")
         self.values = array("d")
-        self._factor, self._offset = conversion(UNITS[channel], spec.unit or SI_UNITS[channel], channel, source, place)
+        self._factor, self._offset = channel_conversion(channel, spec.unit or SI_UNITS[channel], source, place)
 
     def take(self, message: dict[str, Any], times: dict[str, int]) -> None:
         """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
