@@ -318,7 +318,7 @@ class Api:
                 parts["samples"] = known.decimated.message()
                 parts["changepoints"] = array_json(entry.payload for entry in known.provisional)
                 parts |= {kind: known.latest[kind].payload for kind in parts if kind in known.latest}
-        elif (spacecraft, wheel) not in self._history.wheels():
+        elif not self._history.windows(spacecraft, wheel, 1):
             raise HTTPException(404, "no such wheel")
         if parts["discrepancy"] == b"null":
             parts["discrepancy"] = self._history.discrepancy(spacecraft, wheel) or b"null"
@@ -356,7 +356,7 @@ class Api:
         """Refuse to retire a wheel that is unknown, or whose telemetry comes."""
         known = self._fleet.wheel(spacecraft, wheel)
         if known is None:
-            if (spacecraft, wheel) not in self._history.wheels():
+            if not self._history.windows(spacecraft, wheel, 1):
                 raise HTTPException(404, "no such wheel")
             return
         with self._fleet.lock:

@@ -201,11 +201,10 @@ class AlarmNotifier:
 
 
 def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
-    """Return the open ones of a wheel's alarms, by name, as the health message has them."""
+    """Return open alarms of a wheel, by name, as the health message has them."""
     found = {}
     for alarm in alarms:
-        if alarm.closed_ns is None:
-            seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
-            by = seen[-1] if seen and alarm.phase == "acknowledged" else None
-            found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)
+        seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
+        by = seen[-1] if seen and alarm.phase == "acknowledged" else None
+        found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)
     return found

@@ -104,7 +104,7 @@ class Listener:
                 self._report_monitors(trouble)
         if self._waiting and now_s >= self._retry_due_s:
             self._store()
-        if check_is_due and not self._waiting and self._use_history(self.history.check):
+        if check_is_due and not self._waiting:
             self._use_history(self._show_others)
         if now_s >= self._prune_due_s:
             self._prune_due_s = now_s + PRUNE_PERIOD_S

@@ -276,17 +276,7 @@ class History:
                     removed += int(result.rowcount)
         return removed
 
-    def check(self) -> None:
-        """Raise HistoryError if the database was removed."""
-        self._database.check()
-
     # ---- out -----------------------------------------------------------------------------------------------------
-
-    def wheels(self) -> list[tuple[str, str]]:
-        """Return spacecraft and wheel of everything in the history, sorted."""
-        with self._database.session() as session:
-            pairs = session.execute(select(DiagnosisRow.spacecraft, DiagnosisRow.wheel).distinct()).all()
-            return sorted((spacecraft, wheel) for spacecraft, wheel in pairs)
 
     def latest(self) -> dict[tuple[str, str], bytes]:
         """Return the latest diagnosis of every wheel, as JSON, by spacecraft and wheel."""

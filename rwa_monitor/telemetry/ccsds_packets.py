@@ -187,10 +187,14 @@ def _no_packet(packet: bytes) -> str | None:
         return f"{len(packet)} bytes; a packet has seven or more"
     if packet[0] >> 5:
         return f"version {packet[0] >> 5} of the packet protocol; there is only 0"
-    stated = HEADER_BYTES + int.from_bytes(packet[4:6], "big") + 1
-    if stated != len(packet):
+    if (stated := _stated_bytes(packet)) != len(packet):
         return f"{len(packet)} bytes, and its header states {stated}"
     return None
+
+
+def _stated_bytes(data: bytes, position: int = 0) -> int:
+    """Return the length of the packet that begins somewhere, by its header."""
+    return HEADER_BYTES + int.from_bytes(data[position + 4 : position + 6], "big") + 1
 
 
 # ---- a wheel of the map ----------------------------------------------------------------------------------------------
@@ -326,7 +330,7 @@ def split_packets(data: bytes) -> Iterator[bytes]:
     """Yield packet after packet, as their headers count; ends where none can begin or the last is cut."""
     position = 0
     while len(data) - position > HEADER_BYTES and not data[position] >> 5:
-        length = HEADER_BYTES + int.from_bytes(data[position + 4 : position + 6], "big") + 1
+        length = _stated_bytes(data, position)
         if position + length > len(data):
             return
         yield data[position : position + length]

@@ -151,9 +151,7 @@ def slot_columns(truth: Truth) -> dict[str, np.ndarray[Any, Any]]:
     columns: dict[str, np.ndarray[Any, Any]] = {}
     for field in fields(truth):
         value = getattr(truth, field.name)
-        if isinstance(value, np.ndarray):
-            columns[field.name] = value
-        elif isinstance(value, dict):
-            arrays = {key: array for key, array in value.items() if isinstance(array, np.ndarray)}
-            columns.update({f"{key}.{field.name}": array for key, array in arrays.items()})
+        of_systems = {f"{key}.{field.name}": array for key, array in value.items()} if isinstance(value, dict) else {}
+        named = of_systems or {field.name: value}
+        columns |= {name: array for name, array in named.items() if isinstance(array, np.ndarray)}
     return columns
