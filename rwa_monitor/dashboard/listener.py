@@ -198,7 +198,7 @@ class Listener:
         some = list(itertools.islice(self._waiting, BATCH_WINDOWS))
         diagnoses = [message for message in some if isinstance(message, Diagnosis)]
         self.history.retired.record(message for message in some if isinstance(message, RetirementEvent))
-        changed = self.history.take(diagnoses)
+        _, changed = self.history.add(*diagnoses)
         for message in some:
             if isinstance(message, Discrepancy):
                 self.history.add_discrepancy(message)

@@ -137,5 +137,5 @@ def import_recordings(history: History, path: Path) -> tuple[int, int]:
             history.add_discrepancy(found)
         windows += len(diagnoses)
         for begin in range(0, len(diagnoses), BATCH_WINDOWS):
-            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])
+            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])[0]
     return windows, new

@@ -88,8 +88,8 @@ class History:
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def add(self, *diagnoses: Diagnosis) -> int:
-        """Take in windows in one transaction; returns how many the history did not have yet.
+    def add(self, *diagnoses: Diagnosis) -> tuple[int, list[AlarmRecord]]:
+        """Take in windows in one transaction; returns how many of them were new, and the alarms that they changed.
 
         Raises
         ------
@@ -97,14 +97,8 @@ class History:
             If the database cannot be written; nothing of the windows is in it then.
         """
         with self._database.session() as session:
-            return sum(self._add(session, diagnosis) for diagnosis in diagnoses)
-
-    def take(self, diagnoses: Iterable[Diagnosis]) -> list[AlarmRecord]:
-        """Take in windows in one transaction; returns the alarms that they changed. Raises HistoryError as `add`."""
-        with self._database.session() as session:
-            for diagnosis in diagnoses:
-                self._add(session, diagnosis)
-            return _changed(session)
+            new = sum(self._add(session, diagnosis) for diagnosis in diagnoses)
+            return new, _changed(session)
 
     def _add(self, session: Session, diagnosis: Diagnosis) -> bool:
         place = {"spacecraft": diagnosis.spacecraft, "wheel": diagnosis.wheel}
