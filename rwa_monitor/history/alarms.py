@@ -51,22 +51,23 @@ ADVICE: Final = {
         " it stops by itself)."
     ),
 }
-ADVICE_MODEL: Final = (
-    "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
-    " While friction grows, do not extend the wheel file: a drift can be the fault itself."
-)
-ADVICE_MONITOR: Final = (
-    "Nothing is diagnosed until the monitor is back: look whether rwa-monitor run still runs there, at the end of its"
-    " log, and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it goes on"
-    " where it was, with all that publishers still hold; after that samples are lost."
-)
+# Of alarms that are no anomaly of the wheel, at every level but normal.
+OWN_ADVICE: Final = {
+    MODEL_ALARM: (
+        "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
+        " While friction grows, do not extend the wheel file: a drift can be the fault itself."
+    ),
+    MONITOR_ALARM: (
+        "Nothing is diagnosed until the monitor is back: look whether rwa-monitor run still runs there, at the end of"
+        " its log, and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it"
+        " goes on where it was, with all that publishers still hold; after that samples are lost."
+    ),
+}
 
 
 def advice(name: str, level: Level) -> str:
     """Return what to do about an alarm."""
-    if level > Level.NORMAL and name in {MODEL_ALARM, MONITOR_ALARM}:
-        return ADVICE_MODEL if name == MODEL_ALARM else ADVICE_MONITOR
-    return ADVICE[level]
+    return OWN_ADVICE.get(name, ADVICE[level]) if level > Level.NORMAL else ADVICE[level]
 
 
 # What the audit trail records. A person shelves an alarm for a while; the state machine goes on as if it was not.

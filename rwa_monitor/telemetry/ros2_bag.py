@@ -387,7 +387,13 @@ class MessageType:
                 current = _full_name(line.removeprefix("MSG:").strip())
                 fields = self._types[current] = []
             elif line.strip("="):  # neither empty nor between two types
-                fields += _fields(line, current.partition("/")[0])
+                found = _FIELD.fullmatch(line)
+                if found is None:
+                    raise ValueError(f"{line[:40]!r} is no field")
+                kind, many, count, field, constant = found.groups()
+                if not constant:
+                    times = int(count) if count else None if many else 1
+                    fields.append(_Field(field, _full_name(kind, current.partition("/")[0]), times, many is not None))
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """Return the fields of a message in CDR by their names; raises ValueError where the bytes are none."""
@@ -403,17 +409,6 @@ def _full_name(kind: str, package: str = "") -> str:
         return kind
     parts = kind.split("/")
     return f"{parts[0] if len(parts) > 1 else package}/{parts[-1]}"
-
-
-def _fields(line: str, package: str) -> Iterator[_Field]:
-    """Yield the field in a line of a definition; a constant is none."""
-    found = _FIELD.fullmatch(line)
-    if found is None:
-        raise ValueError(f"{line[:40]!r} is no field")
-    kind, many, count, name, constant = found.groups()
-    if not constant:
-        times = int(count) if count else None if many else 1
-        yield _Field(name, _full_name(kind, package), times, many is not None)
 
 
 class _Cdr:
