@@ -57,7 +57,6 @@ class Hub:
         self.clients: set[Client] = set()
         self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
         self._posted: deque[Received] = deque(maxlen=MAX_POSTED)  # its appends are atomic
-        self._own: list[Received] = []
 
     def post(self, received: Received) -> None:
         """Take a message, from any thread; it is dropped while no page is open."""
@@ -82,17 +81,17 @@ class Hub:
         while True:
             await asyncio.sleep(FRAME_PERIOD_S)
             now = clock()
+            entries: list[Received] = []
             if now >= beat_due:
                 beat_due = now + BEAT_PERIOD_S
                 beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
-                self._own.append(Received(BEAT_KEY, beat, time.time_ns()))
-            self.flush()
+                entries.append(Received(BEAT_KEY, beat, time.time_ns()))
+            self._hand_out(entries)
 
-    def flush(self) -> None:
-        """Hand out what has been gathered."""
+    def _hand_out(self, entries: list[Received]) -> None:
+        """Hand out what has been gathered, behind these entries."""
         statuses: dict[str, Received] = {}
         close_up: list[Received] = []
-        entries, self._own = self._own, []
         for _ in range(min(len(self._posted), MAX_ENTRIES)):
             received = self._posted.popleft()
             if received.brief:
@@ -146,12 +145,15 @@ class AlarmNotifier:
         An open Zenoh session; it is left open.
     history
         Of windows and alarms.
+
+    Attributes
+    ----------
     hub
         The feed of the pages.
     """
 
-    def __init__(self, session: zenoh.Session, history: History, hub: Hub) -> None:
-        self.hub = hub
+    def __init__(self, session: zenoh.Session, history: History) -> None:
+        self.hub = Hub()
         self._session = session
         self._history = history
         self._publishing = Lock()

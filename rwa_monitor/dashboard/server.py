@@ -16,7 +16,7 @@ import uvicorn
 import zenoh
 
 from rwa_monitor.dashboard.app import Api, create_app
-from rwa_monitor.dashboard.feed import AlarmNotifier, Hub
+from rwa_monitor.dashboard.feed import AlarmNotifier
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.listener import SILENT_S, Listener
 from rwa_monitor.dashboard.recordings import latest_wheels
@@ -96,7 +96,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
         history = stack.enter_context(History(options.history_place))
         fleet = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record))
         listening = stack.enter_context(_socket(options.port))
-        notifier = stack.enter_context(AlarmNotifier(session, history, Hub()))
+        notifier = stack.enter_context(AlarmNotifier(session, history))
         app = create_app(Api(fleet, history, notifier, options.record), token)
         config = uvicorn.Config(
             app,
