@@ -74,6 +74,7 @@ class History:
     def __init__(self, place: Path | str | None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._wall_ns = wall_ns
         self._database = Database(place)
+        self._session = self._database.session
         self.retired = RetiredWheels(self._database, wall_ns)
 
     def __enter__(self) -> Self:
@@ -96,14 +97,17 @@ class History:
         HistoryError
             If the database cannot be written; nothing of the windows is in it then.
         """
-        with self._database.session() as session:
+        with self._session() as session:
             new = sum(self._add(session, diagnosis) for diagnosis in diagnoses)
             return new, _changed(session)
 
     def _add(self, session: Session, diagnosis: Diagnosis) -> bool:
         place = {"spacecraft": diagnosis.spacecraft, "wheel": diagnosis.wheel}
         known = select(DiagnosisRow.id).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
-        if session.scalar(known) is not None or self._is_past_keeping(session, diagnosis):
+        newest_ns = session.scalar(select(func.max(EstimateRow.window_end_ns)).filter_by(**place))
+        # Of an old recording that is imported again: older than any window that is kept.
+        is_past = newest_ns is not None and diagnosis.window_end_ns < oldest_ns(newest_ns, DIAGNOSES_DAYS)
+        if is_past or session.scalar(known) is not None:
             return False
         session.add(
             DiagnosisRow(
@@ -136,7 +140,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is noted then.
         """
-        with self._database.session() as session:
+        with self._session() as session:
             for report in reports:
                 state = _state_of(session, (report.spacecraft, report.wheel, MONITOR_ALARM))
                 time_ns = max(state.last_window_ns, 0) if report.time_ns is None else report.time_ns
@@ -144,17 +148,9 @@ class History:
                 self._advance(session, state, level, time_ns, MONITOR_POLICY, report.reason)
             return _changed(session)
 
-    def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:
-        """Return whether a window is older than any that is kept: of an old recording that is imported again."""
-        newest = select(func.max(EstimateRow.window_end_ns)).filter_by(
-            spacecraft=diagnosis.spacecraft, wheel=diagnosis.wheel
-        )
-        end_ns = session.scalar(newest)
-        return end_ns is not None and diagnosis.window_end_ns < oldest_ns(end_ns, DIAGNOSES_DAYS)
-
     def add_discrepancy(self, found: Discrepancy) -> bool:
         """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
-        with self._database.session() as session:
+        with self._session() as session:
             row = session.get(DiscrepancyRow, (found.spacecraft, found.wheel))
             if row is not None and row.end_ns >= found.end_ns:
                 return False
@@ -215,7 +211,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is acknowledged then.
         """
-        with self._database.session() as session:
+        with self._session() as session:
             row, state = self._open_alarm(session, alarm_id)
             after, events = acknowledge(_alarm(state, row), state.last_window_ns)
             if not events:
@@ -237,7 +233,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is shelved then.
         """
-        with self._database.session() as session:
+        with self._session() as session:
             row, state = self._open_alarm(session, alarm_id)
             kind: EventKind = "shelved" if seconds else "unshelved"
             until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
@@ -256,7 +252,7 @@ class History:
         """Remove what is older than is kept; returns the number of rows removed."""
         row, removed = EstimateRow, 0
         latest = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
-        with self._database.session() as session:
+        with self._session() as session:
             for spacecraft, wheel, end_ns in session.execute(latest).all():
                 for table, end, days in (
                     (DiagnosisRow, DiagnosisRow.window_end_ns, DIAGNOSES_DAYS),
@@ -277,14 +273,14 @@ class History:
         row = DiagnosisRow
         ends = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
         wanted = select(row).where(tuple_(row.spacecraft, row.wheel, row.window_end_ns).in_(ends))
-        with self._database.session() as session:
+        with self._session() as session:
             return {(found.spacecraft, found.wheel): found.message.encode() for found in session.scalars(wanted)}
 
     def windows(self, spacecraft: str, wheel: str, limit: int = 200) -> list[Diagnosis]:
         """Return the latest diagnoses of a wheel, the oldest first."""
         wanted = select(DiagnosisRow.message).filter_by(spacecraft=spacecraft, wheel=wheel)
         wanted = wanted.order_by(DiagnosisRow.window_end_ns.desc()).limit(limit)
-        with self._database.session() as session:
+        with self._session() as session:
             texts = session.scalars(wanted).all()
         return [Diagnosis.parse(text.encode(), "history") for text in reversed(texts)]
 
@@ -296,13 +292,13 @@ class History:
             .order_by(EstimateRow.window_end_ns.desc(), EstimateRow.name)
             .limit(limit)
         )
-        with self._database.session() as session:
+        with self._session() as session:
             rows = session.scalars(wanted).all()
             return [EstimateRecord.model_validate(row, from_attributes=True) for row in reversed(rows)]
 
     def discrepancy(self, spacecraft: str, wheel: str) -> bytes | None:
         """Return the latest discrepancy report of a wheel, as JSON; None where there is none."""
-        with self._database.session() as session:
+        with self._session() as session:
             row = session.get(DiscrepancyRow, (spacecraft, wheel))
             return None if row is None else row.message.encode()
 
@@ -311,21 +307,21 @@ class History:
         states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
             AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
         )
-        with self._database.session() as session:
+        with self._session() as session:
             found = session.execute(states.where(AlarmStateRow.name == MONITOR_ALARM)).all()
             return {(spacecraft, wheel): bool(level) for spacecraft, wheel, level in found}
 
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
         """Return the open alarms of one wheel."""
         wanted = _ALARMS.filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None).order_by(AlarmRow.id)
-        with self._database.session() as session:
+        with self._session() as session:
             return _records(session.scalars(wanted))
 
     def alarms(self, *, closed: int = 50) -> list[AlarmRecord]:
         """Return all open alarms, the worst first, then the latest closed ones."""
         open_ones = _ALARMS.where(AlarmRow.closed_ns.is_(None)).order_by(AlarmRow.level.desc(), AlarmRow.id)
         ended = _ALARMS.where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
-        with self._database.session() as session:
+        with self._session() as session:
             return _records(row for query in (open_ones, ended) for row in session.scalars(query))
 
 
@@ -431,7 +427,7 @@ class RetiredWheels:
     """
 
     def __init__(self, database: Database, wall_ns: Callable[[], int]) -> None:
-        self._database = database
+        self._session = database.session
         self._wall_ns = wall_ns
         self._lock = RLock()
         self._changes = 0  # made here so far
@@ -449,7 +445,7 @@ class RetiredWheels:
     def events(self, spacecraft: str, wheel: str) -> list[RetirementEvent]:
         """Return all that was done with a wheel, the oldest first; raises HistoryError."""
         wanted = select(WheelEventRow).filter_by(spacecraft=spacecraft, wheel=wheel).order_by(WheelEventRow.id)
-        with self._database.session() as session:
+        with self._session() as session:
             return [_event(row) for row in session.scalars(wanted)]
 
     def refresh(self) -> list[RetirementEvent]:
@@ -481,7 +477,7 @@ class RetiredWheels:
             If the database cannot be written; nothing is changed then.
         """
         source, name = f"{spacecraft}/{wheel}", {"spacecraft": spacecraft, "wheel": wheel}
-        with self._database.session() as session:
+        with self._session() as session:
             last = _last(session, spacecraft, wheel)
             if last is not None and last.retired:
                 if retire:
@@ -531,7 +527,7 @@ class RetiredWheels:
         HistoryError
             If the database cannot be written; nothing is changed then.
         """
-        with self._database.session() as session:
+        with self._session() as session:
             for event in events:
                 last = _last(session, event.spacecraft, event.wheel)
                 if last is not None and last.retired:
@@ -541,7 +537,7 @@ class RetiredWheels:
         """Return the last event of every wheel as the database has it."""
         last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
         wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
-        with self._database.session() as session:
+        with self._session() as session:
             return [_event(row) for row in session.scalars(wanted)]
 
 
