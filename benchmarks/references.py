@@ -23,7 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.messages import Diagnosis, Message, SamplesMessage, Status, samples_json
+from rwa_monitor.messages import Diagnosis, EncodedMessage, SamplesMessage, Status, samples_json
 from rwa_monitor.monitor.bus import MonitorBus
 from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
@@ -203,7 +203,7 @@ class SilentBus(MonitorBus):
         """Count nobody's messages."""
         return 0
 
-    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+    def publish(self, message: EncodedMessage) -> None:
         """Publish to nobody."""
 
 
@@ -264,9 +264,9 @@ def summary(folder: Path) -> dict[str, Any]:
         files[path.name] = sha256(path.read_bytes()).hexdigest()
         for message in read_recording(path).messages:
             if message.schema == Diagnosis.schema_name():
-                diagnoses.append(Diagnosis.parse(message.data, message.topic))
+                diagnoses.append(Diagnosis.parse(message.payload, message.topic))
             elif message.schema == Status.schema_name():
-                statuses.append(Status.parse(message.data, message.topic))
+                statuses.append(Status.parse(message.payload, message.topic))
             inputs += message.schema == SamplesMessage.schema_name()
             changepoints += message.schema == "rwa.Changepoints"
             refused += message.schema == "rwa.Refused"

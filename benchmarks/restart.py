@@ -36,7 +36,7 @@ from rwa_monitor.messages import Diagnosis, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.monitor.events import outputs_of
-from rwa_monitor.monitor.publisher import ReliablePublisher
+from rwa_monitor.monitor.publisher import messages_publisher
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -63,7 +63,7 @@ def fleet_process(endpoint: str, wheels: int, orders: Connection) -> None:
     """Publish messages [first, stop) of all wheels for each order received; answer when they were taken off."""
     samples = telemetry()
     with open_session(BusOptions(listen=(endpoint,))) as session:
-        publishers = [ReliablePublisher(session, f"rwa/fleet/wheel_{n}/samples", HISTORY) for n in range(wheels)]
+        publishers = [messages_publisher(session, f"rwa/fleet/wheel_{n}/samples", HISTORY) for n in range(wheels)]
         orders.send(True)
         while (order := orders.recv()) is not None:
             for number in range(*order):
@@ -72,7 +72,7 @@ def fleet_process(endpoint: str, wheels: int, orders: Connection) -> None:
                     publisher.put(payload)
             orders.send(True)
         for publisher in publishers:
-            publisher.close()
+            publisher.undeclare()
 
 
 @dataclass
@@ -162,9 +162,9 @@ def expected_windows() -> list[Diagnosis]:
     events = diagnose_samples(telemetry(), built_in_wheel(), built_in_model())
     whole = [event for event in events if not event.partial]
     return [
-        Diagnosis.parse(output.payload, output.key)
+        Diagnosis.parse(output.payload, output.topic)
         for output in outputs_of(whole, "fleet", "wheel_0")
-        if output.message is Diagnosis
+        if output.schema == Diagnosis.schema_name()
     ]
 
 

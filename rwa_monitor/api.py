@@ -42,7 +42,7 @@ from rwa_monitor.monitor.ingest.sequencer import Trouble
 from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
 from rwa_monitor.monitor.telemetry_files import read_telemetry
-from rwa_monitor.monitor.trends import CoefficientTrend, wheel_trends
+from rwa_monitor.reporting.trends import CoefficientTrend, wheel_trends
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import Telemetry
 from rwa_monitor.simulation.record import simulate as simulate_telemetry

@@ -257,7 +257,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     recordings = [read_recording(path) for path in recordings_of(folder)]
     found = [message for recording in recordings for message in recording.messages]
     inputs = [
-        SamplesMessage.parse(one.data, one.topic) for one in found if one.topic.endswith(f"/{SamplesMessage.kind}")
+        SamplesMessage.parse(one.payload, one.topic) for one in found if one.topic.endswith(f"/{SamplesMessage.kind}")
     ]
     account["recorded twice"] = len(inputs) - len({one.batch for one in inputs})
     account["refused"] = sum(one.topic.endswith(f"/{REFUSED}") for one in found)

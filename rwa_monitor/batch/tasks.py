@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, get_args
 
 from rwa_monitor.api import Monitor
 from rwa_monitor.changepoints.stage_results import Method
@@ -193,13 +193,12 @@ class ReadFeatures:
         """Return the features of each window by the joint and the paper's method; of full ones where there are any."""
         wheel = self._wheel_of(file)
         samples = read_table(file).samples
-        joint = list(diagnose_samples(samples, wheel, None, method="joint"))
-        paper = list(diagnose_samples(samples, wheel, None, method="paper"))
-        any_full = any(not window.partial for window in joint)
+        joint, paper = (
+            _full_ones(diagnose_samples(samples, wheel, None, method=method)) for method in get_args(Method)
+        )
         return [
             (by_joint.diagnosis.features, by_paper.diagnosis.features)
             for by_joint, by_paper in zip(joint, paper, strict=True)
-            if not (by_joint.partial and any_full)
         ]
 
     def _wheel_of(self, file: Path) -> Wheel:

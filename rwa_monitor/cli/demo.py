@@ -154,7 +154,7 @@ class DemoView:
     """
 
     def __init__(self, session: zenoh.Session, satellite: Satellite, spacecraft: str) -> None:
-        from rwa_monitor.monitor.ingest.backfill import Inbox
+        from rwa_monitor.monitor.ingest.backfill import Inbox, arrival_of
 
         self.diagnoses: dict[str, list[tuple[float, Diagnosis]]] = {}
         self.found: dict[str, tuple[float, Discrepancy]] = {}
@@ -163,7 +163,7 @@ class DemoView:
         self._inbox = Inbox()
         # The bus calls from a thread of its own, where nothing but this may happen.
         self._subscriber = session.declare_subscriber(
-            f"rwa/{spacecraft}/*/*", lambda sample: self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
+            f"rwa/{spacecraft}/*/*", lambda sample: self._inbox.put(arrival_of(sample))
         )
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from rwa_monitor.batch.tasks import CarriedStates, Diagnose
     from rwa_monitor.changepoints.stage_results import Method
     from rwa_monitor.messages import Diagnosis
-    from rwa_monitor.monitor.trends import WindowFriction
+    from rwa_monitor.reporting.trends import WindowFriction
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +86,8 @@ def command(
     will leave the nominal range; not with --json.
     """
     from rwa_monitor.batch.tasks import Diagnose
-    from rwa_monitor.monitor.trends import window_friction
     from rwa_monitor.reporting.diagnosis_text import has_too_few_samples, render
+    from rwa_monitor.reporting.trends import window_friction
     from rwa_monitor.telemetry.configuration import read_model, read_wheel
     from rwa_monitor.words import counted
 
@@ -162,7 +162,7 @@ def _at_once(task: Diagnose, recordings: Recordings, many: AtOnce) -> Iterator[D
 
 def _print_trends(by_wheel: dict[tuple[str, str], list[WindowFriction]]) -> None:
     """Print what the windows of each wheel together show of its friction."""
-    from rwa_monitor.monitor.trends import wheel_trends
+    from rwa_monitor.reporting.trends import wheel_trends
 
     for (spacecraft, wheel), windows in by_wheel.items():
         starts = [window["dry"].window_start_ns for window in windows]

@@ -12,9 +12,9 @@ from foxglove.websocket import ChannelView, Client, ServerListener
 
 from rwa_monitor.dashboard.fleet import KEYS
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import dump_json
+from rwa_monitor.messages import EncodedMessage, dump_json
 from rwa_monitor.monitor.bus import BusThread
-from rwa_monitor.reporting.foxglove import LOG_SCHEMA, Translator, View, schemas
+from rwa_monitor.reporting.foxglove import LOG_SCHEMA, Translator, schemas
 from rwa_monitor.version import SOFTWARE
 
 HOST: Final = "127.0.0.1"
@@ -46,7 +46,7 @@ class FoxgloveServer(ServerListener):
             name: Schema(name=name, encoding="jsonschema", data=dump_json(schema)) for name, schema in schemas().items()
         }
         self._lock = Lock()
-        self._latest: dict[str, tuple[Channel, View]] = {}  # by topic; used from several threads
+        self._latest: dict[str, tuple[Channel, EncodedMessage]] = {}  # by topic; used from several threads
         try:
             self._server = foxglove.start_server(
                 name=SOFTWARE,
@@ -82,7 +82,7 @@ class FoxgloveServer(ServerListener):
         for view in views:
             self._show(view)
 
-    def _show(self, view: View) -> None:
+    def _show(self, view: EncodedMessage) -> None:
         if view.topic in self._latest:
             channel, _ = self._latest[view.topic]
         elif len(self._latest) < MAX_TOPICS:

@@ -95,23 +95,23 @@ def _entries(recording: Recording) -> Iterator[bytes]:
     counts: Counter[str] = Counter()
     for message in recording.messages:
         if message.schema == SamplesMessage.schema_name():
-            counts[message.topic] += len(SamplesMessage.parse(message.data, message.topic).time_ns)
+            counts[message.topic] += len(SamplesMessage.parse(message.payload, message.topic).time_ns)
     for message in recording.messages:
         if message.schema not in SHOWN:
             continue
-        shown = SHOWN[message.schema].parse(message.data, f"{recording.path.name}: {message.topic}")
+        shown = SHOWN[message.schema].parse(message.payload, f"{recording.path.name}: {message.topic}")
         name = split_key(message.topic)[:2]
         wheel = fleet.wheel(*name) or fleet.begin(*name, [])
-        entry = Received(message.topic, shown.to_json(), message.publish_time)
+        entry = Received(message.topic, shown.to_json(), message.publish_ns)
         if wheel is not None and isinstance(shown, SamplesMessage):
             wheel.decimated.stride = max(wheel.decimated.stride, -(-counts[message.topic] // POINTS_PER_WHEEL))
-            picked = fleet.take_samples(wheel, shown.samples(), message.publish_time)
+            picked = fleet.take_samples(wheel, shown.samples(), message.publish_ns)
             if not len(picked):
                 continue
             entry = replace(entry, payload=thinned_json(picked))
         elif wheel is not None and isinstance(shown, Diagnosis):
             entry = fleet.take(wheel, shown, entry)
-        yield b'{"time_ns":%d,%b' % (message.log_time, entry.to_json()[1:])
+        yield b'{"time_ns":%d,%b' % (message.time_ns, entry.to_json()[1:])
 
 
 # ---- into the history ------------------------------------------------------------------------------------------------

@@ -146,16 +146,20 @@ class Fitting:
         Without the term, levels may take its part wherever a change of direction parts them, as in a few dwells: an
         effect that follows the level then follows that, too, and never comes near.
         """
-        term, chosen = model.terms[index], model.terms[:index] + model.terms[index + 1 :]
+        term = model.terms[index]
         unresolved = {term.effect.unresolved_as(one.channels, term.shape) for one in self.problem.records}
         names = [name for name in unresolved if name and len(unresolved) == 1]
         if self.jumps:
-            beside = Background.of(self.problem, chosen, law_of(model), model.fit.jumps)
-            most = beside.criterion_with(term) + EQUIVALENT_WITHIN
-            others = [effect for effect in effects if effect.name not in model.names]
-            tried = self.problem.each(partial(profile, beside, model.fit.level), others)
-            names += [one.effect.name for one, score in tried if score < most]
+            names += self.in_place(model, index, [effect for effect in effects if effect.name not in model.names])
         return names
+
+    def in_place(self, model: Model, index: int, effects: Effects) -> list[str]:
+        """Return the effects that are as good in the place of a term, with jumps, level and noise as they are."""
+        others = model.terms[:index] + model.terms[index + 1 :]
+        beside = Background.of(self.problem, others, law_of(model), model.fit.jumps)
+        most = beside.criterion_with(model.terms[index]) + EQUIVALENT_WITHIN
+        tried = self.problem.each(partial(profile, beside, model.fit.level), effects)
+        return [one.effect.name for one, score in tried if score < most]
 
     def _starts(self, model: Model) -> list[IntArray]:
         """Return sets of jumps that a model near to another may start from."""

@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field
 from rwa_monitor.diagnosis.trend import Reach
 from rwa_monitor.history.alarms import BOUNDS, EventKind, Level
 from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
-from rwa_monitor.monitor.trends import FrictionEstimate, coefficient_trend
+from rwa_monitor.reporting.trends import FrictionEstimate, coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
 
 # A level as a word, also from the number that the database has.

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import re
-from typing import Annotated, Any, ClassVar, Final, Literal, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -88,6 +88,29 @@ class Message(BaseModel):
         return dump_json(
             {name: value for name, value in content.items() if value is not None or name not in self.omitted}
         )
+
+    def encoded(self, spacecraft: str, wheel: str, time_ns: int = 0) -> EncodedMessage:
+        """Return the message as it goes to the bus and into a recording: of a wheel, with a time on its clock [ns]."""
+        return EncodedMessage(key_of(type(self), spacecraft, wheel), self.schema_name(), self.to_json(), time_ns)
+
+
+class EncodedMessage(NamedTuple):
+    """A message as it stands on the bus and in a recording.
+
+    `topic` is the key on the bus, `schema` the name of its schema, `payload` its JSON. `time_ns` is its time on the
+    wheel's clock, 0 where it has none; `publish_ns` the wall clock of the machine that recorded it, 0 before that.
+    """
+
+    topic: str
+    schema: str
+    payload: bytes
+    time_ns: int = 0
+    publish_ns: int = 0
+
+    @property
+    def encoding(self) -> str:
+        """The Zenoh encoding."""
+        return f"application/json;{self.schema}"
 
 
 def dump_json(content: Any) -> bytes:

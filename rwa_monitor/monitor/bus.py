@@ -22,7 +22,7 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, Health, Message
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage
 from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arrival_of, ask_publisher
 from rwa_monitor.telemetry.files import read_text
 
@@ -30,7 +30,9 @@ from rwa_monitor.telemetry.files import read_text
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
-OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses repeat their last number, what is less important sends it once
+# How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
+# when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
+HEARTBEAT_S: Final = 1.0
 MAX_CONFIG_BYTES: Final = 1_000_000
 ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
 MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
@@ -156,7 +158,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
     if options.mode == "client" and not options.connect and options.config is None:
         raise InputError("--mode", "a client needs an endpoint to connect to (-e tcp/HOST:PORT)")
     zenoh.init_log_from_env_or("error")
-    if _only_connects(options):
+    if options.mode is None and options.config is None and options.connect and not options.listen:
         as_client = session_config(replace(options, mode="client"))
         with suppress(zenoh.ZError):  # none answers: as a peer it can wait
             return zenoh.open(as_client)
@@ -165,11 +167,6 @@ def open_session(options: BusOptions) -> zenoh.Session:
     except zenoh.ZError as error:
         where = ", ".join((*options.connect, *options.listen)) or str(options.config or "embedded")
         raise RwaMonitorError(f"the bus cannot be opened ({where}): {_plain(error)}") from error
-
-
-def _only_connects(options: BusOptions) -> bool:
-    """Return whether a session only connects, and its role is not set."""
-    return options.mode is None and options.config is None and bool(options.connect) and not options.listen
 
 
 # ---- the monitor's end of the bus ------------------------------------------------------------------------------------
@@ -183,6 +180,38 @@ def check_wheels(key_expression: str) -> None:
         raise InputError("--wheels", f"{key_expression!r} is no key expression: {error}") from error
     if not matches:
         raise InputError("--wheels", f"{key_expression!r} takes no samples: they come on {ALL_SAMPLES}")
+
+
+def _subscriber(session: zenoh.Session, key_expression: str, on_sample: Callable[[zenoh.Sample], None]) -> Any:
+    """Subscribe to messages from now on, and to what their publishers still hold of before."""
+    return ext.declare_advanced_subscriber(
+        session,
+        key_expression,
+        on_sample,
+        history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
+        recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+    )
+
+
+def reliable_publisher(
+    session: zenoh.Session, key: str, encoding: str, kept: int, *, repeats_number: bool = True
+) -> Any:
+    """Declare a publisher that keeps so many messages for whoever comes late; its `undeclare` drops them.
+
+    It repeats the number of its last message, or sends it once.
+    """
+    return ext.declare_advanced_publisher(
+        session,
+        key,
+        encoding=encoding,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        cache=ext.CacheConfig(max_samples=kept),
+        sample_miss_detection=ext.MissDetectionConfig(
+            heartbeat=HEARTBEAT_S if repeats_number else None,
+            sporadic_heartbeat=None if repeats_number else HEARTBEAT_S,
+        ),
+        publisher_detection=True,
+    )
 
 
 class MonitorBus:
@@ -203,19 +232,12 @@ class MonitorBus:
         self._open = True  # callbacks go on after undeclare(): they check this
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        self._health: dict[str, tuple[bytes, Any]] = {}  # the latest of each wheel, and when it was published
+        self._health: dict[str, tuple[EncodedMessage, Any]] = {}  # of each wheel the latest, and when it was published
 
     def subscribe(self, key_expression: str) -> None:
         """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
         check_wheels(key_expression)
-        subscriber = ext.declare_advanced_subscriber(
-            self.session,
-            key_expression,
-            self._on_sample,
-            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
-        self._declared.append(subscriber)
+        self._declared.append(_subscriber(self.session, key_expression, self._on_sample))
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
@@ -244,30 +266,23 @@ class MonitorBus:
         token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
         self._declared += [queryable, token]
 
-    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+    def publish(self, message: EncodedMessage) -> None:
         """Publish a message; all but `status` reliably and with a history for late subscribers."""
+        key, kind = message.topic, message.topic.rpartition("/")[2]
         if key not in self._publishers:
-            if message.kind == "status":
-                self._publishers[key] = self.session.declare_publisher(key, encoding=message.encoding())
+            if kind == "status":
+                self._publishers[key] = self.session.declare_publisher(key, encoding=message.encoding)
             else:
-                self._publishers[key] = ext.declare_advanced_publisher(
-                    self.session,
-                    key,
-                    encoding=message.encoding(),
-                    congestion_control=zenoh.CongestionControl.BLOCK,
-                    cache=ext.CacheConfig(max_samples=1 if message.kind == "health" else OUTPUT_HISTORY),
-                    sample_miss_detection=ext.MissDetectionConfig(
-                        heartbeat=OUTPUT_HEARTBEAT_S if message.kind == "diagnosis" else None,
-                        sporadic_heartbeat=None if message.kind == "diagnosis" else OUTPUT_HEARTBEAT_S,
-                    ),
-                    publisher_detection=True,
+                kept = 1 if kind == "health" else OUTPUT_HISTORY
+                self._publishers[key] = reliable_publisher(
+                    self.session, key, message.encoding, kept, repeats_number=kind == "diagnosis"
                 )
-        if message.kind == "health":
+        timestamp = None
+        if kind == "health":
             # A dashboard publishes the same wheel's health when an alarm changes: a query shall get the later of both.
-            self._health[key] = payload, self.session.new_timestamp()
-            self._publishers[key].put(payload, timestamp=self._health[key][1])
-        else:
-            self._publishers[key].put(payload)
+            timestamp = self.session.new_timestamp()
+            self._health[key] = message, timestamp
+        self._publishers[key].put(message.payload, timestamp=timestamp)
 
     def close(self) -> None:
         """Undeclare everything; what still arrives is ignored."""
@@ -283,13 +298,12 @@ class MonitorBus:
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if self._open and sample.kind == zenoh.SampleKind.PUT:
-            arrival = arrival_of(sample)
-            self.inbox.put(arrival.key, arrival.payload, arrival.source, arrival.number)
+            self.inbox.put(arrival_of(sample))
 
     def _on_query(self, query: zenoh.Query) -> None:
-        for key, (payload, timestamp) in dict(self._health).items():  # a copy: others are published meanwhile
+        for key, (health, timestamp) in dict(self._health).items():  # a copy: others are published meanwhile
             if self._open and query.key_expr.intersects(zenoh.KeyExpr(key)):
-                query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
+                query.reply(key, health.payload, encoding=health.encoding, timestamp=timestamp)
         query.drop()  # type: ignore[no-untyped-call]
 
 
@@ -375,13 +389,7 @@ class BusThread:
         self._inbox = Inbox()
         self._stop = Event()
         self._thread = Thread(target=self._run, name=name, daemon=True)
-        self._subscriber: Any = ext.declare_advanced_subscriber(
-            session,
-            key_expression,
-            self._on_sample,
-            history=ext.HistoryConfig(detect_late_publishers=True),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
+        self._subscriber = _subscriber(session, key_expression, self._on_sample)
 
     def start(self) -> None:
         """Begin to work on what came since the subscription."""
@@ -398,7 +406,7 @@ class BusThread:
     def _on_sample(self, sample: zenoh.Sample) -> None:
         """Called in Zenoh's threads: append, and nothing else."""
         if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
-            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
+            self._inbox.put(arrival_of(sample))
 
     def _run(self) -> None:
         while not self._stop.is_set():

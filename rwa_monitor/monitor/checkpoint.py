@@ -7,13 +7,11 @@ written as they lie in memory (see `samples.FloatArray`): their digits would tak
 
 from __future__ import annotations
 
-from typing import Final, Literal, Self
+from typing import ClassVar, Final, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rwa_monitor.changepoints.evidence import Gathered
-from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ClockNs, Count, Slot
 from rwa_monitor.monitor.ingest.sequencer import Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import Rows
@@ -21,12 +19,13 @@ from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import Channel
+from rwa_monitor.wheel.file_content import Hashed, Strict
 from rwa_monitor.wheel.torque_balance import Source
 
 MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slots are some 30 MB
 
 
-class Slots(BaseModel):
+class Slots(Strict):
     """The slots of the ring buffer that are still needed, and the values of the last of them.
 
     Attributes
@@ -38,8 +37,6 @@ class Slots(BaseModel):
     values
         float64 (n,) of each channel, those of the last n slots.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     begin: Slot
     filled: list[Count]
@@ -77,7 +74,7 @@ class Slots(BaseModel):
         ring.restore(self.begin, np.repeat(np.arange(len(self.filled)) % 2 == 1, self.filled), self.values)
 
 
-class Checkpoint(BaseModel):
+class Checkpoint(Hashed):
     """The whole state of a `core.WheelCore` besides its wheel and its model.
 
     Attributes
@@ -99,7 +96,8 @@ class Checkpoint(BaseModel):
         and of each open one the first slot and what it has gathered.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    what: ClassVar[str] = "checkpoint"
+    limit: ClassVar[int] = MAX_CHECKPOINT_BYTES
 
     version: Literal[3] = 3
     source: Source | Literal[""]
@@ -147,16 +145,6 @@ class Checkpoint(BaseModel):
         """Write the checkpoint; the same state always gives the same bytes."""
         # Every number is finite; json.dumps takes thirteen times as long.
         return self.model_dump_json().encode()
-
-    @classmethod
-    def from_json(cls, data: bytes, source: str) -> Self:
-        """Read a checkpoint; raises InputError naming the place where it is damaged."""
-        if len(data) > MAX_CHECKPOINT_BYTES:
-            raise InputError(source, f"has {len(data)} bytes, more than {MAX_CHECKPOINT_BYTES}")
-        try:
-            return cls.model_validate_json(data)
-        except ValidationError as error:
-            raise InputError.of_validation(source, error) from error
 
 
 def _run_lengths(flags: BoolArray) -> list[int]:

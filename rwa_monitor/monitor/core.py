@@ -10,8 +10,7 @@ result does not depend on how the samples are cut into messages.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import Any, Final, Literal, Self
+from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -145,7 +144,7 @@ class WheelCore:
             events += self._place(self._waiting, last=True)
             self._waiting = None
         events += self._windows.end_epoch()
-        self._assignment.end_epoch()
+        self._assignment.grid = None  # the next sample begins a new epoch
         return events
 
     @property
@@ -169,8 +168,7 @@ class WheelCore:
     def _take(self, message: Batch) -> list[Event]:
         samples, friction = message.samples, self._windows.friction
         torque = friction.torque(samples)
-        clean = torque is not None and self._assignment.is_clean(samples)  # then there is nothing to look for
-        allowed = None if clean else self._assignment.reject_beyond_limits(samples)
+        allowed = self._assignment.reject_beyond_limits(samples)
         beyond = 0 if allowed is None else int(np.count_nonzero(~allowed))
         events: list[Event] = self._settings_check.check(samples.time_ns, beyond)
         if torque is None:
@@ -183,12 +181,11 @@ class WheelCore:
         for name in friction.optional:
             measured = motor_torque(samples, self.wheel) if name == "motor_torque_Nm" else getattr(samples, name)
             values[name] = np.full(len(samples), np.nan) if measured is None else measured
-        if not clean:
-            values = {name: np.where(np.isfinite(array), array, np.nan) for name, array in values.items()}
-        rows = Rows(samples.time_ns, values)
+        time_ns = samples.time_ns
         if allowed is not None:
-            rows = rows[np.flatnonzero(allowed)]
-        return events + self._place(rows, passed=message.passed)
+            time_ns = time_ns[allowed]
+            values = {name: np.where(np.isfinite(array), array, np.nan)[allowed] for name, array in values.items()}
+        return events + self._place(Rows(time_ns, values), passed=message.passed)
 
     def _place(self, rows: Rows, *, passed: bool = False, last: bool = False) -> list[Event]:
         """Bring samples into their slots; one that the next sample must judge waits for it."""
@@ -199,9 +196,7 @@ class WheelCore:
         strays: list[int] = []
         start = 0
         while start < len(rows):
-            piece = self._assignment.next_piece(
-                rows.time_ns, good, start, windows.ring.is_filled, passed=passed, last=last
-            )
+            piece = self._assignment.next_piece(rows.time_ns, good, start, windows.ring, passed=passed, last=last)
             if piece.waits:
                 self._waiting = rows[start : start + 1]
                 break
@@ -228,9 +223,10 @@ class WheelCore:
         """Bring new slots, and the empty ones before them, into the ring buffer piece by piece."""
         events: list[Event] = []
         ring = self._windows.ring
-        while ring.end < self._assignment.frontier:
-            end = min(ring.end + PIECE_SLOTS, self._assignment.frontier)
-            if slots.size and ring.end <= slots[0] and end == self._assignment.frontier:  # all at once
+        frontier = int(slots[-1]) + 1 if slots.size else 0
+        while ring.end < frontier:
+            end = min(ring.end + PIECE_SLOTS, frontier)
+            if ring.end <= slots[0] and end == frontier:  # all at once
                 ring.extend(end, slots, values)
             else:
                 rows = slice(*np.searchsorted(slots, (ring.end, end)))
@@ -250,7 +246,7 @@ class WheelCore:
             sequencer=self._sequencer,
             waiting=self._waiting,
             origin_ns=grid.origin_ns if grid else None,
-            frontier=self._assignment.frontier,
+            frontier=self._windows.ring.end,
             last_ns=self._assignment.last_ns,
             **self._windows.state(),
         )
@@ -271,7 +267,7 @@ class WheelCore:
         core._reported_missing, core._waiting = checkpoint.reported_missing, checkpoint.waiting
         origin_ns, assignment = checkpoint.origin_ns, core._assignment
         assignment.grid = None if origin_ns is None else SlotGrid(origin_ns, wheel.period_ns)
-        assignment.frontier, assignment.last_ns = checkpoint.frontier, checkpoint.last_ns
+        assignment.last_ns = checkpoint.last_ns
         core._windows.resume(checkpoint)
         return core
 
@@ -316,8 +312,7 @@ def diagnose_samples(
 MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
 
 
-@dataclass(slots=True)
-class _OpenWindow:
+class _OpenWindow(NamedTuple):
     """A window that is being filled: its first slot and what it has gathered."""
 
     start: int
@@ -390,7 +385,6 @@ class Windows:
         self._next_start = 0  # first slot of the next window to open
         self._last_end = 0  # first slot after the last window that was closed
         self._open: list[_OpenWindow] = []
-        self._border = 0  # where the next window begins or ends
         self.screen.reset()
         self.friction.reset()
 
@@ -424,36 +418,32 @@ class Windows:
         masked, faults = self.screen.run(self.ring, seen, self._border_before)
         events = self._mask(masked, faults) if masked or faults else []
         while True:
-            if self._open and self._window_complete(to_the_end=to_the_end):
+            end = self._open[0].start + self._samples if self._open else self._done + 1
+            # A full window is closed when a sample beyond it, and beyond the stencil, has come.
+            if end <= self._done and (to_the_end or end + self.friction.reach < self.ring.end):
                 events.append(self._close(self._open.pop(0)))
-                self._find_border()
             if self._done == self._next_start and self._done < self.ring.end:
-                accumulator = WindowAccumulator(self.wheel)
-                self._open.append(_OpenWindow(self._done, accumulator))
+                self._open.append(_OpenWindow(self._done, WindowAccumulator(self.wheel)))
                 self._next_start += self._hop
-                self._find_border()
-            stop = min(self._border, ready)
-            if stop < self._border and not to_the_end:
+            border = self._border
+            stop = min(border, ready)
+            if stop < border and not to_the_end:
                 stop = stop // BLOCK_SLOTS * BLOCK_SLOTS
             if stop <= self._done:
                 return events
             events += self._work_off(stop)
-            if stop < self._border:
+            if stop < border:
                 return events
 
-    def _find_border(self) -> None:
-        """Bring it up to date after a window was opened or closed."""
-        self._border = min([self._next_start, *(window.start + self._samples for window in self._open)])
+    @property
+    def _border(self) -> int:
+        """Where the next window begins, or the oldest ends."""
+        return min(self._next_start, self._open[0].start + self._samples) if self._open else self._next_start
 
     def _border_before(self, slot: int) -> int:
         """Return the last slot up to `slot` with which a window closed; 0 before the first."""
         first = self._samples + self.friction.reach
         return first + (slot - first) // self._hop * self._hop if slot >= first else 0
-
-    def _window_complete(self, *, to_the_end: bool) -> bool:
-        """Return whether the oldest window is full and a sample beyond it, and beyond the stencil, has come."""
-        end = self._open[0].start + self._samples
-        return end <= self._done and (to_the_end or end + self.friction.reach < self.ring.end)
 
     def _work_off(self, stop: int) -> list[Event]:
         """Add the slots [done, stop) to all open windows."""
@@ -559,7 +549,6 @@ class Windows:
             except ValueError as error:
                 raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}: {error}") from error
             self._open.append(_OpenWindow(start, accumulator))
-        self._find_border()
 
 
 def without_positions(carried: CarriedState) -> CarriedState:

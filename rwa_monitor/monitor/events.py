@@ -10,7 +10,15 @@ from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Final
 
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
-from rwa_monitor.messages import Changepoints, Diagnosis, Message, ProvisionalJump, Sojourns, health_message, key_of
+from rwa_monitor.messages import (
+    Changepoints,
+    Diagnosis,
+    EncodedMessage,
+    Message,
+    ProvisionalJump,
+    Sojourns,
+    health_message,
+)
 from rwa_monitor.monitor.ingest.sequencer import Trouble
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.version import SOFTWARE
@@ -95,61 +103,19 @@ class Carried(Message):
     state: dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
-    """One message of the monitor.
-
-    Attributes
-    ----------
-    key
-        Bus key and topic.
-    message
-        Its class.
-    payload
-        JSON.
-    time_ns
-        On the wheel's clock; None where it has no time on it.
-    """
-
-    key: str
-    message: type[Message]
-    payload: bytes
-    time_ns: int | None
-
-    @property
-    def schema(self) -> str:
-        """Name of the schema."""
-        return self.message.schema_name()
-
-    @property
-    def published(self) -> bool:
-        """Whether it goes to the bus, and not into the recording alone."""
-        return self.message is not Carried
-
-
-def output_of(message: Message, time_ns: int | None, spacecraft: str, wheel: str) -> Output:
-    """Return a message of a wheel as an output."""
-    return Output(key_of(type(message), spacecraft, wheel), type(message), message.to_json(), time_ns)
-
-
-def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[Output]:
-    """Return the outputs for events of a wheel, in order."""
-    outputs: list[Output] = []
+def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[EncodedMessage]:
+    """Return the messages for events of a wheel, in order; all but `Carried` are published."""
+    outputs: list[EncodedMessage] = []
     for event in events:
         if isinstance(event, ProvisionalChangepoint):
             found = Changepoints(
                 spacecraft=spacecraft, wheel=wheel, window_start_ns=event.window_start_ns, changepoints=[event.jump]
             )
-            outputs.append(output_of(found, event.jump.time_ns, spacecraft, wheel))
+            outputs.append(found.encoded(spacecraft, wheel, event.jump.time_ns))
         elif isinstance(event, WindowDiagnosed):
             diagnosis, end_ns = event.message(spacecraft, wheel), event.end_ns
             state = event.carried.model_dump(mode="json")
             carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
-            outputs += [output_of(each, end_ns, spacecraft, wheel) for each in (diagnosis, carried)]
-            outputs.append(health_output(diagnosis))
+            of_window = (diagnosis, carried, health_message(diagnosis))
+            outputs += [message.encoded(spacecraft, wheel, end_ns) for message in of_window]
     return outputs
-
-
-def health_output(diagnosis: Diagnosis) -> Output:
-    """Return the health message that goes with a diagnosis."""
-    return output_of(health_message(diagnosis), diagnosis.window_end_ns, diagnosis.spacecraft, diagnosis.wheel)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
@@ -17,17 +18,19 @@ import zenoh
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, SamplesMessage, Status, is_json, key_of, split_key
+from rwa_monitor.messages import (
+    Diagnosis,
+    EncodedMessage,
+    SamplesMessage,
+    Status,
+    health_message,
+    is_json,
+    key_of,
+    split_key,
+)
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import (
-    Event,
-    Output,
-    WindowDiagnosed,
-    health_output,
-    output_of,
-    outputs_of,
-)
+from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
@@ -120,6 +123,11 @@ class _Served:
         """Spacecraft and wheel, as the log has them."""
         return "/".join(self.key)
 
+    def checkpoint(self) -> bytes:
+        """Return the state of its core."""
+        assert self.core is not None
+        return self.core.checkpoint().to_json()
+
 
 @dataclass(frozen=True, slots=True)
 class Clock:
@@ -176,8 +184,11 @@ class Monitor:
         health = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
             self._publish(output)
-            if output.message is Diagnosis:
-                health[output.key] = health_output(Diagnosis.parse(output.payload, output.key))
+            if output.schema == Diagnosis.schema_name():
+                with suppress(InputError):  # of another release
+                    found = health_message(Diagnosis.parse(output.payload, output.topic))
+                    wheel = found.spacecraft, found.wheel
+                    health[wheel] = found.encoded(*wheel, found.window_end_ns)
         for output in health.values():
             self._publish(output)
 
@@ -194,9 +205,22 @@ class Monitor:
     def tick(self) -> None:
         """Do what is due by the clock: flush and rotate the recording, publish status."""
         now_s = self.clock.monotonic_s()
-        if now_s >= self._tick_due_s:
-            self._tick_due_s = now_s + TICK_S
-            self._tick(now_s)
+        if now_s < self._tick_due_s:
+            return
+        self._tick_due_s = now_s + TICK_S
+        if self.recorder is not None:
+            self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
+            self._log_recorder()
+        for found in self.searches.poll():
+            self._record(found)
+            self._publish(found)
+        for served in self._served.values():
+            if now_s >= served.status_due_s:
+                served.status_due_s = now_s + self.options.status_period_s
+                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
+                if record:
+                    served.status_recorded_s = now_s
+                self._status(served, record=record)
 
     def close(self) -> None:
         """Write the last status of each wheel and the end of the recording."""
@@ -248,9 +272,9 @@ class Monitor:
         if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
             self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
-        self._record(Output(key, SamplesMessage, payload, message.time_ns[-1]))
+        self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
         served.publisher = message.publisher
-        self.searches.take_input(spacecraft, wheel, payload)
+        self.searches.take_input(served.key, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch)
         served.last_sample_ns = core.last_sample_ns
@@ -283,7 +307,7 @@ class Monitor:
         for event in closed:
             self._log_verdict(served, event)
             if not event.partial:
-                self.searches.take_diagnosis(*served.key, adequate=event.diagnosis.model_adequate)
+                self.searches.take_diagnosis(served.key, adequate=event.diagnosis.model_adequate)
 
     def _log_verdict(self, served: _Served, event: WindowDiagnosed) -> None:
         """Log what a window amounts to where the verdict changes; a line for each window of a fleet would hide it."""
@@ -326,32 +350,17 @@ class Monitor:
 
     # ---- out -----------------------------------------------------------------------------------------------------
 
-    def _record(self, output: Output) -> None:
+    def _record(self, output: EncodedMessage) -> None:
         if self.recorder is not None:
-            self.recorder.write(output.key, output.schema, output.payload, output.time_ns)
+            self.recorder.write(output)
 
-    def _publish(self, output: Output) -> None:
-        if not output.published:
+    def _publish(self, output: EncodedMessage) -> None:
+        if output.schema == Carried.schema_name():  # for the recording alone
             return
         try:
-            self.bus.publish(output.key, output.message, output.payload)
+            self.bus.publish(output)
         except zenoh.ZError as error:
             self._log_once(f"cannot publish: {error}")
-
-    def _tick(self, now_s: float) -> None:
-        if self.recorder is not None:
-            self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
-            self._log_recorder()
-        for found in self.searches.poll():
-            self._record(found)
-            self._publish(found)
-        for served in self._served.values():
-            if now_s >= served.status_due_s:
-                served.status_due_s = now_s + self.options.status_period_s
-                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
-                if record:
-                    served.status_recorded_s = now_s
-                self._status(served, record=record)
 
     def _status(self, served: _Served, *, record: bool) -> None:
         """Publish how a wheel's monitor is doing."""
@@ -389,18 +398,14 @@ class Monitor:
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
         )
-        published = output_of(status, None, spacecraft, wheel)
+        published = status.encoded(spacecraft, wheel)
         if record:
             self._record(published)
         self._publish(published)
 
     def _checkpoints(self) -> Checkpoints:
         """Return what makes the checkpoint of each wheel, as it then stands."""
-
-        def write(core: WheelCore) -> bytes:
-            return core.checkpoint().to_json()
-
-        return {served.name: partial(write, served.core) for served in self._served.values() if served.core is not None}
+        return {served.name: served.checkpoint for served in self._served.values() if served.core is not None}
 
     def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:

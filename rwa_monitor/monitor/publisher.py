@@ -11,51 +11,20 @@ from threading import Event
 from typing import Any, Final, TypeVar
 
 import zenoh
-from zenoh import ext
 
 from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.monitor.bus import reliable_publisher
 from rwa_monitor.monitor.recording.reader import recorded_inputs
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
-# How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
-# when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
-HEARTBEAT_S: Final = 1.0
 Content = TypeVar("Content")
 LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` hands it over before it is sent
 
 
-class ReliablePublisher:
-    """Publishes samples messages on one key, with a history for whoever comes late.
-
-    Parameters
-    ----------
-    session
-        An open Zenoh session.
-    key
-        rwa/<spacecraft>/<wheel>/samples.
-    history
-        Messages kept; as many as the longest outage of the bus or the monitor lasts.
-    """
-
-    def __init__(self, session: zenoh.Session, key: str, history: int = HISTORY_MESSAGES) -> None:
-        self._publisher: Any = ext.declare_advanced_publisher(
-            session,
-            key,
-            encoding=SamplesMessage.encoding(),
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            cache=ext.CacheConfig(max_samples=history),
-            sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
-            publisher_detection=True,
-        )
-
-    def put(self, payload: bytes) -> None:
-        """Publish one message."""
-        self._publisher.put(payload)
-
-    def close(self) -> None:
-        """Leave the bus; the history is gone then."""
-        self._publisher.undeclare()
+def messages_publisher(session: zenoh.Session, key: str, history: int = HISTORY_MESSAGES) -> Any:
+    """Declare a publisher of messages of samples, with a history for as long as the longest outage lasts."""
+    return reliable_publisher(session, key, SamplesMessage.encoding(), history)
 
 
 class SamplesPublisher:
@@ -64,7 +33,7 @@ class SamplesPublisher:
     def __init__(self, session: zenoh.Session, key: str) -> None:
         self.name = secrets.token_hex(8)
         self.batch = 0
-        self._publisher = ReliablePublisher(session, key)
+        self._publisher = messages_publisher(session, key)
 
     def put(self, samples: Samples) -> None:
         """Publish samples as the next message."""
@@ -72,8 +41,8 @@ class SamplesPublisher:
         self.batch += 1
 
     def close(self) -> None:
-        """Leave the bus."""
-        self._publisher.close()
+        """Leave the bus; the history is gone then."""
+        self._publisher.undeclare()
 
 
 def send(
@@ -178,16 +147,17 @@ def replay_to_bus(
         If a path is no recording.
     """
     stop = Event() if stop is None else stop
-    publishers: dict[str, ReliablePublisher] = {}
+    publishers: dict[str, Any] = {}
     sent = 0
     try:
-        for topic, payload in _paced(recorded_inputs(recordings), speed, stop):
+        inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
+        for topic, payload in _paced(inputs, speed, stop):
             if topic not in publishers:
-                publishers[topic] = ReliablePublisher(session, topic)
+                publishers[topic] = messages_publisher(session, topic)
             publishers[topic].put(payload)
             sent += 1
         stop.wait(LINGER_S)
     finally:
         for publisher in publishers.values():
-            publisher.close()
+            publisher.undeclare()
     return sent

@@ -14,12 +14,11 @@ from pathlib import Path
 from threading import Event
 from typing import Any, Final
 
-from rwa_monitor.messages import Diagnosis, Discrepancy
+from rwa_monitor.messages import Diagnosis, Discrepancy, EncodedMessage
+from rwa_monitor.monitor.events import Carried
 from rwa_monitor.monitor.recording.reader import (
     SOME_CHECKPOINTS,
     Attached,
-    PassingRecording,
-    RecordedMessage,
     Recording,
     file_sha256,
     recorded_inputs,
@@ -28,7 +27,7 @@ from rwa_monitor.monitor.recording.reader import (
 )
 from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, WheelSet
-from rwa_monitor.monitor.state_recovery import Comparable, run_recording
+from rwa_monitor.monitor.state_recovery import run_recording
 from rwa_monitor.words import counted
 
 MAX_LISTED: Final = 20  # fields in the short report
@@ -66,33 +65,24 @@ class Difference:
 
 def differences(left: Any, right: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
     """Yield (path, left, right) wherever two JSON values differ by more than 1e-9 relative."""
-    if _is_number(left) and _is_number(right):
-        if not _close(left, right):
-            yield path, left, right
-    elif isinstance(left, dict) and isinstance(right, dict):
-        for key in [*left, *(key for key in right if key not in left)]:
-            inner = f"{path}.{key}" if path else str(key)
-            if key in left and key in right:
-                yield from differences(left[key], right[key], inner)
-            else:
-                yield inner, left.get(key, ABSENT), right.get(key, ABSENT)
+    if isinstance(left, dict) and isinstance(right, dict):
+        pairs = [(key, left.get(key, ABSENT), right.get(key, ABSENT)) for key in {**left, **right}]
     elif isinstance(left, list) and isinstance(right, list):
         if len(left) != len(right):
             yield f"{path}.length" if path else "length", len(left), len(right)
-        for position, (one, other) in enumerate(zip(left, right, strict=False)):
-            yield from differences(one, other, f"{path}.{position}" if path else str(position))
-    elif type(left) is not type(right) or left != right:
-        yield path, left, right
+        pairs = [(str(position), *both) for position, both in enumerate(zip(left, right, strict=False))]
+    else:
+        if not _agree(left, right):
+            yield path, left, right
+        return
+    for key, one, other in pairs:
+        yield from differences(one, other, f"{path}.{key}" if path else key)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _close(left: float, right: float) -> bool:
-    if isinstance(left, int) and isinstance(right, int):
-        return left == right  # counts, slots and times are exact
-    return left == right or math.isclose(left, right, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
+def _agree(left: Any, right: Any) -> bool:
+    if {type(left), type(right)} in ({float}, {int, float}):  # counts, slots and times are exact
+        return left == right or math.isclose(left, right, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
+    return type(left) is type(right) and bool(left == right)
 
 
 def _parse(payload: bytes) -> Any:
@@ -159,20 +149,20 @@ class Report:
         if len(self.found) < MAX_DIFFERENCES:
             self.found.append(difference)
 
-    def compare(self, recorded: Sequence[Comparable], replayed: Sequence[Comparable]) -> None:
+    def compare(self, recorded: Sequence[EncodedMessage], replayed: Sequence[EncodedMessage]) -> None:
         """Compare recorded with replayed messages, in order."""
         if len(recorded) != len(replayed):
             self.add(Difference("all messages", "length", str(len(recorded)), str(len(replayed))))
         for position, (old, new) in enumerate(zip(recorded, replayed, strict=False)):
-            name = f"{old[0]} ({position})"
-            if old[:2] != new[:2]:
-                self.add(Difference(name, "type", f"{old[1]} on {old[0]}", f"{new[1]} on {new[0]}"))
+            name = f"{old.topic} ({position})"
+            if (old.topic, old.schema) != (new.topic, new.schema):
+                self.add(Difference(name, "type", f"{old.schema} on {old.topic}", f"{new.schema} on {new.topic}"))
                 break  # what follows is out of step
-            self.compared[old[1]] += 1
-            if old[2] == new[2]:
+            self.compared[old.schema] += 1
+            if old.payload == new.payload:
                 continue
             self.bytes_equal = False
-            for path, left, right in differences(_parse(old[2]), _parse(new[2])):
+            for path, left, right in differences(_parse(old.payload), _parse(new.payload)):
                 if path not in HASHES_OF_WHAT_IS_COMPARED:
                     self.add(Difference(name, path, _short(left), _short(right)))
 
@@ -222,7 +212,7 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
     """
     chain = _Chain()
     for path in recordings_of(recordings):
-        chain.add(PassingRecording(path), on_message)
+        chain.add(path, on_message)
     chain.report.bytes_equal &= not chain.report.broken
     return chain.report
 
@@ -232,25 +222,26 @@ class _Chain:
     """Runs recordings one after the other and gathers their outputs."""
 
     report: Report = field(default_factory=Report)
-    owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
+    owed: list[EncodedMessage] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
-    def add(self, passing: PassingRecording, on_message: Callable[[int], None]) -> None:
+    def add(self, path: Path, on_message: Callable[[int], None]) -> None:
         """Run one recording and compare."""
         gone_through = 0
 
-        def count(part: Attached | RecordedMessage) -> None:
+        def count(_recording: Recording, part: Attached | EncodedMessage) -> None:
             nonlocal gone_through
-            gone_through += isinstance(part, RecordedMessage)
+            gone_through += isinstance(part, EncodedMessage)
             on_message(gone_through)
 
-        run, recording = run_recording(passing, Event(), count), passing.recording
+        run = run_recording(path, Event(), count)
+        recording = run.recording
         settings, setup = recording.settings(), Setup.of(recording)
         self._check_link(recording, settings)
         self.report.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
-        self.report.messages += [(output.key, output.payload) for output in run.outputs if output.published]
+        published = [output for output in run.outputs if output.schema != Carried.schema_name()]
+        self.report.messages += [(output.topic, output.payload) for output in published]
 
-        inherited, own = run.inherited, run.own
-        replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
+        inherited, own, replayed = run.inherited, run.own, run.outputs
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
         elif self.report.files and inherited:
@@ -266,7 +257,7 @@ class _Chain:
         self.report.compare(own, replayed)
 
         self._search_again(recording, setup.wheels)
-        if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
+        if not any(message.schema == Diagnosis.schema_name() for message in recording.messages):
             self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
         self.report.files.append(recording.path)
 
@@ -274,17 +265,16 @@ class _Chain:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
         for message in recording.messages:
             if message.schema == Discrepancy.schema_name():
-                report = Discrepancy.parse(message.data, f"{recording.path}: {message.topic}")
-                again = search(job_of(report, self._inputs_of(report, recording.path), wheels))
-                entry = (message.topic, message.schema)
-                self.report.compare([(*entry, message.data)], [(*entry, again.to_json())])
+                report = Discrepancy.parse(message.payload, f"{recording.path}: {message.topic}")
+                again, _ = search(job_of(report, self._inputs_of(report, recording.path), wheels))
+                self.report.compare([message], [message._replace(payload=again.to_json())])
 
-    def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[tuple[str, bytes]]:
-        """Return topic and payload of samples from the files so far that may hold some of what a report is about."""
+    def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[EncodedMessage]:
+        """Return the messages of samples in the files so far that may hold some of what a report is about."""
         for file in (*self.report.files, path):
             span = time_span(file)
             if span is not None and span[1] >= report.start_ns:
-                yield from ((topic, payload) for _, topic, payload in recorded_inputs(file))
+                yield from recorded_inputs(file)
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
         """Check that a recording names what it goes on from, and that this is as it was then."""

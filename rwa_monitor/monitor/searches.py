@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.messages import Discrepancy, SamplesMessage, key_of
-from rwa_monitor.monitor.events import Output, output_of
+from rwa_monitor.messages import Discrepancy, EncodedMessage, SamplesMessage, key_of
 from rwa_monitor.monitor.setup import WheelKey, WheelSet
 from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text
@@ -37,39 +36,28 @@ MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches that may com
 
 @dataclass(frozen=True, slots=True)
 class SearchJob:
-    """One search: the wheel, its constants as wheel.toml, and the messages that hold its samples."""
+    """One search: spacecraft and wheel, its constants, and the messages that hold its samples."""
 
-    spacecraft: str
-    wheel: str
-    wheel_toml: str
+    key: WheelKey
+    constants: Wheel
     payloads: tuple[bytes, ...]
 
     @property
     def name(self) -> str:
         """Spacecraft and wheel, as the log has them."""
-        return f"{self.spacecraft}/{self.wheel}"
+        return "/".join(self.key)
 
 
-def search(job: SearchJob) -> Discrepancy:
-    """Run a search; the same job always gives the same message.
-
-    Raises
-    ------
-    InputError
-        If the samples cannot be searched.
-    """
-    return _search(job)[0]
-
-
-def _search(job: SearchJob) -> tuple[Discrepancy, Search]:
+def search(job: SearchJob) -> tuple[Discrepancy, Search]:
+    """Run a search; the same job always gives the same message. Raises InputError if the samples cannot be searched."""
     from rwa_monitor.discrepancy.find import find_discrepancy  # noqa: PLC0415 - the monitor starts without the search
 
-    samples = concatenate([SamplesMessage.parse(payload, job.wheel).samples() for payload in job.payloads])
+    samples = concatenate([SamplesMessage.parse(payload, job.name).samples() for payload in job.payloads])
     samples = samples[np.unique(samples.time_ns, return_index=True)[1]]
-    found = find_discrepancy([(job.name, samples)], Wheel.from_toml(job.wheel_toml, job.wheel))
+    found = find_discrepancy([(job.name, samples)], job.constants)
     content = {
-        "spacecraft": job.spacecraft,
-        "wheel": job.wheel,
+        "spacecraft": job.key[0],
+        "wheel": job.key[1],
         "start_ns": int(samples.time_ns[0]),
         "end_ns": int(samples.time_ns[-1]),
         **found.result.to_json(),
@@ -82,7 +70,7 @@ def _search_and_report(job: SearchJob) -> tuple[Discrepancy, dict[str, str]]:
     from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
     from rwa_monitor.reporting.discrepancy_report import html  # noqa: PLC0415
 
-    message, found = _search(job)
+    message, found = search(job)
     return message, {"report.html": html(found, [f"{job.name}, live"]), "extended_wheel.toml": extend(found).to_toml()}
 
 
@@ -93,7 +81,6 @@ class _Watched:
     inadequate: int = 0
     searched: bool = False
     payloads: list[bytes] = field(default_factory=list)
-    size: int = 0
 
 
 class Searches:
@@ -119,36 +106,35 @@ class Searches:
         self._running: tuple[SearchJob, Future[tuple[Discrepancy, dict[str, str]]]] | None = None
         self._children: set[BaseProcess] = set()
 
-    def take_input(self, spacecraft: str, wheel: str, payload: bytes) -> None:
+    def take_input(self, key: WheelKey, payload: bytes) -> None:
         """Keep a message of a wheel that may have to be searched."""
-        watched = self._watched.get((spacecraft, wheel))
+        watched = self._watched.get(key)
         if watched is None or not watched.inadequate or watched.searched:
             return
         if self._kept_bytes + len(payload) > MAX_KEPT_BYTES:
-            self.log(f"{spacecraft}/{wheel}: no room to keep its samples for a discrepancy search")
+            self.log(f"{'/'.join(key)}: no room to keep its samples for a discrepancy search")
             self._forget(watched)
             watched.searched = True
             return
         watched.payloads.append(payload)
-        watched.size += len(payload)
         self._kept_bytes += len(payload)
 
-    def take_diagnosis(self, spacecraft: str, wheel: str, *, adequate: bool) -> None:
+    def take_diagnosis(self, key: WheelKey, *, adequate: bool) -> None:
         """Take note of a closed window."""
-        watched = self._watched.setdefault((spacecraft, wheel), _Watched())
+        watched = self._watched.setdefault(key, _Watched())
         if adequate:
             self._forget(watched)
             watched.inadequate, watched.searched = 0, False
             return
         watched.inadequate += 1
         if watched.inadequate >= PATIENCE and not watched.searched and watched.payloads:
-            constants = self.wheels.of(spacecraft, wheel).to_toml()
-            self._waiting.append(SearchJob(spacecraft, wheel, constants, tuple(watched.payloads)))
-            self.log(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
-            watched.searched, watched.payloads, watched.size = True, [], 0  # they are kept until the search begins
+            job = SearchJob(key, self.wheels.of(*key), tuple(watched.payloads))
+            self._waiting.append(job)
+            self.log(f"{job.name}: its friction model does not fit; searching for the cause")
+            watched.searched, watched.payloads = True, []  # they are kept until the search begins
         self._forget(watched)
 
-    def poll(self) -> list[Output]:
+    def poll(self) -> list[EncodedMessage]:
         """Start the next search where none runs, and return what the last one found, ready to be published."""
         if self._running is None:
             if self._waiting:
@@ -164,8 +150,8 @@ class Searches:
             self.log(f"{job.name}: the discrepancy search could not be made: {error}")
             return []
         if self.folder is not None:
-            self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, report)
-        return [output_of(message, message.end_ns, job.spacecraft, job.wheel)]
+            self._write_report(self.folder / "discrepancy" / job.name, report)
+        return [message.encoded(*job.key, message.end_ns)]
 
     def close(self) -> None:
         """Stop the search that runs; nothing of it is lost that a replay could not find again."""
@@ -196,11 +182,11 @@ class Searches:
             self.log(f"discrepancy report in {folder}")
 
     def _forget(self, watched: _Watched) -> None:
-        self._kept_bytes -= watched.size
-        watched.payloads, watched.size = [], 0
+        self._kept_bytes -= sum(map(len, watched.payloads))
+        watched.payloads = []
 
 
-def job_of(report: Discrepancy, inputs: Iterable[tuple[str, bytes]], wheels: WheelSet) -> SearchJob:
+def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelSet) -> SearchJob:
     """Return the search that a recorded report came from, for a replay.
 
     Parameters
@@ -208,15 +194,14 @@ def job_of(report: Discrepancy, inputs: Iterable[tuple[str, bytes]], wheels: Whe
     report
         As it was recorded.
     inputs
-        Topic and payload of samples recorded, in order.
+        Messages of samples recorded, in order.
     wheels
         The recording's constants.
     """
-    payloads: list[bytes] = []
-    for topic, payload in inputs:
-        if topic == key_of(SamplesMessage, report.spacecraft, report.wheel):
-            time_ns = SamplesMessage.parse(payload, topic).time_ns
+    key, payloads = (report.spacecraft, report.wheel), list[bytes]()
+    for message in inputs:
+        if message.topic == key_of(SamplesMessage, *key):
+            time_ns = SamplesMessage.parse(message.payload, message.topic).time_ns
             if min(time_ns) >= report.start_ns and max(time_ns) <= report.end_ns:
-                payloads.append(payload)
-    constants = wheels.of(report.spacecraft, report.wheel).to_toml()
-    return SearchJob(report.spacecraft, report.wheel, constants, tuple(payloads))
+                payloads.append(message.payload)
+    return SearchJob(key, wheels.of(*key), tuple(payloads))

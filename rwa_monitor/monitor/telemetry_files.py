@@ -92,22 +92,23 @@ def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> 
             continue
         batches = wheels.setdefault(message.topic, [])
         try:
-            parsed = SamplesMessage.parse(message.data, message.topic)
+            parsed = SamplesMessage.parse(message.payload, message.topic)
         except InputError as error:
             refused.append(error)
             continue
         batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch))
     notes = [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else []
-    found = [_of_topic(source, topic, batches, constants) for topic, batches in sorted(wheels.items()) if batches]
+    found = []
+    for topic, batches in sorted(wheels.items()):
+        if not batches:
+            continue
+        try:
+            spacecraft, wheel, _ = split_key(topic)
+        except InputError as error:
+            raise InputError(source, error.reason, f"topic {topic}") from error
+        found.append(
+            WheelTelemetry(source, spacecraft, wheel, batches, constants.of(spacecraft, wheel) if constants else None)
+        )
     if not found:
         raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")
     return found, notes
-
-
-def _of_topic(source: str, topic: str, batches: list[SampleBatch], constants: WheelSet | None) -> WheelTelemetry:
-    """Name the wheel as its topic does, and give it the constants that the recording has for it."""
-    try:
-        spacecraft, wheel, _ = split_key(topic)
-    except InputError as error:
-        raise InputError(source, error.reason, f"topic {topic}") from error
-    return WheelTelemetry(source, spacecraft, wheel, batches, constants.of(spacecraft, wheel) if constants else None)

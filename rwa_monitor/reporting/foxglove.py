@@ -27,6 +27,7 @@ from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
     Discrepancy,
+    EncodedMessage,
     Health,
     HealthAlarm,
     Message,
@@ -70,16 +71,6 @@ ALARM_LEVELS: Final = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class View:
-    """One message for Foxglove: topic, name of its schema, JSON, and time on the wheel's clock [ns]."""
-
-    topic: str
-    schema: str
-    payload: bytes
-    time_ns: int
-
-
 @dataclass(slots=True)
 class _Wheel:
     """What was seen of a wheel so far."""
@@ -97,7 +88,7 @@ class Translator:
     def __init__(self) -> None:
         self._wheels: dict[tuple[str, str], _Wheel] = {}
 
-    def translate(self, key: str, payload: bytes) -> list[View]:
+    def translate(self, key: str, payload: bytes) -> list[EncodedMessage]:
         """Return what Foxglove shows of one message, nothing of an unknown kind.
 
         Raises
@@ -113,7 +104,7 @@ class Translator:
         wheel = self._wheels.setdefault((spacecraft, name), _Wheel(key, f"{spacecraft}/{name}"))
         if isinstance(message, SamplesMessage):
             wheel.clock_ns = message.time_ns[-1]
-        own = View(f"{key}/{kind}", message.schema_name(), payload, _time_ns(message, wheel))
+        own = EncodedMessage(f"{key}/{kind}", message.schema_name(), payload, _time_ns(message, wheel))
         return [own, *_beside(message, wheel)]
 
 
@@ -123,21 +114,21 @@ def _time_ns(message: Message, wheel: _Wheel) -> int:
     return message.end_ns if isinstance(message, Discrepancy) else wheel.clock_ns
 
 
-def _beside(message: Message, wheel: _Wheel) -> Iterator[View]:
+def _beside(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
     """Give what goes out beside a message."""
     if isinstance(message, SamplesMessage):
         yield from _telemetry(message, wheel)
     elif isinstance(message, Changepoints):
         for jump in message.changepoints:
             content = _stamp(jump.time_ns) | {"jump_Nm": jump.jump_Nm, "confidence": jump.confidence}
-            yield View(f"{wheel.key}/{JUMP}", "rwa.Jump", dump_json(content), jump.time_ns)
+            yield EncodedMessage(f"{wheel.key}/{JUMP}", "rwa.Jump", dump_json(content), jump.time_ns)
             size = f"{jump.jump_Nm * 1e3:+.3f} mN m (standard deviation {jump.std_Nm * 1e3:.3f} mN m)"
             yield _log(wheel, LogLevel.DEBUG, f"Friction jumped by {size}.", jump.time_ns)
     elif isinstance(message, Diagnosis):
         for name, anomaly in message.anomalies.items():
             values = {one: value for one in PART_FIELDS if (value := getattr(anomaly, one)) is not None}
             content = _stamp(message.window_end_ns) | {"active": anomaly.active} | values
-            yield View(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), message.window_end_ns)
+            yield EncodedMessage(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), message.window_end_ns)
         yield _log(wheel, VERDICT_LEVELS[message.verdict], message.reason, message.window_end_ns)
     elif isinstance(message, Discrepancy):
         level = LogLevel.WARNING if message.verdict == "inadequate" else LogLevel.INFO
@@ -151,19 +142,19 @@ def _beside(message: Message, wheel: _Wheel) -> Iterator[View]:
         yield from _alarms(message.alarm_states, wheel, message.window_end_ns)
 
 
-def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[View]:
+def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[EncodedMessage]:
     """Give one message for each sample, with what was measured."""
     measured = {name: values for name in CHANNELS if (values := getattr(message, name)) is not None}
     for i, time_ns in enumerate(message.time_ns):
         values = {name: value for name in measured if _is_finite(value := measured[name][i])}
-        yield View(f"{wheel.key}/{TELEMETRY}", "rwa.Telemetry", dump_json(_stamp(time_ns) | values), time_ns)
+        yield EncodedMessage(f"{wheel.key}/{TELEMETRY}", "rwa.Telemetry", dump_json(_stamp(time_ns) | values), time_ns)
 
 
 def _is_finite(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def _alarms(states: dict[str, HealthAlarm], wheel: _Wheel, time_ns: int) -> Iterator[View]:
+def _alarms(states: dict[str, HealthAlarm], wheel: _Wheel, time_ns: int) -> Iterator[EncodedMessage]:
     """Give a line for each alarm that is not as it was."""
     for name, alarm in states.items():
         if alarm != wheel.alarms.get(name):
@@ -179,9 +170,9 @@ def _stamp(time_ns: int) -> dict[str, Any]:
     return {"timestamp": {"sec": seconds, "nsec": nanoseconds}}
 
 
-def _log(wheel: _Wheel, level: LogLevel, text: str, time_ns: int) -> View:
+def _log(wheel: _Wheel, level: LogLevel, text: str, time_ns: int) -> EncodedMessage:
     content = _stamp(time_ns) | {"level": int(level), "message": text, "name": wheel.name, "file": "", "line": 0}
-    return View(f"{wheel.key}/{LOG}", LOG_SCHEMA, dump_json(content), time_ns)
+    return EncodedMessage(f"{wheel.key}/{LOG}", LOG_SCHEMA, dump_json(content), time_ns)
 
 
 # ---- schemas ---------------------------------------------------------------------------------------------------------
@@ -252,7 +243,7 @@ class Seen:
         self.wheels: dict[str, dict[str, None]] = {}
         self.paths: set[str] = set()
 
-    def add(self, views: Iterable[View]) -> None:
+    def add(self, views: Iterable[EncodedMessage]) -> None:
         """Take in what Foxglove is shown."""
         for view in views:
             *key, kind = view.topic.split("/", 3)

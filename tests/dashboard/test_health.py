@@ -90,7 +90,7 @@ def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.S
 
         def publish(number: int) -> None:
             message = diagnosis(number, severity=1.0)
-            bus.publish(key, Health, health_message(message).to_json())
+            bus.publish(health_message(message).encoded("sat", "wheel_1"))
             session.put("rwa/sat/wheel_1/diagnosis", message.to_json())
 
         publish(0)

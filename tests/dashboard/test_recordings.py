@@ -51,7 +51,7 @@ def test_the_list_shows_which_time_a_recording_covers(tmp_path: Path) -> None:
     (tmp_path / "whole.mcap").write_bytes(data)
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
     (tmp_path / "no.mcap").write_bytes(b"no recording at all, whatever it is called")
-    times = [message.log_time for message in read_recording(RECORDING).messages]
+    times = [message.time_ns for message in read_recording(RECORDING).messages]
     whole, none, cut = list_recordings(tmp_path)
     assert (whole.first_ns, whole.last_ns) == (min(time for time in times if time), max(times))
     assert (none.first_ns, none.last_ns) == (None, None)

@@ -24,9 +24,10 @@ from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Limits, Nominal, Wheel
-from tests.discrepancy.simple import DRY_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
 from tests.discrepancy.smooth import (
     CORRELATIONS,
+    COUNT,
     MOTIONS,
     coast_down,
     null_record,
@@ -74,6 +75,19 @@ def test_windage_in_a_single_coast_down(correlation: float) -> None:
     assert {"inertia_error", "run_in_drift", "lubricant_lag", "load_dependence"} <= untested.keys()
     for name in ("inertia_error", "run_in_drift", "lubricant_lag"):
         assert untested[name] == FOLLOWS_THE_SPEED
+
+
+def test_a_ripple_of_a_second_order_is_a_ripple_too() -> None:
+    """A name stands once in an answer: the second order is a formula, which the name of the first goes with."""
+    turns = np.cumsum(np.full(COUNT, 0.013))
+    angle, speed = 2 * np.pi * turns, np.full(COUNT, 2 * np.pi * 0.013 / PERIOD_S)
+    ripple = 20 * NOISE_NM * np.sin(14 * angle) + 10 * NOISE_NM * np.sin(12 * angle + 1.0)
+    found = answer(replace(smooth_record(speed, ripple, seed=3), angle_rad=angle))
+    mean = (effect for effect in found.result.effects if effect.family == "mean")
+    first, second = sorted(mean, key=lambda effect: effect.formula)
+    assert first.name == "torque_ripple"
+    assert second.formula
+    assert "torque_ripple" in second.equivalent
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])

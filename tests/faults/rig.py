@@ -34,7 +34,7 @@ from zenoh import ext
 from rwa_monitor.cli.console import stop_on_signals
 from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, open_session
 from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import ReliablePublisher
+from rwa_monitor.monitor.publisher import messages_publisher
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
 from rwa_monitor.monitor.service import run
 from tests.faults.history import Put, wheel
@@ -75,7 +75,7 @@ def publisher_process(config: Path, port: int, kept: int, connection: Connection
                 publishers[name] = (
                     _plain_publisher(session, put.key)
                     if put.publisher == "intruder"
-                    else ReliablePublisher(session, put.key, kept)
+                    else messages_publisher(session, put.key, kept)
                 )
             publishers[name].put(put.payload)
 
@@ -201,8 +201,8 @@ class Rig:
         self._config = folder / "zenoh.json5"
         self._config.write_text(json.dumps(_zenoh_settings()))
         self._port = free_port()
-        self._link = Link(self._port)
-        self._stack.callback(self._link.close)
+        self.link = Link(self._port)
+        self._stack.callback(self.link.close)
         if small_disk:
             self._stack.enter_context(_small_disk(self.recordings))
         self.router: BaseProcess | None = None
@@ -270,7 +270,7 @@ class Rig:
             model=model(),
             record=self.recordings,
             max_file_bytes=self.max_file_bytes,
-            bus=BusOptions(mode="client", connect=(f"tcp/127.0.0.1:{self._link.port}",), config=self._config),
+            bus=BusOptions(mode="client", connect=(f"tcp/127.0.0.1:{self.link.port}",), config=self._config),
             status_period_s=0.1,
         )
         self._said_before = self.log.stat().st_size if self.log.exists() else 0
@@ -300,20 +300,13 @@ class Rig:
         process.kill()
         process.join()
 
-    def pause_monitor(self) -> None:
-        os.kill(self.monitor.pid, signal.SIGSTOP)
+    def signal_monitor(self, number: signal.Signals) -> None:
+        os.kill(self.monitor.pid, number)
 
-    def go_on_monitor(self) -> None:
-        os.kill(self.monitor.pid, signal.SIGCONT)
-
-    def cut_link(self) -> None:
-        self._link.cut()
-
-    def freeze_link(self) -> None:
-        self._link.freeze()
-
-    def heal_link(self) -> None:
-        self._link.heal()
+    def renew_publisher(self) -> None:
+        """Kill the publisher, with its history, and start another one."""
+        self.kill(self.publisher)
+        self.start_publisher()
 
     def fill_disk(self) -> None:
         """Fill the small disk to the last byte."""

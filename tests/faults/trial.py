@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import signal
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
@@ -14,10 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.messages import SamplesMessage, dump_json
+from rwa_monitor.messages import EncodedMessage, SamplesMessage, dump_json
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.recording.reader import RecordedMessage, read_recording, recordings_of
+from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
@@ -134,67 +135,65 @@ def _stop(rig: Rig, outcome: Outcome) -> None:
         outcome.problems.append(f"the monitor ended with exit code {status}")
 
 
+# What a fault does when it begins, and when it ends; some need more than the rig, see `_begin`.
+BEGINS: Final[dict[str, Callable[[Rig], None]]] = {
+    "kill_monitor": lambda rig: rig.kill(rig.monitor),
+    "pause_monitor": lambda rig: rig.signal_monitor(signal.SIGSTOP),
+    "kill_router": lambda rig: rig.kill(rig.router),
+    "cut_link": lambda rig: rig.link.cut(),
+    "outage_beyond_history": lambda rig: rig.link.cut(),
+    "publisher_dies_in_outage": lambda rig: rig.link.cut(),
+    "freeze_link": lambda rig: rig.link.freeze(),
+    "restart_publisher": Rig.renew_publisher,
+    "disk_full": Rig.fill_disk,
+    "disk_fails": Rig.fail_disk,
+}
+ENDS: Final[dict[str, Callable[[Rig], None]]] = {
+    "kill_monitor": Rig.start_monitor,
+    "restart_monitor": Rig.start_monitor,
+    "flipped_recording": Rig.start_monitor,
+    "pause_monitor": lambda rig: rig.signal_monitor(signal.SIGCONT),
+    "kill_router": Rig.start_router,
+    "cut_link": lambda rig: rig.link.heal(),
+    "freeze_link": lambda rig: rig.link.heal(),
+    "outage_beyond_history": lambda rig: rig.link.heal(),
+    "publisher_dies_in_outage": lambda rig: (rig.renew_publisher(), rig.link.heal()),
+    "disk_full": Rig.free_disk,
+    "disk_fails": Rig.mend_disk,
+}
+
+
 def _begin(fault: Fault, rig: Rig, sent: Counter[str], outcome: Outcome) -> None:
-    match fault.name:
-        case "kill_monitor":
-            Event().wait(fault.delay_s / 8)
-            rig.kill(rig.monitor)
-        case "restart_monitor":
-            _stop(rig, outcome)
-        case "flipped_recording":
-            wait_for(lambda: any(rig.recordings.glob("*.mcap")), "a recording")
-            rig.kill(rig.monitor)
-            rig.flip_bit(fault.delay_s / MAX_DELAY_S)
-        case "pause_monitor":
-            rig.pause_monitor()
-        case "kill_router":
-            rig.kill(rig.router)
-        case "cut_link" | "outage_beyond_history" | "publisher_dies_in_outage":
-            rig.cut_link()
-        case "freeze_link":
-            rig.freeze_link()
-        case "restart_publisher":
-            for name, count in sent.items():
-                wait_for(lambda name=name, count=count: _received(rig, name) >= count, f"all of {name} so far")
-            # What is younger than a second may be on no disk yet: a monitor killed then needs the publisher's history.
-            Event().wait(FLUSHED_S)
-            rig.kill(rig.publisher)
-            rig.start_publisher()
-        case "disk_full":
-            rig.fill_disk()
-        case "disk_fails":
-            rig.fail_disk()
+    if fault.name == "restart_monitor":
+        _stop(rig, outcome)
+        return
+    if fault.name == "flipped_recording":
+        wait_for(lambda: any(rig.recordings.glob("*.mcap")), "a recording")
+        rig.kill(rig.monitor)
+        rig.flip_bit(fault.delay_s / MAX_DELAY_S)
+        return
+    if fault.name == "kill_monitor":
+        Event().wait(fault.delay_s / 8)
+    if fault.name == "restart_publisher":
+        for name, count in sent.items():
+            wait_for(lambda name=name, count=count: _received(rig, name) >= count, f"all of {name} so far")
+        # What is younger than a second may be on no disk yet: a monitor killed then needs the publisher's history.
+        Event().wait(FLUSHED_S)
+    BEGINS[fault.name](rig)
 
 
 def _end(fault: Fault, rig: Rig) -> None:
     if fault.name not in {"restart_publisher", "kill_monitor", "restart_monitor", "flipped_recording"}:
         Event().wait(fault.delay_s)
-    match fault.name:
-        case "kill_monitor" | "restart_monitor" | "flipped_recording":
-            rig.start_monitor()
-        case "pause_monitor":
-            rig.go_on_monitor()
-        case "kill_router":
-            rig.start_router()
-        case "cut_link" | "freeze_link":
-            rig.heal_link()
-        case "outage_beyond_history":
-            rig.heal_link()
-        case "publisher_dies_in_outage":
-            rig.kill(rig.publisher)
-            rig.start_publisher()
-            rig.heal_link()
-        case "disk_full":
-            rig.free_disk()
-        case "disk_fails":
-            rig.mend_disk()
+    if fault.name in ENDS:
+        ENDS[fault.name](rig)
 
 
 def _state(rig: Rig, history: History) -> str:
     """Describe what the monitor has got, for whoever looks for the fault."""
     status = {_wheel_of(key): rig.status(_wheel_of(key)) for key in history.sent}
     batches = [
-        json.loads(message.data)["batch"]
+        json.loads(message.payload)["batch"]
         for path in recordings_of(rig.recordings)
         for message in read_recording(path).messages
         if message.topic in history.sent
@@ -258,7 +257,7 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
             outcome.lost += len(samples)
             continue
         outcome.told += status["messages_missed"]
-        recorded = [m.data for m in messages if m.topic == key.replace("samples", "diagnosis")]
+        recorded = [m.payload for m in messages if m.topic == key.replace("samples", "diagnosis")]
         heard = rig.heard["diagnosis", name]
         oracle = _oracle(samples)
         expected = [payload.replace(b"wheel_1", name.encode()) for payload in oracle.diagnoses]
@@ -282,10 +281,10 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
     if history.recoverable and outcome.lost:
         problems.append(f"{outcome.lost} samples were lost")
     if history.recoverable and not history.loses_recording:
-        refused = {message.data for message in messages if message.topic.endswith("/refused")}
+        refused = {message.payload for message in messages if message.topic.endswith("/refused")}
         if refused != set(history.garbage):
             problems.append("messages refused and messages that cannot be read differ")
-    if "second_publisher" in history.kinds and "two live publishers" not in _talk(rig):
+    if "second_publisher" in history.kinds and "two live publishers" not in rig.log.read_text():
         problems.append("two live publishers were not reported")
     _check_replay(history, rig, problems)
 
@@ -300,10 +299,6 @@ def _check_replay(history: History, rig: Rig, problems: list[str]) -> None:
         unreadable = report.unreadable and not history.loses_recording and "kill_monitor" not in history.kinds
         if report.differences or not report.bytes_equal or unreadable:
             problems.append(f"the recording does not replay: {report.long()} {report.unreadable}")
-
-
-def _talk(rig: Rig) -> str:
-    return rig.log.read_text()
 
 
 def _compare(
@@ -323,17 +318,17 @@ def _compare(
 
 
 def _check_account(
-    name: str, rig: Rig, messages: list[RecordedMessage], key: str, problems: list[str], *, whole: bool
+    name: str, rig: Rig, messages: list[EncodedMessage], key: str, problems: list[str], *, whole: bool
 ) -> None:
     """Check the sums of every status, and the last one against the recorded samples."""
     topic = key.replace("samples", "status")
-    for payload in (*rig.heard["status", name], *(m.data for m in messages if m.topic == topic)):
+    for payload in (*rig.heard["status", name], *(m.payload for m in messages if m.topic == topic)):
         status = json.loads(payload)
         parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
         if status["samples_received"] != sum(status[f"samples_{part}"] for part in parts):
             problems.append(f"{name}: the account does not add up: {payload.decode()}")
             return
-    recorded = sum(len(SamplesMessage.parse(m.data, "").time_ns) for m in messages if m.topic == key)
+    recorded = sum(len(SamplesMessage.parse(m.payload, "").time_ns) for m in messages if m.topic == key)
     received = rig.status(name)["samples_received"]
     if whole and recorded != received:
         problems.append(f"{name}: {received} samples received, {recorded} recorded")

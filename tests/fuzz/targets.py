@@ -28,6 +28,7 @@ from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
     Discrepancy,
+    EncodedMessage,
     SamplesMessage,
     Status,
     dump_json,
@@ -50,11 +51,11 @@ from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
 from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import read_text
 from rwa_monitor.telemetry.labels import read_labels, write_labels
-from rwa_monitor.telemetry.reader import Decoding, TextFile
+from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.table import read_table, table_writer
 from rwa_monitor.wheel.wheel import Wheel
-from tests.monitor.support import telemetry, wheel
+from tests.monitor.support import adds_up, telemetry, wheel
 from tests.telemetry import bags
 from tests.telemetry import packets as made
 
@@ -135,9 +136,8 @@ def read_message(data: bytes) -> None:
         events = [*core.feed(samples, message.publisher, message.batch), *core.feed(samples, message.publisher, None)]
         for output in outputs_of([*events, *core.finish()], "sat", "wheel_1"):
             json.loads(output.payload)
-        counts = core.counts
-        taken = counts.used + counts.masked + counts.late + counts.duplicate + counts.rejected + counts.queued
-        assert counts.received == taken == 2 * len(samples)
+        assert adds_up(core.counts)
+        assert core.counts.received == 2 * len(samples)
     else:
         assert kind.parse(message.to_json(), KEY).to_json() == message.to_json()
         show(message)
@@ -251,19 +251,18 @@ def read_some_packets(data: bytes) -> None:
         decoder.take(data[start : start + 36])
     counts = decoder.counts
     assert counts.packets == counts.decoded + counts.bad + counts.unknown + counts.idle + counts.other
-    for wheel_of_file in read_packets(kept("packets.ccsds", data), made.decoding()).telemetry:
-        for batch in wheel_of_file.batches:
-            core = WheelCore(small_wheel(), built_in_model())
-            core.feed(batch.samples)
-            core.finish()
+    use_all(read_packets(kept("packets.ccsds", data), made.decoding()))
 
 
 def read_a_bag(data: bytes) -> None:
-    for wheel_of_file in read_bag(kept("bag.mcap", data), bags.decoding(bags.map_of(small_samples()))).telemetry:
-        for batch in wheel_of_file.batches:
-            core = WheelCore(small_wheel(), built_in_model())
-            core.feed(batch.samples)
-            core.finish()
+    use_all(read_bag(kept("bag.mcap", data), bags.decoding(bags.map_of(small_samples()))))
+
+
+def use_all(file: TelemetryFile) -> None:
+    for batch in (batch for of_wheel in file.telemetry for batch in of_wheel.batches):
+        core = WheelCore(small_wheel(), built_in_model())
+        core.feed(batch.samples)
+        core.finish()
 
 
 def bag_seeds() -> list[bytes]:
@@ -277,14 +276,16 @@ def bag_seeds() -> list[bytes]:
 def read_a_definition(data: bytes) -> None:
     """Read bytes as an XTCE definition, as a file of one would come, and packets by it."""
     text = read_text(kept("x.xml", data), 100_000)
-    decoder = PacketDecoder(Decoding(made.decoding().map, TextFile("x.xml", text)), "test")
-    for packet in made.packets(4):
-        decoder.take(packet)
+    decode(Decoding(made.decoding().map, TextFile("x.xml", text)))
 
 
 def read_a_map(data: bytes) -> None:
     text = read_text(kept("map.toml", data), 100_000)
-    decoder = PacketDecoder(Decoding(TextFile("map.toml", text), made.decoding().xtce), "test")
+    decode(Decoding(TextFile("map.toml", text), made.decoding().xtce))
+
+
+def decode(decoding: Decoding) -> None:
+    decoder = PacketDecoder(decoding, "test")
     for packet in made.packets(4):
         decoder.take(packet)
 
@@ -305,7 +306,7 @@ def read_bytes_of_a_recording(data: bytes) -> None:
     again = read_recording(out)
     assert again.finished
     assert not again.problems
-    assert [m.data for m in again.messages] == [m.data for m in recording.messages]
+    assert [m.payload for m in again.messages] == [m.payload for m in recording.messages]
 
 
 @cache
@@ -324,7 +325,7 @@ def parts() -> tuple[tuple[str, str, bytes], ...]:
         piece = samples[start : start + 50]
         found.append((KEY, SamplesMessage.schema_name(), samples_json(piece, "p", number)))
         said_of_it = outputs_of(core.feed(piece, "p", number), "sat", "wheel_1")
-        found += [(output.key, output.schema, output.payload) for output in said_of_it]
+        found += [(output.topic, output.schema, output.payload) for output in said_of_it]
     return tuple(found)
 
 
@@ -336,7 +337,7 @@ def with_part(place: int, content: bytes) -> Path:
     writer = RecordingWriter(path, [(name, data) for topic, name, data in changed if not topic], lambda: 0)
     for topic, schema, payload in changed:
         if topic:
-            writer.write(topic, schema, payload, 0)
+            writer.write(EncodedMessage(topic, schema, payload, 0))
     writer.close()
     return path
 

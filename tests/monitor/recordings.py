@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import Writer
 
-from rwa_monitor.monitor.recording.reader import RecordedMessage, file_sha256, read_recording
+from rwa_monitor.messages import EncodedMessage
+from rwa_monitor.monitor.recording.reader import file_sha256, read_recording
 from rwa_monitor.monitor.recording.recorder import RecordingWriter
 
 TOPICS = ("rwa/sat/a/samples", "rwa/sat/b/samples")
@@ -23,7 +24,7 @@ def write_file(path: Path, messages: int = 400, flush_every: int = 40) -> list[b
     payloads = []
     for number in range(messages):
         payloads.append(rng.bytes(200) + number.to_bytes(4, "big"))
-        writer.write(TOPICS[number % 2], "rwa.Samples", payloads[-1], 1_000 * number)
+        writer.write(EncodedMessage(TOPICS[number % 2], "rwa.Samples", payloads[-1], 1_000 * number))
         if number % flush_every == flush_every - 1:
             writer.sync()
     writer.close()
@@ -34,7 +35,7 @@ def write_file(path: Path, messages: int = 400, flush_every: int = 40) -> list[b
 def rewrite(
     source: Path,
     target: Path,
-    change: Callable[[RecordedMessage], bytes | None] = lambda message: message.data,
+    change: Callable[[EncodedMessage], bytes | None] = lambda message: message.payload,
     attached: Callable[[str, bytes], bytes] = lambda name, data: data,
 ) -> None:
     """Write a recording again, every checksum right, with messages changed, or left out (None), and attachments."""
@@ -53,5 +54,5 @@ def rewrite(
             if place not in channels:
                 schema = writer.register_schema(message.schema, "", b"")
                 channels[place] = writer.register_channel(message.topic, "json", schema)
-            writer.add_message(channels[place], message.log_time, data, message.publish_time)
+            writer.add_message(channels[place], message.time_ns, data, message.publish_ns)
         writer.finish()  # type: ignore[no-untyped-call]

@@ -87,9 +87,9 @@ def publish(telemetry_of: Mapping[str, Samples], session: zenoh.Session, **optio
     return send(telemetry_of, {key: SamplesPublisher(session, key) for key in telemetry_of}, **options)
 
 
-def messages_of(events: Sequence[Event]) -> list[tuple[str, bytes]]:
+def messages_of(events: Sequence[Event], name: str = "wheel_1") -> list[tuple[str, bytes]]:
     """Return what the monitor publishes about events: (key, JSON)."""
-    return [(output.key, output.payload) for output in outputs_of(events, "sat", "wheel_1")]
+    return [(output.topic, output.payload) for output in outputs_of(events, "sat", name)]
 
 
 def diagnoses(messages: Sequence[tuple[str, bytes]]) -> list[bytes]:
@@ -111,7 +111,7 @@ def resumed(data: bytes, of_wheel: Wheel) -> WheelCore:
 def recorded(folder: Path, schema: str = Diagnosis.schema_name(), name: str = "") -> list[bytes]:
     """Return the payloads of a kind in a chain of recordings, of one wheel or all."""
     return [
-        message.data
+        message.payload
         for recording in read_chain(folder)
         for message in recording.messages
         if message.schema == schema and name in ("", message.topic.split("/")[2])

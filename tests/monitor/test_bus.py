@@ -16,7 +16,7 @@ import zenoh
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session, session_config
 from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill, Inbox
-from rwa_monitor.monitor.publisher import ReliablePublisher
+from rwa_monitor.monitor.publisher import messages_publisher
 from tests.monitor.processes import wait_for
 from tests.monitor.support import KEY, free_port
 
@@ -63,19 +63,19 @@ def test_a_bus_that_cannot_be_reached_is_reported() -> None:
 def test_a_full_inbox_drops_and_counts() -> None:
     inbox = Inbox(max_messages=3, max_bytes=10, patience_s=0.01)
     for number in range(5):
-        inbox.put("key", bytes([number]))
+        inbox.put(Arrival("key", bytes([number])))
     assert (len(inbox), inbox.dropped) == (3, 2)
     assert inbox.take() == Arrival("key", b"\0")
-    inbox.put("key", bytes(9))  # 2 bytes wait: 11 are too many
+    inbox.put(Arrival("key", bytes(9)))  # 2 bytes wait: 11 are too many
     assert inbox.dropped == 3
-    inbox.put("key", bytes(8))
+    inbox.put(Arrival("key", bytes(8)))
     left = [inbox.take() for _ in range(4)]
     assert left == [Arrival("key", b"\1"), Arrival("key", b"\2"), Arrival("key", bytes(8)), None]
 
 
 def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
     inbox = Inbox(max_messages=3, patience_s=30.0)
-    thread = Thread(target=lambda: [inbox.put("key", bytes([number])) for number in range(100)])
+    thread = Thread(target=lambda: [inbox.put(Arrival("key", bytes([number]))) for number in range(100)])
     thread.start()
     taken: list[int] = []
     while len(taken) < 100:
@@ -216,34 +216,6 @@ def test_publishers_that_do_not_answer_let_others_be_asked() -> None:
     assert {before.source for before, *_ in history.asked} == set(list(fleet)[: 2 * MAX_ASKED])
 
 
-def test_what_was_dropped_is_asked_for_although_nothing_follows() -> None:
-    history, backfill = asking()
-    sent = arrivals("one", range(9))
-    assert drained(backfill, deque(sent[:3])) == sent[:3]
-    backfill.miss(sent[8])
-    backfill.miss(sent[1])  # has arrived since
-    (question,) = history.asked
-    assert (question[0].number, question[1]) == (9, 3)
-    answer(question, *sent[3:])
-    assert drained(backfill, deque()) == sent[3:]
-    assert (len(backfill), len(history.asked), backfill.missed) == (0, 1, {})
-
-
-def test_what_could_not_be_read_is_asked_for_again_and_what_follows_waits_for_it() -> None:
-    history, backfill = asking()
-    sent, other = arrivals("one", range(8)), arrivals("other", range(3))
-    assert drained(backfill, deque([*sent[:3], other[0]])) == [*sent[:3], other[0]]
-    assert backfill.ask_again(sent[2])
-    assert drained(backfill, deque([*sent[3:5], other[1], sent[6]])) == [other[1]]
-    (question,) = history.asked
-    assert (question[0].source, question[0].number, question[1]) == ("one", 3, 2)
-    answer(question, sent[2])
-    assert drained(backfill, deque([other[2]])) == [sent[2]._replace(again=True), *sent[3:5], other[2]]
-    answer(history.asked[1], sent[5])  # what was missing besides
-    assert drained(backfill, deque([sent[7]])) == sent[5:]
-    assert (len(backfill), backfill.missed) == (0, {})
-
-
 def test_what_could_not_be_read_may_be_followed_by_a_gap_that_was_found_before() -> None:
     history, backfill = asking()
     sent = arrivals("one", range(9))
@@ -299,7 +271,7 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
     inbox = Inbox(max_messages=5, patience_s=0.02)
     with open_session(BusOptions()) as session, closing(MonitorBus(session, inbox)) as bus:
         bus.subscribe("rwa/*/*/samples")
-        publisher = ReliablePublisher(session, KEY)
+        publisher = messages_publisher(session, KEY)
         for number in range(60):
             publisher.put(b"%d" % number)
         wait_for(lambda: len(bus.inbox) == 5, "the first messages")
@@ -312,7 +284,7 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
             return len(taken) >= 60
 
         wait_for(took_all, "all messages")
-        publisher.close()
+        publisher.undeclare()
     assert taken == list(range(60))
     assert bus.missed == {}
 

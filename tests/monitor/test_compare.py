@@ -9,8 +9,8 @@ from typing import Any
 import hypothesis.strategies as st
 from hypothesis import assume, given
 
+from rwa_monitor.messages import EncodedMessage
 from rwa_monitor.monitor.replay import RELATIVE_TOLERANCE, Report, differences
-from rwa_monitor.monitor.state_recovery import Comparable
 
 LEAVES = st.one_of(
     st.none(),
@@ -26,7 +26,7 @@ CONTENT = st.recursive(
 )
 
 
-def compare(recorded: list[Comparable], replayed: list[Comparable]) -> Report:
+def compare(recorded: list[EncodedMessage], replayed: list[EncodedMessage]) -> Report:
     """Return what a comparison finds."""
     report = Report()
     report.compare(recorded, replayed)
@@ -96,7 +96,8 @@ def test_whole_numbers_are_exact() -> None:
 
 
 def test_length_order_and_type_are_compared_before_content() -> None:
-    one, two = ("rwa/a/b/diagnosis", "rwa.Diagnosis", b"{}"), ("rwa/a/b/changepoints", "rwa.Changepoints", b"{}")
+    one = EncodedMessage("rwa/a/b/diagnosis", "rwa.Diagnosis", b"{}")
+    two = EncodedMessage("rwa/a/b/changepoints", "rwa.Changepoints", b"{}")
     assert compare([one, two], [one, two]).found == []
     assert [difference.path for difference in compare([one, two], [one]).found] == ["length"]
     swapped = compare([one, two], [two, one])
@@ -105,7 +106,7 @@ def test_length_order_and_type_are_compared_before_content() -> None:
 
 
 def test_equal_content_in_other_bytes_is_equal_but_not_in_bytes() -> None:
-    left, right = ("k", "s", b'{"a":1.0}'), ("k", "s", b'{"a": 1.00}')
+    left, right = EncodedMessage("k", "s", b'{"a":1.0}'), EncodedMessage("k", "s", b'{"a": 1.00}')
     result = compare([left], [right])
     assert result.found == []
     assert not result.bytes_equal
@@ -113,9 +114,9 @@ def test_equal_content_in_other_bytes_is_equal_but_not_in_bytes() -> None:
 
 
 def test_a_hash_of_floats_may_differ_where_the_floats_agree() -> None:
-    left = ("k", "s", b'{"provenance":{"prior_sha256":"a","wheel_sha256":"w"},"value":1.0}')
-    right = ("k", "s", b'{"provenance":{"prior_sha256":"b","wheel_sha256":"w"},"value":1.0000000000001}')
+    left = EncodedMessage("k", "s", b'{"provenance":{"prior_sha256":"a","wheel_sha256":"w"},"value":1.0}')
+    right = EncodedMessage("k", "s", b'{"provenance":{"prior_sha256":"b","wheel_sha256":"w"},"value":1.0000000000001}')
     assert compare([left], [right]).found == []
     assert not compare([left], [right]).bytes_equal
-    other = ("k", "s", right[2].replace(b'"w"', b'"v"'))
+    other = EncodedMessage("k", "s", right.payload.replace(b'"w"', b'"v"'))
     assert [difference.path for difference in compare([left], [other]).found] == ["provenance.wheel_sha256"]

@@ -1,16 +1,12 @@
-"""The monitor core: its result is a function of the samples, not of how they arrive."""
+"""The monitor core: checkpoints that are refused, when windows close, and what friction comes from."""
 
 from __future__ import annotations
 
 import json
 from base64 import b64encode
-from dataclasses import replace
-from functools import cache
 
-import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.core import WheelCore, diagnose_samples
@@ -19,95 +15,7 @@ from rwa_monitor.monitor.ingest.sequencer import Trouble
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
-from tests.monitor.support import WINDOW, messages_of, model, pieces, resumed, run_core, spoiled, telemetry, wheel
-
-ROWS = 3_400
-# window, hop, effects, friction given: all ways in which a core works.
-KINDS = {
-    "given": (WINDOW, None, False, True),
-    "derived": (WINDOW, None, False, False),
-    "overlapping windows": (WINDOW, 300, False, True),
-    "windows with gaps between": (WINDOW, 1_500, False, False),
-    "effects, given": (WINDOW, None, True, True),
-    "effects, derived": (WINDOW, 700, True, False),
-    "broken sensors, given": (WINDOW, 700, False, True),
-    "broken sensors, derived": (WINDOW, None, True, False),
-}
-
-
-def case(kind: str) -> tuple[Wheel, Samples]:
-    samples, hop, effects, given_ = KINDS[kind]
-    table = spoiled(telemetry(ROWS, 3, given_), 5)
-    return wheel(samples, hop, effects), broken(table) if "broken" in kind else table
-
-
-def broken(samples: Samples) -> Samples:
-    """Return telemetry whose sensors hang and jump, most of all about the ends of windows."""
-    rng = np.random.default_rng(6)
-    channels = dict(samples.channels())
-    name = "motor_current_A" if samples.friction_torque_Nm is None else "friction_torque_Nm"
-    torque, speed = channels[name].copy(), channels["speed_rad_s"].copy()
-    slots = samples.time_ns // 125_000_000
-    for border in (WINDOW, WINDOW + 8, WINDOW + 700, 2 * WINDOW, 2 * WINDOW + 8, 3 * WINDOW):
-        rows = np.searchsorted(slots, border) + rng.integers(-3, 3, 4)
-        torque[rows] *= rng.choice([-30.0, 30.0], rows.size)
-    for values, start in ((torque, WINDOW - 40), (speed, 2 * WINDOW - 15), (torque, 1_300), (speed, 1_800)):
-        row = int(np.searchsorted(slots, start))
-        values[row : row + 60] = values[row]
-    torque[rng.integers(0, torque.size, 30)] *= 30.0
-    speed[rng.integers(0, speed.size, 15)] += 40.0
-    return replace(samples, **{name: torque, "speed_rad_s": speed})
-
-
-def messages(core: WheelCore, parts: list[Samples]) -> list[tuple[str, bytes]]:
-    return messages_of([*run_core(core, parts), *core.finish()])
-
-
-@cache
-def whole(kind: str) -> list[tuple[str, bytes]]:
-    """Return the outputs of a core that gets everything at once."""
-    of_wheel, samples = case(kind)
-    return messages(WheelCore(of_wheel, model()), [samples])
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_interesting_things_are_there(kind: str) -> None:
-    kinds = {key.rsplit("/", 1)[1] for key, _ in whole(kind)}
-    assert {"diagnosis", "changepoints", "health", "carried"} <= kinds
-
-
-def test_broken_sensors_are_seen() -> None:
-    for kind in KINDS:
-        of_wheel, samples = case(kind)
-        core = WheelCore(of_wheel, model())
-        kinds = " ".join(event.kind for event in core.feed(samples) if isinstance(event, Trouble))
-        assert ("hangs" in kinds and "stands out" in kinds) == ("broken" in kind)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=12, deadline=None)
-@given(cuts=st.lists(st.integers(0, ROWS), max_size=60))
-def test_messages_cut_anyhow_give_the_same_bytes(kind: str, cuts: list[int]) -> None:
-    of_wheel, samples = case(kind)
-    parts = list(pieces(samples, [min(cut, len(samples)) for cut in cuts]))
-    assert messages(WheelCore(of_wheel, model()), parts) == whole(kind)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=6, deadline=None)
-@given(cuts=st.lists(st.integers(1, 30), min_size=1, max_size=3))
-def test_a_core_resumed_from_a_checkpoint_gives_the_same_bytes(kind: str, cuts: list[int]) -> None:
-    of_wheel, samples = case(kind)
-    parts = list(pieces(samples, list(range(100, len(samples), 100))))
-    core = WheelCore(of_wheel, model())
-    events = []
-    for number, part in enumerate(parts):
-        if number in cuts:
-            data = core.checkpoint().to_json()
-            core = resumed(data, of_wheel)
-            assert core.checkpoint().to_json() == data
-        events += core.feed(part, "p", number)
-    assert messages_of([*events, *core.finish()]) == whole(kind)
+from tests.monitor.support import WINDOW, messages_of, model, pieces, resumed, telemetry, wheel
 
 
 def test_what_is_carried_after_any_window_is_what_its_file_holds() -> None:
@@ -122,19 +30,29 @@ def test_what_is_carried_after_any_window_is_what_its_file_holds() -> None:
     assert unseen > 3  # windows that did not show the base dry friction, whose value is carried with doubt
 
 
-def test_a_damaged_checkpoint_is_refused() -> None:
-    of_wheel, samples = case("given")
-    core = WheelCore(of_wheel, model())
-    run_core(core, list(pieces(samples, [1_500]))[:1])
-    content = json.loads(core.checkpoint().to_json())
-    ((start, window),) = content["open"]
-    endless = b64encode(np.array([np.inf]).tobytes()).decode()
-    for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1], {}, None):
-        with pytest.raises(InputError, match=r"open.*x|does not fit"):
-            resumed(json.dumps(content | {"open": [[start, window | {"x": damaged}]]}).encode(), of_wheel)
-    for name in ("channels", "memories"):
-        with pytest.raises(InputError, match="does not fit"):
-            resumed(json.dumps(content | {name: [endless] * 3}).encode(), of_wheel)
+ENDLESS = b64encode(np.array([np.inf]).tobytes()).decode()
+GATHERED = r"open.*x|does not fit"
+# Where a checkpoint is changed, to what, and why it is refused then.
+DAMAGED = [
+    *((("open", 0, 1, "x"), value, GATHERED) for value in ("AAAA", ENDLESS, "0.5", [0.1], {}, None)),
+    *(((name,), [ENDLESS] * 3, "does not fit") for name in ("channels", "memories")),
+    *((("sequencer", "counts"), {"used": used}, "counts") for used in (-1, 2**60)),
+    (("sequencer", "expected"), -(2**64), "expected"),
+    (("slots", "begin"), 2**64, "begin"),
+    *(((name,), 2**64, name) for name in ("done", "origin_ns", "frontier")),
+]
+
+
+@pytest.mark.parametrize(("place", "value", "reason"), DAMAGED)
+def test_a_damaged_checkpoint_is_refused(place: tuple[str | int, ...], value: object, reason: str) -> None:
+    core = WheelCore(wheel(), model())
+    core.feed(telemetry(1_500))
+    content = within = json.loads(core.checkpoint().to_json())
+    for step in place[:-1]:
+        within = within[step]
+    within[place[-1]] = value
+    with pytest.raises(InputError, match=reason):
+        resumed(json.dumps(content).encode(), wheel())
 
 
 def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
@@ -148,23 +66,6 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     assert again.counts == core.counts
     again.feed(parts[1], "p", 1)
     assert (again.counts.used, again.counts.rejected) == (400, 100)
-
-
-def test_a_checkpoint_that_counts_beyond_all_bounds_is_refused() -> None:
-    core = WheelCore(wheel(), model())
-    core.feed(telemetry(WINDOW)[:200])
-    whole = json.loads(core.checkpoint().to_json())
-    for part, field, value in (
-        ("sequencer", "counts", {"used": -1}),
-        ("sequencer", "counts", {"used": 2**60}),
-        ("sequencer", "expected", -(2**64)),
-        ("slots", "begin", 2**64),
-    ):
-        with pytest.raises(InputError, match=field):
-            resumed(json.dumps(whole | {part: whole[part] | {field: value}}).encode(), wheel())
-    for field in ("done", "origin_ns", "frontier"):
-        with pytest.raises(InputError, match=field):
-            resumed(json.dumps(whole | {field: 2**64}).encode(), wheel())
 
 
 def test_a_checkpoint_of_another_wheel_is_refused() -> None:

@@ -15,12 +15,14 @@ import pytest
 from hypothesis import example, given, settings
 
 from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.ingest.sequencer import Trouble
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import WINDOW, messages_of, model, pieces, resumed, telemetry, wheel
 
 ROWS = 3_600
 PLACES = 24  # stretches in which something is wrong
+BORDERS = (WINDOW - 40, WINDOW - 3, WINDOW + 5, 2 * WINDOW - 15, 2 * WINDOW - 2)  # others, about the ends of windows
 
 
 def disordered(samples: Samples, seed: int) -> Samples:
@@ -31,7 +33,7 @@ def disordered(samples: Samples, seed: int) -> Samples:
     torque = dict(samples.channels())[name].copy()
     order = np.arange(time_ns.size)
     keep = np.ones(time_ns.size, dtype=np.bool_)
-    for start in np.sort(rng.integers(10, ROWS - 200, PLACES)).tolist():
+    for start in np.sort([*rng.integers(10, ROWS - 200, PLACES), *BORDERS]).tolist():
         there = slice(start, start + int(rng.integers(2, 40)))
         single = int(rng.integers(there.start, there.stop))
         kind = int(rng.integers(12))
@@ -63,7 +65,16 @@ def disordered(samples: Samples, seed: int) -> Samples:
     return replace(samples, **{"time_ns": time_ns, "speed_rad_s": speed, name: torque})[order]
 
 
-KINDS = {"given": (None, False, True), "derived": (None, False, False), "overlapping, effects": (700, True, True)}
+# hop, effects, friction given: all ways in which a core works.
+KINDS = {
+    "given": (None, False, True),
+    "derived": (None, False, False),
+    "overlapping windows": (300, False, True),
+    "windows with gaps between": (1_500, False, False),
+    "effects, given": (None, True, True),
+    "effects, derived, overlapping": (700, True, False),
+}
+SEEDS = range(50_100, 50_108)
 
 
 @cache
@@ -76,9 +87,21 @@ def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[tuple[str, bytes]],
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_all_that_is_interesting_happens(kind: str) -> None:
+    seen = set()
+    for seed in SEEDS:
+        of_wheel, samples, whole, _ = case(kind, seed)
+        seen |= {key.rsplit("/", 1)[1] for key, _ in whole}
+        events = WheelCore(of_wheel, model()).feed(samples)
+        seen |= {event.kind.rpartition(" ")[2] for event in events if isinstance(event, Trouble)}
+    # "hangs", "it" (stands out from the samples around it), "step" of the clock, "samples" with a wild time
+    assert {"diagnosis", "changepoints", "health", "carried", "hangs", "it", "step", "samples"} <= seen
+
+
+@pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=15, deadline=None)
 @given(
-    seed=st.integers(50_100, 50_107),
+    seed=st.sampled_from(SEEDS),
     cuts=st.lists(st.integers(0, ROWS), max_size=40),
     restarts=st.sets(st.integers(0, 40), max_size=4),
 )
@@ -91,7 +114,9 @@ def test_disordered_telemetry_gives_the_same_in_any_messages(
     core, events = WheelCore(of_wheel, model()), []
     for number, part in enumerate(pieces(samples, [min(cut, len(samples)) for cut in cuts])):
         if number in restarts:
-            core = resumed(core.checkpoint().to_json(), of_wheel)
-        events += core.feed(part)
+            data = core.checkpoint().to_json()
+            core = resumed(data, of_wheel)
+            assert core.checkpoint().to_json() == data
+        events += core.feed(part, "p", number)
     assert messages_of([*events, *core.finish()]) == whole
     assert core.counts == counts

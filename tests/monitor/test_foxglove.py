@@ -11,10 +11,10 @@ import pytest
 from mcap.reader import make_reader
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, Health, HealthAlarm, health_message
+from rwa_monitor.messages import Diagnosis, EncodedMessage, Health, HealthAlarm, health_message
 from rwa_monitor.monitor.recording.copies import write_foxglove
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.reporting.foxglove import Seen, Translator, View, layout, schemas
+from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from tests.program import run
 
 REPLAY = Path("replay")
@@ -76,7 +76,7 @@ def test_what_the_recording_holds_is_there_byte_for_byte(written: tuple[Path, To
     source, topics, _ = written
     recorded = [message for path in sorted(source.iterdir()) for message in read_recording(path).messages]
     for kind in ("samples", "diagnosis", "health", "changepoints", "status"):
-        recorded_content = [json.loads(message.data) for message in recorded if message.topic == f"{KEY}/{kind}"]
+        recorded_content = [json.loads(message.payload) for message in recorded if message.topic == f"{KEY}/{kind}"]
         assert sorted(topics[f"{KEY}/{kind}"], key=repr) == sorted(recorded_content, key=repr)
     batches = topics[f"{KEY}/samples"]
     assert len(topics[f"{KEY}/telemetry"]) == sum(len(batch["time_ns"]) for batch in batches)
@@ -127,7 +127,7 @@ def test_foxglove_can_read_every_schema() -> None:
 
 def health(alarms: dict[str, HealthAlarm]) -> bytes:
     recorded = read_recording(REPLAY / "dry" / "rwa-000001.mcap").messages
-    payload = next(message.data for message in recorded if message.schema == Diagnosis.schema_name())
+    payload = next(message.payload for message in recorded if message.schema == Diagnosis.schema_name())
     message = health_message(Diagnosis.parse(payload, "dry"))
     return message.model_copy(update={"alarm_states": alarms}).to_json()
 
@@ -148,7 +148,7 @@ def test_each_change_of_an_alarm_is_a_line() -> None:
 
 def test_a_topic_with_other_signs_stands_in_quotes() -> None:
     seen = Seen()
-    seen.add([View("rwa/sat-1/wheel.2/telemetry", "rwa.Telemetry", b'{"speed_rad_s":1.0}', 0)])
+    seen.add([EncodedMessage("rwa/sat-1/wheel.2/telemetry", "rwa.Telemetry", b'{"speed_rad_s":1.0}', 0)])
     panels = json.loads(layout(seen))["configById"]
     assert panels["Plot!speed_rad_s_1"]["paths"][0]["value"] == '"rwa/sat-1/wheel.2/telemetry".speed_rad_s'
 

@@ -150,7 +150,7 @@ def test_nothing_is_kept_of_windows_that_were_closed_and_of_files_that_were_ende
     ended = recordings_of(folder)[files:]
     assert len(ended) > 10
     said_bytes = sum(
-        len(message.data)
+        len(message.payload)
         for path in ended
         for message in read_recording(path).messages
         if not message.topic.endswith("/samples")

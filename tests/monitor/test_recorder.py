@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis
-from rwa_monitor.monitor.events import Output
+from rwa_monitor.messages import Diagnosis, EncodedMessage
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import file_sha256, read_recording, recordings_of
@@ -41,7 +40,7 @@ def fed(writing: Recorder, messages: int, size: int, checkpoints: Checkpoints | 
     """Record random messages, one each 1.5 s, with checkpoints of later files; yields their numbers, and ends it."""
     rng = np.random.default_rng(1)
     for number in range(messages):
-        writing.write(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(size), number)
+        writing.write(EncodedMessage(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(size), number))
         writing.maintain(number * 1.5, lambda: checkpoints or {})
         yield number
     writing.close(messages * 1.5)
@@ -51,11 +50,11 @@ def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
     writing.begin({}, now_s=0.0)
     for second in range(3):
-        writing.write(TOPICS[0], "rwa.Samples", b"%d" % second, second)
+        writing.write(EncodedMessage(TOPICS[0], "rwa.Samples", b"%d" % second, second))
         writing.maintain(second + 1.0, dict)
-    writing.write(TOPICS[0], "rwa.Samples", b"late", 9)
+    writing.write(EncodedMessage(TOPICS[0], "rwa.Samples", b"late", 9))
     writing.maintain(3.5, dict)
-    seen = [message.data for message in read_recording(writing.path).messages]
+    seen = [message.payload for message in read_recording(writing.path).messages]
     assert seen == [b"0", b"1", b"2"]
     writing.close(4.0)
 
@@ -91,10 +90,10 @@ def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path
     writing = recorder(tmp_path)
     writing.begin({}, now_s=5.0)
     for hour in range(60):
-        writing.write(TOPICS[0], "rwa.Samples", b"%d" % hour, hour)
+        writing.write(EncodedMessage(TOPICS[0], "rwa.Samples", b"%d" % hour, hour))
         writing.maintain(5.0 + 3_600.0 * hour, dict)
     writing.close(5.0 + 3_600.0 * 60)
-    held = [[int(message.data) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
+    held = [[int(message.payload) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
     assert held == [list(range(26)), list(range(26, 51)), list(range(51, 60))]
 
 
@@ -104,7 +103,7 @@ def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
     writing.begin({}, now_s=0.0)
     for _ in fed(writing, 400, 20_000):
         assert sum(path.stat().st_size for path in recordings_of(tmp_path)) <= limit
-    kept = [message.data for path in recordings_of(tmp_path) for message in read_recording(path).messages]
+    kept = [message.payload for path in recordings_of(tmp_path) for message in read_recording(path).messages]
     numbers = [int.from_bytes(data[:4], "big") for data in kept]
     assert numbers == list(range(numbers[0], 400))  # the latest ones, without a hole
     assert len(numbers) > 40
@@ -121,12 +120,12 @@ def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp
 def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "rwa-000007.mcap.part").write_bytes(b"half a header")
     writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0, inherited=[Output(TOPICS[0], Diagnosis, b"owed", 3)])
+    writing.begin({}, now_s=0.0, inherited=[EncodedMessage(TOPICS[0], Diagnosis.schema_name(), b"owed", 3)])
     writing.abandon()  # as a crash right after the beginning
     (path,) = recordings_of(tmp_path)
     assert list(tmp_path.glob("*.part")) == []
     recording = read_recording(path)
-    assert [message.data for message in recording.messages] == [b"owed"]
+    assert [message.payload for message in recording.messages] == [b"owed"]
 
 
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
@@ -147,7 +146,7 @@ def test_the_lists_of_a_fleets_topics_do_not_fill_the_recording(tmp_path: Path) 
         writer = RecordingWriter(path, (), lambda: 1)
         begin = writer.size
         for number in range(wheels):
-            writer.write(f"rwa/fleet/wheel_{number:04d}/samples", "rwa.Samples", b"{}", number)
+            writer.write(EncodedMessage(f"rwa/fleet/wheel_{number:04d}/samples", "rwa.Samples", b"{}", number))
         writer.close()
         recording = read_recording(path)
         assert not recording.problems
@@ -167,6 +166,7 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
 DISK_FULL = """
     import resource, signal, sys
     from pathlib import Path
+    from rwa_monitor.messages import EncodedMessage
     from rwa_monitor.monitor.recording.recorder import Recorder
 
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -178,7 +178,7 @@ DISK_FULL = """
     import random
     data = random.Random(1)
     for number in range(100):
-        recorder.write("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
+        recorder.write(EncodedMessage("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number))
         recorder.maintain(0.1 * number, dict)
         if recorder.error:
             break
@@ -192,7 +192,7 @@ DISK_FULL = """
     recorder.maintain(100.0, lambda: {"a/b": lambda: b"{}"})  # the disk works again
     assert recorder.error == "", recorder.error
     assert recorder.path not in (None, first)
-    recorder.write("rwa/a/b/samples", "rwa.Samples", b"again", 999)
+    recorder.write(EncodedMessage("rwa/a/b/samples", "rwa.Samples", b"again", 999))
     recorder.close(101.0)
     print("done")
 """
@@ -209,7 +209,7 @@ def test_a_failing_disk_is_reported_survived_and_used_again_when_it_works(tmp_pa
     assert result.stdout == "done\n", result.stderr
     first, second = recordings_of(tmp_path)
     assert 20 < len(read_recording(first).messages) < 60
-    assert [message.data for message in read_recording(second).messages] == [b"again"]
+    assert [message.payload for message in read_recording(second).messages] == [b"again"]
     assert read_recording(second).settings()["predecessor"]["name"] == first.name
 
 
@@ -217,6 +217,7 @@ KILLED = """
     import sys, time
     from itertools import count, pairwise
     from pathlib import Path
+    from rwa_monitor.messages import EncodedMessage
     from rwa_monitor.monitor.recording.recorder import Recorder
 
     recorder = Recorder(
@@ -224,7 +225,7 @@ KILLED = """
     )
     recorder.begin({}, time.monotonic())
     for number in count():
-        recorder.write("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number)
+        recorder.write(EncodedMessage("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number))
         if number % 50 == 49:
             recorder.sync(time.monotonic())
             print(number + 1, flush=True)  # promised to be on the disk
@@ -247,6 +248,6 @@ def test_what_was_on_the_disk_survives_a_kill_at_any_moment(tmp_path: Path) -> N
         (path,) = recordings_of(folder)
         saved = folder / "saved.mcap"
         recover(path, saved)
-        numbers = [int(message.data) for message in read_recording(saved).messages]
+        numbers = [int(message.payload) for message in read_recording(saved).messages]
         assert numbers == list(range(len(numbers)))
         assert len(numbers) >= promised

@@ -20,7 +20,7 @@ from tests.program import run
 def recovered_messages(source: Path, target: Path) -> tuple[list[bytes], int]:
     """Run the command; return what it saved, and its exit code."""
     code = run("recover", source, "-o", target).exit_code
-    saved = [message.data for message in read_recording(target).messages] if target.exists() else []
+    saved = [message.payload for message in read_recording(target).messages] if target.exists() else []
     target.unlink(missing_ok=True)
     return saved, code
 
@@ -38,7 +38,7 @@ def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp
     for number, length in enumerate(sorted({*range(8, len(data), step), *range(len(data) - 60, len(data))})):
         cut.write_bytes(data[:length])
         recording = read_recording(cut)
-        got = [message.data for message in recording.messages]
+        got = [message.payload for message in recording.messages]
         assert got == payloads[: len(got)]
         assert not recording.finished
         counts[length] = len(got)
@@ -48,7 +48,7 @@ def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp
         assert recovery.lost
         saved = read_recording(target)
         assert saved.finished
-        assert [message.data for message in saved.messages] == got
+        assert [message.payload for message in saved.messages] == got
         target.unlink()
     assert list(counts.values()) == sorted(counts.values())
     assert set(counts.values()) == {0, 2, 4}
@@ -70,13 +70,15 @@ def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(
         broken[position] ^= 1 << int(rng.integers(8))
         damaged.write_bytes(broken)
         recording = read_recording(damaged)
-        got = [message.data for message in recording.messages]
+        got = [message.payload for message in recording.messages]
         assert got in (payloads, payloads[:2], payloads[2:])
-        assert recording.problems or got == payloads
+        assert recording.problems or (
+            got == payloads and recording.attachments.keys() >= {"settings.json", "wheel.toml"}
+        )
         if number % 97:
             continue
         recovery = recover(damaged, target)
-        assert [message.data for message in read_recording(target).messages] == got
+        assert [message.payload for message in read_recording(target).messages] == got
         assert recovery.lost or got == payloads
         target.unlink()
 

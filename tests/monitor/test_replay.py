@@ -11,9 +11,9 @@ from mcap.writer import Writer
 
 from benchmarks import references
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis
+from rwa_monitor.messages import Diagnosis, EncodedMessage
 from rwa_monitor.monitor.recording.copies import recover
-from rwa_monitor.monitor.recording.reader import RecordedMessage, recordings_of
+from rwa_monitor.monitor.recording.reader import recordings_of
 from rwa_monitor.monitor.replay import replay
 from tests.monitor.recordings import rewrite
 from tests.monitor.support import adds_up, recorded
@@ -66,21 +66,13 @@ def copy(tmp_path: Path) -> Path:
     return next((tmp_path / "copy").glob("*.mcap"))
 
 
-def is_diagnosis(message: RecordedMessage) -> bool:
+def is_diagnosis(message: EncodedMessage) -> bool:
     return message.schema == Diagnosis.schema_name()
 
 
-def test_an_untouched_copy_written_again_is_equal(copy: Path) -> None:
-    rewrite(copy, copy, lambda message: message.data)
-    report = replay(copy)
-    assert report.equal
-    # Another processor may differ from the one that made the references in the last bits, with either of them.
-    assert report.bytes_equal == replay(REPLAY / "nominal").bytes_equal
-
-
 def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
-    def change(message: RecordedMessage) -> bytes:
-        content = json.loads(message.data)
+    def change(message: EncodedMessage) -> bytes:
+        content = json.loads(message.payload)
         if is_diagnosis(message):
             content["fit"]["rmse_Nm"] *= 1.0 + 1e-7
         return json.dumps(content).encode()
@@ -96,10 +88,10 @@ def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
 def test_a_missing_input_is_found(copy: Path) -> None:
     inputs = 0
 
-    def change(message: RecordedMessage) -> bytes | None:
+    def change(message: EncodedMessage) -> bytes | None:
         nonlocal inputs
         inputs += message.schema == "rwa.Samples"
-        return None if message.schema == "rwa.Samples" and inputs == 15 else message.data
+        return None if message.schema == "rwa.Samples" and inputs == 15 else message.payload
 
     rewrite(copy, copy, change)
     assert not replay(copy).equal

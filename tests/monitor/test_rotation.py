@@ -18,16 +18,15 @@ import numpy as np
 import pytest
 
 from benchmarks.references import SilentBus
-from rwa_monitor.messages import Diagnosis, SamplesMessage, samples_json
+from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import outputs_of
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.reader import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.state_recovery import recover_state
-from tests.monitor.support import WINDOW, model, recorded, telemetry, wheel
+from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 BATCH: Final = 128  # samples of a message
@@ -55,7 +54,7 @@ def expected(name: str) -> tuple[bytes, ...]:
     core = WheelCore(wheel(), model())
     parsed = [SamplesMessage.parse(data, key) for key, data in messages() if key.split("/")[2] == name]
     events = [event for one in parsed for event in core.feed(one.samples(), one.publisher, one.batch)]
-    return tuple(output.payload for output in outputs_of(events, "sat", name) if output.message is Diagnosis)
+    return tuple(diagnoses(messages_of(events, name)))
 
 
 @dataclass

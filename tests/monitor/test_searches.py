@@ -30,6 +30,7 @@ from tests.monitor.processes import Listener, monitor, wait_for
 from tests.monitor.support import model, publish, recorded
 
 SLOTS = 8_000
+KEY = ("sat", "a")
 # A search of 8,000 slots takes about 5 s on an idle machine, and where all cores are busy ten times its share of them:
 # it lets others go before it (searches.NICENESS). This catches a hang.
 LIMIT_S = 500.0
@@ -56,7 +57,7 @@ def batches(samples: Samples) -> list[bytes]:
 def wait_for_output(searches: Searches) -> list[Discrepancy]:
     """Poll until an answer is there."""
     outputs = wait_for(searches.poll, "an answer", LIMIT_S)
-    return [Discrepancy.parse(output.payload, output.key) for output in outputs]
+    return [Discrepancy.parse(output.payload, output.topic) for output in outputs]
 
 
 @pytest.fixture
@@ -73,34 +74,34 @@ def searches(tmp_path: Path, log_lines: list[str]) -> Iterator[Searches]:
 
 @pytest.mark.slow
 def test_two_inadequate_windows_are_searched_once(searches: Searches, tmp_path: Path) -> None:
-    searches.take_diagnosis("sat", "a", adequate=False)
+    searches.take_diagnosis(KEY, adequate=False)
     for payload in batches(telemetry(1)):
-        searches.take_input("sat", "a", payload)
-    searches.take_diagnosis("sat", "a", adequate=False)
+        searches.take_input(KEY, payload)
+    searches.take_diagnosis(KEY, adequate=False)
     (message,) = wait_for_output(searches)
     assert message.verdict == "inadequate"
     assert message.effects[0].name == "quadratic_drag"
     folder = tmp_path / "discrepancy" / "sat" / "a"
     assert Wheel.from_toml((folder / "extended_wheel.toml").read_text(), "x").effect[0].name == "quadratic_drag"
     assert (folder / "report.html").read_text().startswith("<!doctype html>")
-    searches.take_diagnosis("sat", "a", adequate=False)
+    searches.take_diagnosis(KEY, adequate=False)
     assert searches.poll() == []
 
 
 def test_an_adequate_window_in_between_starts_again(searches: Searches) -> None:
     for adequate in (False, True, False):
-        searches.take_diagnosis("sat", "a", adequate=adequate)
-        searches.take_input("sat", "a", b"{}")
+        searches.take_diagnosis(KEY, adequate=adequate)
+        searches.take_input(KEY, b"{}")
     assert searches.poll() == []
 
 
 def test_samples_that_cannot_be_searched_are_reported_and_nothing_is_published(
     searches: Searches, log_lines: list[str]
 ) -> None:
-    searches.take_diagnosis("sat", "a", adequate=False)
+    searches.take_diagnosis(KEY, adequate=False)
     few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
-    searches.take_input("sat", "a", samples_json(few, "p", 0))
-    searches.take_diagnosis("sat", "a", adequate=False)
+    searches.take_input(KEY, samples_json(few, "p", 0))
+    searches.take_diagnosis(KEY, adequate=False)
     wait_for(
         lambda: searches.poll() != [] or any("could not be made" in line for line in log_lines), "the line", LIMIT_S
     )
@@ -109,10 +110,10 @@ def test_samples_that_cannot_be_searched_are_reported_and_nothing_is_published(
 
 def begun(searches: Searches, copies: int = 1) -> BaseProcess:
     """Begin a search of a window that came so many times; returns its process."""
-    searches.take_diagnosis("sat", "a", adequate=False)
+    searches.take_diagnosis(KEY, adequate=False)
     for payload in copies * batches(telemetry(1)):
-        searches.take_input("sat", "a", payload)
-    searches.take_diagnosis("sat", "a", adequate=False)
+        searches.take_input(KEY, payload)
+    searches.take_diagnosis(KEY, adequate=False)
     before = set(active_children())
     assert searches.poll() == []
     (child,) = set(active_children()) - before
@@ -128,11 +129,11 @@ def test_where_no_process_can_be_started_that_is_reported_and_the_next_one_is_tr
     with monkeypatch.context() as patched:
         patched.setattr(SpawnProcess, "start", refused)
         for _ in range(2):
-            searches.take_diagnosis("sat", "a", adequate=False)
-            searches.take_input("sat", "a", b"{}")
+            searches.take_diagnosis(KEY, adequate=False)
+            searches.take_input(KEY, b"{}")
         assert searches.poll() == []
         assert log_lines[-1] == "sat/a: no process for a discrepancy search: Resource temporarily unavailable"
-    searches.take_diagnosis("sat", "a", adequate=True)
+    searches.take_diagnosis(KEY, adequate=True)
     begun(searches)
 
 
@@ -151,8 +152,8 @@ def test_a_search_whose_process_is_killed_is_reported(searches: Searches, log_li
 
 @pytest.mark.slow
 def test_the_same_job_gives_the_same_message() -> None:
-    job = SearchJob("sat", "a", small_wheel().to_toml(), tuple(batches(telemetry(1))))
-    assert search(job) == search(job)
+    job = SearchJob(KEY, small_wheel(), tuple(batches(telemetry(1))))
+    assert search(job)[0] == search(job)[0]
 
 
 def test_live_search_is_published_recorded_and_verified(tmp_path: Path, session: zenoh.Session) -> None:

@@ -173,18 +173,6 @@ def test_a_sensor_that_jumps_again_and_again_is_reported_once_a_window(
     assert 2 <= sum("stands out" in line for line in log_lines) <= 3
 
 
-def test_a_wild_time_is_not_reported_as_that_of_the_latest_sample(session: zenoh.Session, listener: Listener) -> None:
-    samples = telemetry(200)
-    wild = Samples(np.array([1_801_000_000_000_000_000]), np.ones(1), np.ones(1))
-    with monitor(session, options()):
-        publisher = SamplesPublisher(session, KEY)
-        publisher.put(samples)
-        publisher.put(wild)
-        wait_for(lambda: listener.status().get("samples_received") == 201, "all samples")
-        publisher.close()
-    assert listener.status()["last_sample_ns"] == int(samples.time_ns[-1])
-
-
 def test_a_wheel_that_cannot_be_served_is_reported_in_its_status(session: zenoh.Session, listener: Listener) -> None:
     samples = Samples(np.arange(50) * 125_000_000, np.ones(50))
     with monitor(session, options()) as log_lines:
@@ -249,42 +237,6 @@ def _windows_told(session: zenoh.Session) -> int:
     answers = [reply.ok for reply in session.get("rwa/**/health") if reply.ok is not None]
     ends = [json.loads(answer.payload.to_bytes())["window_end_ns"] for answer in answers]
     return max(ends, default=0) // (WINDOW * 125_000_000)
-
-
-@pytest.mark.processes
-def test_a_monitor_that_is_killed_at_any_moment_goes_on_where_it_was(tmp_path: Path, wheel_file: Path) -> None:
-    samples = spoiled(telemetry(8 * WINDOW + 50, 21), 22)
-    endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "recordings"
-    expected = batch_diagnoses(samples, wheel())
-    rng = np.random.default_rng(23)
-    with open_session(BusOptions(listen=(endpoint,))) as session:
-        listener = Listener(session)
-        publisher = SamplesPublisher(session, KEY)
-        position = 0
-        while position < len(samples):
-            last = position >= len(samples) * 3 // 4
-            with process("run", "--wheel", wheel_file, "--record", folder, "-e", endpoint) as child:
-                wait_until_it_monitors(child)
-                stop = len(samples) if last else position + len(samples) // 4
-                while position < stop:
-                    publisher.put(samples[position : min(position + 64, stop)])
-                    position = min(position + 64, stop)
-                if last:
-                    wait_for(lambda: set(listener.kind("diagnosis")) == set(expected), "all windows")
-                    child.send_signal(signal.SIGINT)
-                    assert child.wait(PATIENCE_S) == 0
-                else:
-                    Event().wait(float(rng.uniform(0.0, 0.5)))
-                    child.kill()
-        publisher.close()
-    report = replay(folder)
-    assert len(report.files) == 4
-    assert report.equal, report.long()
-    assert report.bytes_equal
-    # In the chain of recordings each diagnosis stands once, on the bus at least once and always in the same bytes.
-    assert recorded(folder) == expected
-    assert adds_up(listener.status())
-    assert listener.status()["messages_missed"] == 0
 
 
 @pytest.mark.processes

@@ -8,7 +8,7 @@ import pytest
 
 import rwa_monitor as rwa
 from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.monitor.trends import FrictionEstimate, coefficient_trend
+from rwa_monitor.reporting.trends import FrictionEstimate, coefficient_trend
 from rwa_monitor.simulation.datasets import FLEET_SEVERITIES, LabelledWindow, generate
 
 LIFE = 16  # windows of a wheel here
@@ -43,11 +43,8 @@ def fleet() -> list[Course]:
             for name, values in (("dry", [d.base_dry for d in found]), ("viscous", [d.viscous for d in found]))
         }
         courses.append(Course(part, estimates))
+    assert [list(course.windows[-1].scenario.anomalies) for course in courses] == [[], ["dry"], ["viscous"]]
     return courses
-
-
-def test_the_fleet_is_what_the_test_needs(fleet: list[Course]) -> None:
-    assert [list(course.windows[-1].scenario.anomalies) for course in fleet] == [[], ["dry"], ["viscous"]]
 
 
 @pytest.mark.parametrize("name", ["dry", "viscous"])
@@ -90,13 +87,9 @@ def test_times_since_1970_lose_nothing(fleet: list[Course]) -> None:
 
 
 def test_diagnoses_in_any_order_give_the_same(fleet: list[Course]) -> None:
-    wheel = (
-        fleet[1]
-        .windows[0]
-        .wheel.model_copy(
-            update={"window": fleet[1].windows[0].wheel.window.model_copy(update={"samples": 10_000, "hop": 10_000})}
-        )
-    )
+    wheel = fleet[1].windows[0].wheel
+    short = wheel.window.model_copy(update={"samples": 10_000, "hop": 10_000})
+    wheel = wheel.model_copy(update={"window": short})
     diagnoses = rwa.diagnose(fleet[1].windows[0].telemetry.samples, wheel)
     assert len(diagnoses) == 8
     forth, back = rwa.wheel_trends(diagnoses), rwa.wheel_trends(diagnoses[::-1])

@@ -67,7 +67,7 @@ def test_a_recording_with_another_wheel_or_model_does_not_replay(
 
 def test_a_diagnosis_names_the_hashes_of_what_it_was_made_with() -> None:
     recording = read_recording(REFERENCE)
-    diagnoses = [json.loads(m.data) for m in recording.messages if m.schema == "rwa.Diagnosis"]
+    diagnoses = [json.loads(m.payload) for m in recording.messages if m.schema == "rwa.Diagnosis"]
     wheel_sha256, model_sha256 = Setup.of(recording).identity_of("sat", "wheel_1")
     assert diagnoses
     assert {d["provenance"]["wheel_sha256"] for d in diagnoses} == {wheel_sha256}

@@ -11,10 +11,9 @@ import pytest
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import SamplesMessage, samples_json, split_key
+from rwa_monitor.messages import EncodedMessage, SamplesMessage, samples_json, split_key
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording.reader import PassingRecording
 from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from rwa_monitor.monitor.state_recovery import run_recording
 from rwa_monitor.monitor.telemetry_files import read_telemetry
@@ -37,23 +36,29 @@ def test_a_key_names_nothing_that_is_no_plain_name(name: str) -> None:
         assert str(caught.value).isprintable()
 
 
+@pytest.mark.parametrize("of", ["checkpoint", "wheels"])
 @pytest.mark.parametrize("name", LEADING_OUT)
-def test_a_recording_names_no_wheel_that_leads_out(name: str, tmp_path: Path) -> None:
+def test_a_recording_names_no_wheel_that_leads_out(name: str, of: str, tmp_path: Path) -> None:
     made_with = {
         "wheel.toml": wheel().to_toml(),
         "model.json": model().to_json(),
         "settings.json": '{"method": "joint"}',
-        f"checkpoint/sat/{name}.json": WheelCore(wheel(), model()).checkpoint().to_json().decode(),
+        "checkpoint/sat/wheel_1.json": WheelCore(wheel(), model()).checkpoint().to_json().decode(),
     }
-    attachments = [(attached, text.encode()) for attached, text in made_with.items()]
+    named = {"wheels/sat/wheel_1.toml": made_with["wheel.toml"], **made_with} if of == "wheels" else made_with
+    attachments = [
+        (attached.replace("wheel_1", name) if attached.startswith(of) else attached, text.encode())
+        for attached, text in named.items()
+    ]
     RecordingWriter(tmp_path / "x.mcap", attachments, lambda: 0).close()
     with pytest.raises(InputError, match=r"wheel|name"):
-        run_recording(PassingRecording(tmp_path / "x.mcap"), Event(), lambda _: None)
+        run_recording(tmp_path / "x.mcap", Event(), lambda *_: None)
 
 
 def test_a_recorded_topic_names_no_wheel_that_leads_out(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "x.mcap", (), lambda: 0)
-    writer.write("rwa/../etc/samples", SamplesMessage.schema_name(), samples_json(telemetry(16), "p", 0), 0)
+    payload = samples_json(telemetry(16), "p", 0)
+    writer.write(EncodedMessage("rwa/../etc/samples", SamplesMessage.schema_name(), payload))
     writer.close()
     with pytest.raises(InputError, match=r"rwa/\.\./etc/samples"):
         read_telemetry(tmp_path / "x.mcap")

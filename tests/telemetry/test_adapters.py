@@ -17,7 +17,7 @@ from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.identification.identify import identify
-from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.messages import EncodedMessage, SamplesMessage, samples_json
 from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from rwa_monitor.monitor.telemetry_files import READERS, read_telemetry
 from rwa_monitor.samples import Samples
@@ -46,7 +46,7 @@ def written_mcap(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
     writer = RecordingWriter(folder / "t.mcap", (), lambda: 0)
     for number, start in enumerate(range(0, len(samples), 256)):
         payload = samples_json(samples[start : start + 256], "p", number)
-        writer.write(KEY, SamplesMessage.schema_name(), payload, 0)
+        writer.write(EncodedMessage(KEY, SamplesMessage.schema_name(), payload, 0))
     writer.close()
     return folder / "t.mcap", Decoding()
 

@@ -88,9 +88,9 @@ class Inbox:
         """Count the messages that wait."""
         return len(self._messages)
 
-    def put(self, key: str, payload: bytes, source: str = "", number: int = 0) -> None:
+    def put(self, message: Arrival) -> None:
         """Append a message; when full, wait for room, or drop and count it after a while."""
-        message = Arrival(key, payload, source, number)
+        source = message.source
         with self._room:
             # A reader that stands still costs the wait once, not once for each message.
             if not self._fits(message) and not (
@@ -294,13 +294,9 @@ class Backfill:
     def _settle(self, source: str) -> None:
         """Pass on what waited where the gap is closed, or will not be; ask again where it may be."""
         gap, now_s = self._gaps[source], self._clock_s()
-        if gap.asked_s is None:
+        if gap.asked_s is None or gap.is_awaited(now_s):
             return
-        end_s = gap.answered_s
-        if end_s is None and now_s >= gap.asked_s + TIMEOUT_S:
-            end_s = gap.asked_s + TIMEOUT_S
-        if end_s is None:
-            return
+        end_s = gap.asked_s + TIMEOUT_S if gap.answered_s is None else gap.answered_s
         if not gap.is_closed() and gap.pauses_s:
             if now_s >= end_s + gap.pauses_s[0]:
                 gap.pauses_s.pop(0)

@@ -7,7 +7,7 @@ It has no clock of the machine: what is decided depends on the samples alone, an
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple, Self
@@ -17,6 +17,7 @@ import numpy as np
 from rwa_monitor.kernels.ingest import all_between, assign_slots
 from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray, IntArray, Samples, SlotGrid
+from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.wheel.wheel import Limits
 
 _channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of every message
@@ -115,8 +116,6 @@ class SlotAssignment:
     ----------
     grid
         Slot grid of the running epoch; None before the first sample.
-    frontier
-        First slot that is still open: all before it are taken or missed.
     last_ns
         Time of the latest sample that took a slot.
     """
@@ -134,27 +133,25 @@ class SlotAssignment:
         self._limits = [MAX_MAGNITUDE if (limit := known.get(name)) is None else limit for name in CHANNELS]
         self.counts = counts
         self.grid: SlotGrid | None = None
-        self.frontier = 0
         self.last_ns: int | None = None
 
-    def is_clean(self, samples: Samples) -> bool:
-        """Return whether all samples can be telemetry of this wheel and every value is there, as nearly always."""
-        if not all_between(samples.time_ns, MIN_TIME_NS, MAX_TIME_NS):
-            return False
-        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
-            if values is not None and not all_between(values, -limit, limit):
-                return False
-        return True
-
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
-        """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
-        wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
-        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
-            if values is not None:
-                wrong |= (np.abs(values) > limit) & np.isfinite(values)
-        count = int(np.count_nonzero(wrong))
-        if count == 0:
+        """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected.
+
+        None where every value is there and all can be, as nearly always.
+        """
+        channels = [
+            (values, limit)
+            for values, limit in zip(_channels_of(samples), self._limits, strict=True)
+            if values is not None
+        ]
+        clean = all(all_between(values, -limit, limit) for values, limit in channels)
+        if clean and all_between(samples.time_ns, MIN_TIME_NS, MAX_TIME_NS):
             return None
+        wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
+        for values, limit in channels:
+            wrong |= (np.abs(values) > limit) & np.isfinite(values)
+        count = int(np.count_nonzero(wrong))
         self.counts.rejected += count
         self.counts.queued -= count
         return ~wrong
@@ -164,7 +161,7 @@ class SlotAssignment:
         time_ns: IntArray,
         good: BoolArray,
         start: int,
-        is_filled: Callable[[IntArray], BoolArray],
+        ring: RingBuffer,
         *,
         passed: bool = False,
         last: bool = False,
@@ -172,7 +169,7 @@ class SlotAssignment:
         """Place the rows from `start` on, as far as one piece goes, and count them.
 
         A piece ends before a clock step and before the slots grow by more than `PIECE_SLOTS`, so that the caller can
-        write it into a buffer of bounded size before asking on.
+        write it into a buffer of bounded size before asking on; one that begins an epoch holds no rows.
 
         Parameters
         ----------
@@ -180,8 +177,8 @@ class SlotAssignment:
             int64 and bool (n,): the samples' times, and which have good values.
         start
             First row, below n.
-        is_filled
-            Returns which slots behind the frontier a sample came for.
+        ring
+            The slots of the epoch so far: all before its end are taken or missed.
         passed
             Whether these are samples of a message that was given up: they come late and never step the clock.
         last
@@ -191,15 +188,10 @@ class SlotAssignment:
             self.counts.late += len(time_ns) - start
             self.counts.queued -= len(time_ns) - start
             return Piece(len(time_ns))
-        piece = None if self.grid is None else self._go_on(self.grid, time_ns, good, start, is_filled, passed=passed)
-        return self._begin(time_ns, good, start, last=last) if piece is None else piece
+        piece = None if self.grid is None else self._go_on(self.grid, time_ns, good, start, ring, passed=passed)
+        return self._begin(time_ns, start, ring.end, last=last) if piece is None else piece
 
-    def end_epoch(self) -> None:
-        """Let the next sample begin a new epoch."""
-        self.grid = None
-        self.frontier = 0
-
-    def _begin(self, time_ns: IntArray, good: BoolArray, start: int, *, last: bool) -> Piece:
+    def _begin(self, time_ns: IntArray, start: int, frontier: int, *, last: bool) -> Piece:
         """Judge a sample that cannot go on from the last one by the next sample with another time."""
         counts = self.counts
         first_ns = int(time_ns[start])
@@ -211,24 +203,19 @@ class SlotAssignment:
             return Piece(start, waits=True)
         grid = SlotGrid(first_ns, self.period_ns)
         alone = undecided and self.grid is None  # a table of one sample is a window of one sample
-        if alone or (not undecided and self._agree(grid, int(time_ns[following]))):
-            step_ns = 0 if self.last_ns is None else first_ns - self.last_ns
-            self.grid, self.frontier = grid, 0
-            piece = self._go_on(grid, time_ns, good, start, _nothing_filled, passed=False) or Piece(start)
-            return piece._replace(epoch=grid, step_ns=step_ns)
+        if alone or (not undecided and self._agree(grid, int(time_ns[following]), frontier)):
+            self.grid = grid
+            return Piece(start, epoch=grid, step_ns=0 if self.last_ns is None else first_ns - self.last_ns)
         counts.rejected += 1
         counts.duplicate += following - start - 1
         counts.queued -= following - start
         return Piece(following, stray=True)
 
-    def _agree(self, grid: SlotGrid, next_ns: int) -> bool:
+    def _agree(self, grid: SlotGrid, next_ns: int, frontier: int) -> bool:
         """Return whether the next sample lies near slot 0 of a new grid, and nearer than to the last sample."""
         distance = abs(grid.slot_of(next_ns))
-        return distance <= self.window_slots and (self.grid is None or distance < self._distance(self.grid, next_ns))
-
-    def _distance(self, grid: SlotGrid, time_ns: int) -> int:
-        """Count the slots between the last sample and a time."""
-        return abs(grid.slot_of(time_ns) - (self.frontier - 1))
+        nearer = self.grid is None or distance < abs(self.grid.slot_of(next_ns) - (frontier - 1))
+        return distance <= self.window_slots and nearer
 
     def _go_on(
         self,
@@ -236,7 +223,7 @@ class SlotAssignment:
         time_ns: IntArray,
         good: BoolArray,
         start: int,
-        is_filled: Callable[[IntArray], BoolArray],
+        ring: RingBuffer,
         *,
         passed: bool,
     ) -> Piece | None:
@@ -249,8 +236,8 @@ class SlotAssignment:
             piece_good,
             grid.origin_ns,
             grid.period_ns,
-            self.frontier,
-            self.frontier + PIECE_SLOTS,
+            ring.end,
+            ring.end + PIECE_SLOTS,
             self.window_slots,
             passed,
             slots,
@@ -265,16 +252,14 @@ class SlotAssignment:
             behind = slots[~ahead[:count]]
             taking = np.flatnonzero(ahead[:count])
             rows, slots = start + taking, slots[taking]
-            taken = is_filled(behind) | np.isin(behind, slots)
+            taken = ring.is_filled(behind) | np.isin(behind, slots)
             counts.duplicate += int(taken.sum())
             counts.late += int(behind.size - taken.sum())
         counts.used += used
         counts.masked += ahead_count - used
         counts.queued -= count
         if ahead_count:
-            last = int(slots[-1])
-            counts.slots_missed += last + 1 - self.frontier - ahead_count
-            self.frontier = last + 1
+            counts.slots_missed += int(slots[-1]) + 1 - ring.end - ahead_count
             self.last_ns = int(time_ns[rows][-1])
         return Piece(start + count, rows=rows, slots=slots)
 
@@ -286,7 +271,3 @@ def _next_time(time_ns: IntArray, start: int) -> int:
         if other.size:
             return start + 1 + int(other[0])
     return int(time_ns.size)
-
-
-def _nothing_filled(slots: IntArray) -> BoolArray:
-    return np.zeros(slots.size, dtype=np.bool_)

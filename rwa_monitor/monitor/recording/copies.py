@@ -10,14 +10,8 @@ from pathlib import Path
 from typing import IO, Final
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import MESSAGES, dump_json
-from rwa_monitor.monitor.recording.reader import (
-    CHANNELS_ATTACHMENT,
-    PassingRecording,
-    RecordedMessage,
-    read_recording,
-    recordings_of,
-)
+from rwa_monitor.messages import MESSAGES, EncodedMessage, dump_json
+from rwa_monitor.monitor.recording.reader import CHANNELS_ATTACHMENT, Recording, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import PROFILE, TopicWriter, message_schemas
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 
@@ -72,17 +66,17 @@ def recover(source: Path, target: Path) -> Recovery:
     InputError
         If `source` is no MCAP file at all, or `target` exists or cannot be written.
     """
-    passing, messages = PassingRecording(source), 0
+    recording, messages = Recording(source), 0
     with _new_file(target) as file:
         writer = TopicWriter(file, message_schemas(), PROFILE)
-        for part in passing.parts():
-            if isinstance(part, RecordedMessage):
-                writer.write(part.topic, part.schema, part.data, part.log_time, part.publish_time)
+        for part in recording.parts():
+            if isinstance(part, EncodedMessage):
+                writer.write(part)
                 messages += 1
             elif part.name != CHANNELS_ATTACHMENT:
                 writer.attach(part.name, part.data)
-        lost = list(passing.recording.problems)
-        if not passing.recording.finished and not lost:
+        lost = list(recording.problems)
+        if not recording.finished and not lost:
             lost.append("the file was not closed in order: what came after its last flush is lost")
         lost = [f"{source}: {line}" for line in lost]
         writer.attach(RECOVERED_ATTACHMENT, dump_json({"source": source.name, "lost": lost}))
@@ -130,10 +124,10 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
                 view
                 for message in recording.messages
                 if message.schema in PUBLISHED
-                for view in translator.translate(message.topic, message.data)
+                for view in translator.translate(message.topic, message.payload)
             ]
             for view in sorted(views, key=lambda view: view.time_ns):
-                writer.write(view.topic, view.schema, view.payload, view.time_ns, view.time_ns)
+                writer.write(view._replace(publish_ns=view.time_ns))
             seen.add(views)
             messages += len(views)
         writer.finish()

@@ -15,8 +15,7 @@ import json
 import os
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
 from errno import EIO
 from hashlib import file_digest
 from io import BytesIO
@@ -30,7 +29,7 @@ from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Message, SamplesMessage
+from rwa_monitor.messages import EncodedMessage, Message, SamplesMessage
 from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
 from rwa_monitor.words import counted
 
@@ -66,17 +65,6 @@ ALL_CHECKPOINTS: Final = "all"
 SOME_CHECKPOINTS: Final = "some"
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedMessage:
-    """One message of a recording."""
-
-    topic: str
-    schema: str
-    log_time: int
-    publish_time: int
-    data: bytes
-
-
 class Attached(NamedTuple):
     """An attachment of a recording."""
 
@@ -84,29 +72,48 @@ class Attached(NamedTuple):
     data: bytes
 
 
-@dataclass(slots=True)
 class Recording:
-    """The content of one recording.
+    """A recording, whose content is passed on piece by piece: a large one takes little memory.
 
-    Attributes
+    Parameters
     ----------
     path
         The file.
+    limit
+        Size from which it is refused [bytes].
+    work_share
+        Bytes that may be copied and unpacked for each byte of the file.
+
+    Attributes
+    ----------
     finished
         Whether it was closed in order; a recording without an end can still be whole up to its last flush.
     problems
         One line for each part that could not be read.
-    attachments
-        Content by name, the last one where a name occurs twice.
-    messages
-        All messages that passed their checksum, in file order.
+    share
+        Of the file that has been gone through, 0 … 1; `finished` and `problems` are true at the end.
+    attachments, messages
+        What of its content is kept, by whoever reads it: content by name, the last one where a name occurs twice, and
+        messages in file order.
     """
 
-    path: Path
-    finished: bool = False
-    problems: list[str] = field(default_factory=list)
-    attachments: dict[str, bytes] = field(default_factory=dict)
-    messages: list[RecordedMessage] = field(default_factory=list)
+    def __init__(self, path: Path, limit: int = MAX_FLEET_FILE_BYTES, work_share: int = MAX_PASSING_WORK_SHARE) -> None:
+        self.path = path
+        self.finished = False
+        self.problems: list[str] = []
+        self.attachments: dict[str, bytes] = {}
+        self.messages: list[EncodedMessage] = []
+        self.share = 0.0
+        self._limit = limit
+        self._work_share = work_share
+        self._file: BinaryIO
+        self._size = 0
+        self._found: list[Attached | EncodedMessage] = []  # in the record at hand
+        self._schemas: dict[int, str] = {}
+        self._channels: dict[int, tuple[str, str]] = {}  # topic and schema
+        self._lost_messages = 0
+        self._work_bytes = 0
+        self._records = 0
 
     def text(self, name: str) -> str:
         """Return an attached text; raises InputError where it is missing or no UTF-8."""
@@ -133,47 +140,12 @@ class Recording:
     def parsed(self, kind: type[Parsed]) -> list[Parsed]:
         """Return the messages of a kind, in order; raises InputError where one cannot be read."""
         return [
-            kind.parse(message.data, f"{self.path}: {message.topic}")
+            kind.parse(message.payload, f"{self.path}: {message.topic}")
             for message in self.messages
             if message.schema == kind.schema_name()
         ]
 
-
-class PassingRecording:
-    """A recording whose content is passed on piece by piece and not kept, so that a large one takes little memory.
-
-    Parameters
-    ----------
-    path
-        The file.
-    limit
-        Size from which it is refused [bytes].
-    work_share
-        Bytes that may be copied and unpacked for each byte of the file.
-
-    Attributes
-    ----------
-    recording
-        Its `problems` and `finished` are true at the end; what it keeps is for whoever reads.
-    share
-        Of the file that has been gone through, 0 … 1.
-    """
-
-    def __init__(self, path: Path, limit: int = MAX_FLEET_FILE_BYTES, work_share: int = MAX_PASSING_WORK_SHARE) -> None:
-        self.recording = Recording(path)
-        self.share = 0.0
-        self._limit = limit
-        self._work_share = work_share
-        self._file: BinaryIO
-        self._size = 0
-        self._found: list[Attached | RecordedMessage] = []  # in the record at hand
-        self._schemas: dict[int, str] = {}
-        self._channels: dict[int, tuple[str, str]] = {}  # topic and schema
-        self._lost_messages = 0
-        self._work_bytes = 0
-        self._records = 0
-
-    def parts(self) -> Iterator[Attached | RecordedMessage]:
+    def parts(self) -> Iterator[Attached | EncodedMessage]:
         """Pass on attachments and messages in the order of the file, once, to its end or to what cannot be passed.
 
         Raises
@@ -181,7 +153,7 @@ class PassingRecording:
         InputError
             If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
         """
-        path = self.recording.path
+        path = self.path
         try:
             with path.open("rb", buffering=PIECE_BYTES) as self._file:
                 self._size = os.fstat(self._file.fileno()).st_size
@@ -210,19 +182,20 @@ class PassingRecording:
             start += PIECE_BYTES - len(wanted) + 1  # what is looked for may lie across the border
         return -1
 
-    def _parts(self) -> Iterator[Attached | RecordedMessage]:
+    def _parts(self) -> Iterator[Attached | EncodedMessage]:
         position, size = len(MCAP0_MAGIC), self._size
-        while position < size and not self.recording.finished:
+        while position < size and not self.finished:
             stop = self._record_end(position)
             if stop is None or not self._take_record(position, stop):
+                self._found.clear()
                 stop = self._next_chunk(position + 1)
-                self.recording.problems.append(f"bytes {position} to {stop} of {size} cannot be read")
+                self.problems.append(f"bytes {position} to {stop} of {size} cannot be read")
             found, self._found = self._found, []
             position, self.share = stop, stop / size
             yield from found
         if self._lost_messages:
             lost = counted(self._lost_messages, "message")
-            self.recording.problems.append(f"{lost} of channels whose description cannot be read")
+            self.problems.append(f"{lost} of channels whose description cannot be read")
 
     def _record_end(self, position: int) -> int | None:
         """Return where the record at `position` ends, None where no record can be."""
@@ -237,25 +210,14 @@ class PassingRecording:
         self._begin_work(stop - position)
         record = self._read(position, stop)
         opcode, content = record[0], record[_HEAD_BYTES:]
-        if opcode == Opcode.CHUNK:
-            return self._take_chunk(content)
-        if opcode == Opcode.ATTACHMENT:
-            return self._take_attachment(content)
         if opcode == Opcode.DATA_END:
-            self.recording.finished = self._is_end(stop)
-            return self.recording.finished
-        return _is_ignored(opcode, content)
-
-    def _take_chunk(self, content: bytes) -> bool:
-        try:
-            self._take_records(self._unpack(content))
-        except InputError:
-            raise
-        # The parsers raise whatever a damaged byte leads them to.
-        except Exception:  # noqa: BLE001
-            self._found.clear()
-            return False
-        return True
+            self.finished = self._is_end(stop)
+            return self.finished
+        if opcode not in {Opcode.CHUNK, Opcode.ATTACHMENT}:
+            return _is_ignored(opcode, content)
+        if opcode == Opcode.CHUNK:
+            return _is_sound(lambda: self._take_records(self._unpack(content)))
+        return _is_sound(lambda: self._take_attachment(content))
 
     def _unpack(self, content: bytes) -> bytes:
         """Return the data of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
@@ -274,7 +236,7 @@ class PassingRecording:
         while position < end:
             self._records += 1
             if self._records > MAX_RECORDS:
-                raise InputError(display_name(self.recording.path), f"has more than {MAX_RECORDS:,} records")
+                raise InputError(display_name(self.path), f"has more than {MAX_RECORDS:,} records")
             opcode, length = _RECORD_HEAD.unpack_from(data, position)
             start, position = position + _HEAD_BYTES, position + _HEAD_BYTES + length
             if position > end:
@@ -296,29 +258,27 @@ class PassingRecording:
             self._lost_messages += 1
             return
         content = data[start + _MESSAGE_HEAD.size : stop]
-        self._found.append(RecordedMessage(*self._channels[channel], log_time, publish_time, content))
+        topic, schema = self._channels[channel]
+        self._found.append(EncodedMessage(topic, schema, content, log_time, publish_time))
 
     def _begin_work(self, size: int) -> None:
         """Add to the work done on the file; raises InputError where it is too much."""
         self._work_bytes += size
         if self._work_bytes > self._most_work_bytes:
             reason = f"asks for more than {self._most_work_bytes:,} bytes to be copied and unpacked"
-            raise InputError(display_name(self.recording.path), reason)
+            raise InputError(display_name(self.path), reason)
 
-    def _take_attachment(self, content: bytes) -> bool:
-        attachment = _checked_attachment(content)
-        if attachment is None:
-            return False
-        try:
-            if attachment.name == CHANNELS_ATTACHMENT:
-                if len(attachment.data) > MAX_JSON_BYTES:
-                    return False
-                for key, (topic, schema) in json.loads(attachment.data).items():
-                    self._channels.setdefault(int(key), (str(topic), str(schema)))
-        except Exception:  # noqa: BLE001 - as above
-            return False
+    def _take_attachment(self, content: bytes) -> None:
+        """Take in an attachment; raises whatever the parsers do if it is damaged."""
+        if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+            raise ValueError("another checksum")
+        attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+        if attachment.name == CHANNELS_ATTACHMENT:
+            if len(attachment.data) > MAX_JSON_BYTES:
+                raise ValueError("more channels than any recording has")
+            for key, (topic, schema) in json.loads(attachment.data).items():
+                self._channels.setdefault(int(key), (str(topic), str(schema)))
         self._found.append(Attached(attachment.name, attachment.data))
-        return True
 
     def _is_end(self, stop: int) -> bool:
         """Return whether the data ends here: the footer names where the summary begins, which only repeats them."""
@@ -343,12 +303,19 @@ class PassingRecording:
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
             return False
         self._begin_work(stop - start)
-        try:
-            return bool(self._unpack(self._read(start + _HEAD_BYTES, stop)))
-        except InputError:
-            raise
-        except Exception:  # noqa: BLE001 - as above
-            return False
+        return _is_sound(lambda: self._unpack(self._read(start + _HEAD_BYTES, stop)))
+
+
+def _is_sound(parse: Callable[[], object]) -> bool:
+    """Return whether something can be parsed; raises InputError where a limit is exceeded."""
+    try:
+        parse()
+    except InputError:
+        raise
+    # The parsers raise whatever a damaged byte leads them to.
+    except Exception:  # noqa: BLE001
+        return False
+    return True
 
 
 def _is_ignored(opcode: int, content: bytes) -> bool:
@@ -363,17 +330,6 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
     if opcode == Opcode.MESSAGE_INDEX:  # a channel, then an array after its length
         return len(content) == 6 + int.from_bytes(content[2:6], "little")
     return False
-
-
-def _checked_attachment(content: bytes) -> Attachment | None:
-    """Return the attachment in a record, None where it is damaged."""
-    if len(content) < 4 or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
-        return None
-    try:
-        attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
-    except Exception:  # noqa: BLE001 - the parsers raise whatever a damaged byte leads them to
-        return None
-    return attachment
 
 
 def _is_acceptable(chunk: Chunk) -> bool:
@@ -401,15 +357,15 @@ def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
     Raises
     ------
     InputError
-        As `PassingRecording.parts`.
+        As `Recording.parts`.
     """
-    passing = PassingRecording(path, limit, MAX_WORK_SHARE)
-    for part in passing.parts():
-        if isinstance(part, RecordedMessage):
-            passing.recording.messages.append(part)
+    recording = Recording(path, limit, MAX_WORK_SHARE)
+    for part in recording.parts():
+        if isinstance(part, EncodedMessage):
+            recording.messages.append(part)
         else:
-            passing.recording.attachments[part.name] = part.data
-    return passing.recording
+            recording.attachments[part.name] = part.data
+    return recording
 
 
 def recordings_of(paths: Path | Sequence[Path]) -> list[Path]:
@@ -447,18 +403,18 @@ def read_chain(paths: Path | Sequence[Path]) -> Iterator[Recording]:
         yield read_recording(path)
 
 
-def recorded_inputs(recordings: Path | Sequence[Path]) -> Iterator[tuple[int, str, bytes]]:
-    """Yield time [ns], topic and payload of the samples in recordings.
+def recorded_inputs(recordings: Path | Sequence[Path]) -> Iterator[EncodedMessage]:
+    """Yield the messages of samples in recordings.
 
     Raises
     ------
     InputError
-        As `recordings_of` and `PassingRecording.parts`.
+        As `recordings_of` and `Recording.parts`.
     """
     for path in recordings_of(recordings):
-        for part in PassingRecording(path).parts():
-            if isinstance(part, RecordedMessage) and part.schema == SamplesMessage.schema_name():
-                yield part.log_time, part.topic, part.data
+        for part in Recording(path).parts():
+            if isinstance(part, EncodedMessage) and part.schema == SamplesMessage.schema_name():
+                yield part
 
 
 def file_sha256(path: Path) -> str:

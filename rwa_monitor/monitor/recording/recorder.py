@@ -29,14 +29,14 @@ import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import IO, Any, Final, NamedTuple, cast
 
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
-from rwa_monitor.monitor.events import Output
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, EncodedMessage, dump_json
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
@@ -131,7 +131,6 @@ class Recorder:
         self._ending: RecordingWriter | None = None  # the file before, for as long as wheels are left in it
         self._left: dict[str, Callable[[], bytes]] = {}  # these wheels, and what makes their checkpoints
         self._moved_s = 0.0
-        self._room = 0  # bytes for which there is room in the new file
         self._begun_s = 0.0
         self._synced_s = 0.0
         self._retry_s = float("-inf")
@@ -143,7 +142,7 @@ class Recorder:
         """The file that is being written."""
         return None if self._writer is None else self._writer.path
 
-    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[Output] = ()) -> None:
+    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[EncodedMessage] = ()) -> None:
         """Begin a new file, with the state of all wheels before anything else.
 
         Parameters
@@ -158,7 +157,6 @@ class Recorder:
         try:
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
                 part.unlink()  # of a run that was killed while it began a file
-            self._room = 0
             self._writer = self._new_file(self._predecessor, ALL_CHECKPOINTS, checkpoints, inherited)
         except OSError as error:
             self._fail(error, now_s)
@@ -173,18 +171,21 @@ class Recorder:
         predecessor: Predecessor | None,
         which: str,
         checkpoints: Checkpoints,
-        inherited: Sequence[Output] = (),
+        inherited: Sequence[EncodedMessage] = (),
     ) -> RecordingWriter:
         numbers = [int(name[1]) for one in self.folder.iterdir() if (name := _NAME.fullmatch(one.name))]
         path = self.folder / f"rwa-{max(numbers, default=0) + 1:06d}{RECORDING_SUFFIX}"
 
         def attachments() -> Iterator[tuple[str, bytes]]:
-            yield from self._attachments.items()
-            yield SETTINGS_ATTACHMENT, self._settings_of(predecessor, which)
-            for name, make in checkpoints.items():
-                yield _attachment_of(name), make()
+            settings = (SETTINGS_ATTACHMENT, self._settings_of(predecessor, which))
+            states = ((_attachment_of(name), make()) for name, make in checkpoints.items())
+            size = 0
+            for name, data in chain(self._attachments.items(), [settings], states):
+                size += len(data)
+                self._ensure_room(size, len(data))
+                yield name, data
 
-        return RecordingWriter(path, self._with_room_for(attachments()), self._wall_ns, inherited)
+        return RecordingWriter(path, attachments(), self._wall_ns, inherited)
 
     def _settings_of(self, predecessor: Predecessor | None, which: str) -> bytes:
         """Return the settings that a recording holds."""
@@ -203,7 +204,7 @@ class Recorder:
         if key not in self._refused_topics and len(self._refused_topics) >= MAX_REFUSED_TOPICS:
             key = "rwa"
         self._refused_topics.add(key)
-        self.write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
+        self.write(EncodedMessage(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES]))
 
     def sync(self, now_s: float) -> None:
         """Bring everything to the disk now."""
@@ -252,7 +253,6 @@ class Recorder:
         ending = self._writer
         assert ending is not None
         try:
-            self._room = 0
             self._ensure_room(ending.size_at_begin)
             self._writer = self._new_file(Predecessor(ending.path.name, None), SOME_CHECKPOINTS, {})
         except OSError as error:
@@ -318,34 +318,24 @@ class Recorder:
             self._predecessor = predecessor_of(self._writer.path)
         self._writer, self._ending, self._left = None, None, {}
 
-    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
-        """Record a message: an input before it is processed, or an output; `time_ns` None where it has no time."""
+    def write(self, message: EncodedMessage) -> None:
+        """Record a message: an input before it is processed, or an output."""
         writer = self._writer
-        if self._left and _wheel_of(topic) in self._left:
+        if self._left and "/".join(message.topic.split("/")[1:3]) in self._left:
             writer = self._ending
         if writer is None:
             return
         try:
-            writer.write(topic, schema, payload, time_ns)
+            writer.write(message)
         except OSError as error:
             self._fail(error, self._synced_s)
 
     # ---- the disk ------------------------------------------------------------------------------------------------
 
-    def _with_room_for(self, attachments: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
-        """Pass on what a new file begins with, while there is room for such a file."""
-        size = 0
-        for name, data in attachments:
-            size += len(data)
-            self._ensure_room(size, len(data))
-            yield name, data
-
     def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
         """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
         needed = max(self._max_file_bytes, 2 * (begin + SCHEMAS_BYTES)) + Sink.GATHERED_BYTES
-        if needed > self._room:
-            self._make_room(needed - written)
-            self._room = needed
+        self._make_room(needed - written)
         self._check_free(more)
 
     def _check_free(self, needed: int) -> None:
@@ -385,11 +375,6 @@ def predecessor_of(path: Path) -> Predecessor:
 
 def _attachment_of(name: str) -> str:
     return f"{CHECKPOINT_PREFIX}{name}.json"
-
-
-def _wheel_of(topic: str) -> str:
-    """Return the "<spacecraft>/<wheel>" of a topic."""
-    return "/".join(topic.split("/")[1:3])
 
 
 @contextmanager
@@ -433,18 +418,18 @@ class Sink:
     def __init__(self, path: Path) -> None:
         self.file = path.open("xb", buffering=0)
         self.digest = sha256()
-        self.size = 0
+        self._size = 0
         self._gathered = bytearray()
 
     def write(self, data: bytes) -> int:
         self._gathered += data
-        self.size += len(data)
+        self._size += len(data)
         if len(self._gathered) > self.GATHERED_BYTES:
             self.flush()
         return len(data)
 
     def tell(self) -> int:
-        return self.size
+        return self._size
 
     def flush(self) -> None:
         written = 0
@@ -456,9 +441,6 @@ class Sink:
     def sync(self) -> None:
         self.flush()
         os.fdatasync(self.file.fileno())
-
-    def close(self) -> None:
-        self.file.close()
 
 
 class TopicWriter:
@@ -484,27 +466,26 @@ class TopicWriter:
         self._known = schemas
         self._schemas: dict[str, int] = {"": 0}
         self._channels: dict[tuple[str, str], int] = {}
-
-    def schema(self, name: str) -> int:
-        """Return the number of a schema."""
-        if name not in self._schemas:
-            encoding, data = ("jsonschema", dump_json(self._known[name])) if name in self._known else ("", b"")
-            self._schemas[name] = self.mcap.register_schema(name, encoding, data)
-        return self._schemas[name]
+        self._time_ns = 0  # of attachments
 
     def channel(self, topic: str, schema: str) -> int:
         """Return the number of a topic's channel."""
         if (topic, schema) not in self._channels:
-            self._channels[topic, schema] = self.mcap.register_channel(topic, "json", self.schema(schema))
+            if schema not in self._schemas:
+                encoding, data = ("jsonschema", dump_json(self._known[schema])) if schema in self._known else ("", b"")
+                self._schemas[schema] = self.mcap.register_schema(schema, encoding, data)
+            self._channels[topic, schema] = self.mcap.register_channel(topic, "json", self._schemas[schema])
         return self._channels[topic, schema]
 
-    def write(self, topic: str, schema: str, data: bytes, log_time: int, publish_time: int) -> None:
-        """Add a message; both times in ns."""
-        self.mcap.add_message(self.channel(topic, schema), log_time, data, publish_time)
+    def write(self, message: EncodedMessage) -> None:
+        """Add a message."""
+        channel = self.channel(message.topic, message.schema)
+        self.mcap.add_message(channel, message.time_ns, message.payload, message.publish_ns)
 
-    def attach(self, name: str, data: bytes, time_ns: int = 0, media_type: str = "application/octet-stream") -> None:
-        """Add an attachment."""
-        self.mcap.add_attachment(0, time_ns, name, media_type, data)
+    def attach(self, name: str, data: bytes) -> None:
+        """Add an attachment; of several with one name the last one counts."""
+        media_type = "application/toml" if name.endswith(".toml") else "application/json"
+        self.mcap.add_attachment(0, self._time_ns, name, media_type, data)
 
     def finish(self) -> None:
         """Write the end of the file."""
@@ -516,7 +497,7 @@ def message_schemas() -> dict[str, Any]:
     return {message.schema_name(): message.json_schema() for message in MESSAGES}
 
 
-class RecordingWriter:
+class RecordingWriter(TopicWriter):
     """Writes one recording.
 
     Parameters
@@ -541,20 +522,18 @@ class RecordingWriter:
         path: Path,
         attachments: Iterable[tuple[str, bytes]],
         wall_ns: Callable[[], int],
-        inherited: Iterable[Output] = (),
+        inherited: Iterable[EncodedMessage] = (),
     ) -> None:
         self.path = path
         self.wall_ns = wall_ns
-        self._log_time = 0
-        self._described: set[str] = set()
         part = path.with_name(path.name + PART_SUFFIX)
         self._sink = Sink(part)
         try:
-            self._writer = TopicWriter(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
+            super().__init__(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
             for name, data in attachments:
                 self.attach(name, data)
-            for output in inherited:
-                self.write(output.key, output.schema, output.payload, output.time_ns)
+            for message in inherited:
+                self.write(message)
             self.sync()
             part.rename(path)
             _sync_folder(path.parent)
@@ -567,45 +546,47 @@ class RecordingWriter:
     @property
     def size(self) -> int:
         """Bytes written so far."""
-        return self._sink.size
+        return self._sink.tell()
 
     @property
     def sha256(self) -> str:
         """Hash of what is in the file; final once it is closed."""
         return self._sink.digest.hexdigest()
 
-    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
-        """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
-        channel = str(self._writer.channel(topic, schema))
-        if channel not in self._described:
-            # Apart from the chunks, too: the messages of those that are whole must not need one that is damaged.
-            self._described.add(channel)
-            self.attach(CHANNELS_ATTACHMENT, dump_json({channel: (topic, schema)}))
-        self._log_time = max(self._log_time, time_ns or 0)
-        self._writer.write(topic, schema, payload, self._log_time, self.wall_ns())
+    def channel(self, topic: str, schema: str) -> int:
+        """Return the number of a topic's channel, and describe a new one apart from the chunks, too.
 
-    def attach(self, name: str, data: bytes) -> None:
-        """Add an attachment; of several with one name the last one counts."""
-        media_type = "application/toml" if name.endswith(".toml") else "application/json"
-        self._writer.attach(name, data, self._log_time, media_type)
+        The messages of chunks that are whole must not need one that is damaged.
+        """
+        is_new = (topic, schema) not in self._channels
+        number = super().channel(topic, schema)
+        if is_new:
+            self.attach(CHANNELS_ATTACHMENT, dump_json({number: (topic, schema)}))
+        return number
+
+    def write(self, message: EncodedMessage) -> None:
+        """Add a message, with the time of the one before where its own is earlier, or it has none."""
+        time_ns = max(self._time_ns, message.time_ns)
+        super().write(message._replace(time_ns=time_ns, publish_ns=self.wall_ns()))
+        self._time_ns = time_ns
 
     def sync(self) -> None:
         """Bring everything to the disk."""
-        self._writer.mcap.flush()  # type: ignore[no-untyped-call]
+        self.mcap.flush()  # type: ignore[no-untyped-call]
         self._sink.sync()
 
     def close(self) -> None:
         """Write the file's end and close it."""
         try:
-            self._writer.finish()
+            self.finish()
             self._sink.sync()
         finally:
-            self._sink.close()
+            self._sink.file.close()
 
     def abandon(self) -> None:
         """Close the file as it is, without its end."""
         with suppress(OSError):
-            self._sink.close()
+            self._sink.file.close()
 
 
 def _sync_folder(folder: Path) -> None:
