@@ -14,14 +14,15 @@ from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
 from threading import Lock
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import zenoh
 
 from rwa_monitor.dashboard.fleet import Received, record_entry
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Health, HealthAlarm, dump_json, health_message, key_of
+from rwa_monitor.messages import HealthAlarm, dump_json, health_message
+from rwa_monitor.monitor.bus import HealthAnswers
 
 FRAME_PERIOD_S: Final = 0.1
 BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds takes the server for gone
@@ -136,8 +137,7 @@ class AlarmNotifier:
 
     The monitor publishes a wheel's health at each window's close. How many windows in a row were bad, and who has
     acknowledged what, only the dashboard has. So at each change of an alarm the dashboard publishes the health again,
-    with the state of all alarms. Both answer queries on rwa/**/health; every answer carries the time at which it was
-    published, of which Zenoh gives the latest for each wheel.
+    with the state of all alarms. Both answer queries on rwa/**/health.
 
     Parameters
     ----------
@@ -157,8 +157,8 @@ class AlarmNotifier:
         self._session = session
         self._history = history
         self._publishing = Lock()
-        self._latest: dict[str, tuple[bytes, Any]] = {}
-        self._queryable: Any = session.declare_queryable("rwa/**/health", self._answer)
+        self._health = HealthAnswers(session)
+        self._queryable = self._health.offer()
 
     def __enter__(self) -> Self:
         return self
@@ -188,18 +188,10 @@ class AlarmNotifier:
                 return
             alarms = states(self._history.open_alarms(spacecraft, wheel))
             health = health_message(latest[0]).model_copy(update={"alarm_states": alarms})
-            key, payload = key_of(Health, spacecraft, wheel), health.to_json()
-            timestamp = self._session.new_timestamp()
-            self._latest[key] = payload, timestamp
+            message = health.encoded(spacecraft, wheel)
+            timestamp = self._health.stamp(message)
             with suppress(zenoh.ZError):  # the session is closed; a later query is answered
-                self._session.put(key, payload, encoding=Health.encoding(), timestamp=timestamp)
-
-    def _answer(self, query: zenoh.Query) -> None:
-        """Called in Zenoh's threads."""
-        for key, (payload, timestamp) in dict(self._latest).items():  # a copy: others publish meanwhile
-            if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
-        query.drop()  # type: ignore[no-untyped-call]
+                self._session.put(message.topic, message.payload, encoding=message.encoding, timestamp=timestamp)
 
 
 def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
