@@ -390,9 +390,7 @@ def identify(recordings: Recordings, start: Wheel | None = None, *, systems: boo
     InputError
         If a recording cannot be used, or there is too little to learn from; reports how much more is needed.
     """
-    named = _named(recordings, "recording")
-    if not named:
-        raise InputError("recordings", "none given; one is needed")
+    named = _named(recordings)
     with one_thread_of_algebra():
         return learn_wheel(named, start or bare_wheel("wheel", named[0][1]), systems=systems)
 
@@ -432,15 +430,15 @@ def find_discrepancy(
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
-    named, beside = _named(recordings, "recording"), _named(held_out, "held out")
-    if not named:
-        raise InputError("recordings", "none given; one is needed")
+    named, beside = _named(recordings), _named(held_out, "held out") if held_out else []
     with one_thread_of_algebra():
         return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), beside)
 
 
-def _named(recordings: Recordings, word: str) -> list[tuple[str, Samples]]:
-    """Return recordings with names; those that have none are numbered."""
+def _named(recordings: Recordings, word: str = "recording") -> list[tuple[str, Samples]]:
+    """Return recordings with names; those that have none are numbered. Raises InputError where there is none."""
+    if not recordings:
+        raise InputError("recordings", "none given; one is needed")
     if isinstance(recordings, Mapping):
         return list(recordings.items())
     listed = [recordings] if isinstance(recordings, Samples) else recordings

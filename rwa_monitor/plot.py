@@ -6,7 +6,7 @@ what it is given. Colours are apart for colour-blind eyes, and no picture relies
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,7 +16,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.reporting.figures import gains_picture as gains
 from rwa_monitor.reporting.figures import overlay as discrepancy
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
 from rwa_monitor.wheel.torque_balance import friction_of
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
@@ -66,7 +66,7 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
     middle.set_ylabel("friction less\nviscous [mN m]")
     for jump in diagnosis.changepoints:
         middle.axvline(
-            float(_minutes(np.array([jump.time_ns]), diagnosis)[0]),
+            _minutes(jump.time_ns, diagnosis),
             lw=0.8,
             color=colours.get(jump.fss, NOT_OF_A_SYSTEM),
             ls="-" if jump.fss in colours else ":",
@@ -76,7 +76,8 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
     return figure
 
 
-def _minutes(time_ns: IntArray, diagnosis: Diagnosis) -> FloatArray:
+def _minutes(time_ns: Any, diagnosis: Diagnosis) -> Any:
+    """Return a time, or an array of times, since the window's begin [min]."""
     return (time_ns - diagnosis.window_start_ns) / (NANOSECONDS_PER_SECOND * SECONDS_PER_MINUTE)
 
 
@@ -90,7 +91,7 @@ def _without_viscous(friction_Nm: FloatArray, speed_rad_s: FloatArray, diagnosis
 
 def _draw_systems(axis: Axes, diagnosis: Diagnosis, colours: dict[str, str]) -> None:
     """Draw the friction of each system as steps, with the nominal bound of those that are anomalous."""
-    end = (diagnosis.window_end_ns - diagnosis.window_start_ns) / (NANOSECONDS_PER_SECOND * SECONDS_PER_MINUTE)
+    end = _minutes(diagnosis.window_end_ns, diagnosis)
     a_slot = end / diagnosis.samples
     for name, system in diagnosis.friction.fss.items():
         at = [a_slot * index for index in system.start_index]

@@ -91,11 +91,11 @@ def command(
     if record.is_dir() and any(record.glob("*.mcap")):
         with History(options.history_place) as kept:
             try:
-                imported = import_recordings(kept, record)
+                windows, new = import_recordings(kept, record)
             except InputError as error:
                 log(f"{error}; it is left out")
             else:
-                log(f"{imported.windows} windows in the recordings, {imported.new} of them new to the history")
+                log(f"{windows} windows in the recordings, {new} of them new to the history")
     elif not record.is_dir():
         log(f"there is no folder {record} yet; it is made for the history")
     with stop_on_signals() as stop, open_session(bus) as session, serve(options, session, log) as running:

@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 class ReportOptions:
     """What a report on one wheel is to hold, beyond the search."""
 
-    out: Path | None = None
-    bootstrap: int = 0
-    held_out: tuple[Path, ...] = ()
-    search_again: bool = False
-    no_diagnosis: bool = False
-    plan: bool = False
+    out: Path | None
+    bootstrap: int
+    held_out: tuple[Path, ...]
+    search_again: bool
+    no_diagnosis: bool
+    plan: bool
 
 
 report_options = as_one(

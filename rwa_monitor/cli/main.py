@@ -156,10 +156,10 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
     if settings is not None:
-        from rwa_monitor.telemetry.files import display_name, read_checked_text
+        from rwa_monitor.telemetry.files import display_name, read_text
         from rwa_monitor.wheel.file_content import parse_toml
 
-        source, text = display_name(settings), read_checked_text(settings, MAX_SETTINGS_BYTES)
+        source, text = display_name(settings), read_text(settings, MAX_SETTINGS_BYTES)
         tables = parse_toml(text, source, MAX_SETTINGS_BYTES, "a settings file")
         ctx.default_map = _defaults(tables, main, ctx, source, "")
 

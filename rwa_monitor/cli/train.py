@@ -29,8 +29,8 @@ def command(labels_file: Path, wheel: Path, output: Path, scheduler: str | None,
     from rwa_monitor.batch.tasks import ReadFeatures
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
     from rwa_monitor.paper.classification import with_classifiers
-    from rwa_monitor.telemetry.configuration import read_wheel, write_model
-    from rwa_monitor.telemetry.files import display_name
+    from rwa_monitor.telemetry.configuration import read_wheel
+    from rwa_monitor.telemetry.files import display_name, write_text
     from rwa_monitor.telemetry.labels import read_labels
     from rwa_monitor.words import counted
 
@@ -54,5 +54,5 @@ def command(labels_file: Path, wheel: Path, output: Path, scheduler: str | None,
     names = [display_name(path) for path in (labels_file, wheel, output)]
     again = shlex.join(["rwa-monitor", "train", names[0], "--wheel", names[1], "-o", names[2]])
     model = with_classifiers(train(joint, constants, source=labels_file.name, command=again), paper)
-    write_model(model, output)
+    write_text(output, model.to_json())
     log(f"{names[2]}: learned from {counted(len(joint), 'window')} of {counted(len(files), 'file')}")

@@ -22,7 +22,7 @@ from fastapi.middleware.trustedhost import TrustedHostMiddleware
 from fastapi.responses import FileResponse, JSONResponse
 from fastapi.security import HTTPBearer
 from fastapi.staticfiles import StaticFiles
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -32,16 +32,8 @@ from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import (
-    MAX_NAME,
-    MAX_NOTE,
-    AlarmRecord,
-    EstimateRecord,
-    RetirementEvent,
-    TrendRecord,
-    trends,
-)
-from rwa_monitor.history.store import MAX_SHELVED_S, History
+from rwa_monitor.history.records import AlarmRecord, EstimateRecord, RetirementEvent, TrendRecord, trends
+from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
@@ -58,6 +50,9 @@ from rwa_monitor.version import RELEASE, SOFTWARE
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
 MAX_DIGITS: Final = 9  # of the size that a request states
+MAX_NAME: Final = 100  # characters of a person's name
+MAX_NOTE: Final = 2_000
+MAX_SHELVED_S: Final = 7 * 86_400.0
 MAX_WINDOWS: Final = 1_000
 MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 DEFAULT_LIMIT: Final = 200
@@ -80,14 +75,14 @@ class _Shown(BaseModel):
 class Acknowledgement(_Shown):
     """Who has seen an alarm, with a note."""
 
-    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
-    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
+    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=MAX_NAME)]
+    note: Annotated[str, StringConstraints(strip_whitespace=True, max_length=MAX_NOTE)] = ""
 
 
 class Shelving(Acknowledgement):
     """Who shelves an alarm, for how long, and why; 0 s ends it."""
 
-    seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S)]
+    seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S, allow_inf_nan=False)]
 
 
 class Retirement(Acknowledgement):
@@ -323,7 +318,7 @@ class Api:
                 parts["samples"] = known.decimated.message()
                 parts["changepoints"] = array_json(entry.payload for entry in known.provisional)
                 parts |= {kind: known.latest[kind].payload for kind in parts if kind in known.latest}
-        elif (spacecraft, wheel) not in self._history.wheels():
+        elif not self._history.windows(spacecraft, wheel, 1):
             raise HTTPException(404, "no such wheel")
         if parts["discrepancy"] == b"null":
             parts["discrepancy"] = self._history.discrepancy(spacecraft, wheel) or b"null"
@@ -361,7 +356,7 @@ class Api:
         """Refuse to retire a wheel that is unknown, or whose telemetry comes."""
         known = self._fleet.wheel(spacecraft, wheel)
         if known is None:
-            if (spacecraft, wheel) not in self._history.wheels():
+            if not self._history.windows(spacecraft, wheel, 1):
                 raise HTTPException(404, "no such wheel")
             return
         with self._fleet.lock:

@@ -14,14 +14,15 @@ from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
 from threading import Lock
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import zenoh
 
 from rwa_monitor.dashboard.fleet import Received, record_entry
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Health, HealthAlarm, dump_json, health_message, key_of
+from rwa_monitor.messages import HealthAlarm, dump_json, health_message
+from rwa_monitor.monitor.bus import HealthAnswers
 
 FRAME_PERIOD_S: Final = 0.1
 BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds takes the server for gone
@@ -57,7 +58,6 @@ class Hub:
         self.clients: set[Client] = set()
         self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
         self._posted: deque[Received] = deque(maxlen=MAX_POSTED)  # its appends are atomic
-        self._own: list[Received] = []
 
     def post(self, received: Received) -> None:
         """Take a message, from any thread; it is dropped while no page is open."""
@@ -82,17 +82,17 @@ class Hub:
         while True:
             await asyncio.sleep(FRAME_PERIOD_S)
             now = clock()
+            entries: list[Received] = []
             if now >= beat_due:
                 beat_due = now + BEAT_PERIOD_S
                 beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
-                self._own.append(Received(BEAT_KEY, beat, time.time_ns()))
-            self.flush()
+                entries.append(Received(BEAT_KEY, beat, time.time_ns()))
+            self._hand_out(entries)
 
-    def flush(self) -> None:
-        """Hand out what has been gathered."""
+    def _hand_out(self, entries: list[Received]) -> None:
+        """Hand out what has been gathered, behind these entries."""
         statuses: dict[str, Received] = {}
         close_up: list[Received] = []
-        entries, self._own = self._own, []
         for _ in range(min(len(self._posted), MAX_ENTRIES)):
             received = self._posted.popleft()
             if received.brief:
@@ -137,8 +137,7 @@ class AlarmNotifier:
 
     The monitor publishes a wheel's health at each window's close. How many windows in a row were bad, and who has
     acknowledged what, only the dashboard has. So at each change of an alarm the dashboard publishes the health again,
-    with the state of all alarms. Both answer queries on rwa/**/health; every answer carries the time at which it was
-    published, of which Zenoh gives the latest for each wheel.
+    with the state of all alarms. Both answer queries on rwa/**/health.
 
     Parameters
     ----------
@@ -146,17 +145,20 @@ class AlarmNotifier:
         An open Zenoh session; it is left open.
     history
         Of windows and alarms.
+
+    Attributes
+    ----------
     hub
         The feed of the pages.
     """
 
-    def __init__(self, session: zenoh.Session, history: History, hub: Hub) -> None:
-        self.hub = hub
+    def __init__(self, session: zenoh.Session, history: History) -> None:
+        self.hub = Hub()
         self._session = session
         self._history = history
         self._publishing = Lock()
-        self._latest: dict[str, tuple[bytes, Any]] = {}
-        self._queryable: Any = session.declare_queryable("rwa/**/health", self._answer)
+        self._health = HealthAnswers(session)
+        self._queryable = self._health.offer()
 
     def __enter__(self) -> Self:
         return self
@@ -165,55 +167,38 @@ class AlarmNotifier:
         with suppress(zenoh.ZError):  # the session may have been closed under us
             self._queryable.undeclare()
 
-    def publish(self, alarm: AlarmRecord) -> None:
-        """Report a change of an alarm; on the bus in the health of its wheel, if that has a window.
+    def publish(self, *alarms: AlarmRecord) -> None:
+        """Report changes of alarms to the pages, and on the bus in the health of each wheel that has a window.
 
         Raises
         ------
         HistoryError
-            If the history cannot be read; the pages have it then.
+            If the history cannot be read; the pages have them then.
         """
-        self.show(alarm)
-        self.publish_health(alarm.spacecraft, alarm.wheel)
+        for alarm in alarms:
+            self.hub.post(record_entry(alarm, "alarm"))
+        for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in alarms):
+            self._publish_health(*name)
 
-    def show(self, alarm: AlarmRecord) -> None:
-        """Report a change of an alarm to the pages."""
-        self.hub.post(record_entry(alarm, "alarm"))
-
-    def publish_health(self, spacecraft: str, wheel: str) -> None:
-        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed.
-
-        Raises
-        ------
-        HistoryError
-            If the history cannot be read.
-        """
+    def _publish_health(self, spacecraft: str, wheel: str) -> None:
+        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed."""
         with self._publishing:  # else what was read before a change could be published after it
             latest = self._history.windows(spacecraft, wheel, 1)
             if not latest:
                 return
             alarms = states(self._history.open_alarms(spacecraft, wheel))
             health = health_message(latest[0]).model_copy(update={"alarm_states": alarms})
-            key, payload = key_of(Health, spacecraft, wheel), health.to_json()
-            timestamp = self._session.new_timestamp()
-            self._latest[key] = payload, timestamp
+            message = health.encoded(spacecraft, wheel)
+            timestamp = self._health.stamp(message)
             with suppress(zenoh.ZError):  # the session is closed; a later query is answered
-                self._session.put(key, payload, encoding=Health.encoding(), timestamp=timestamp)
-
-    def _answer(self, query: zenoh.Query) -> None:
-        """Called in Zenoh's threads."""
-        for key, (payload, timestamp) in dict(self._latest).items():  # a copy: others publish meanwhile
-            if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
-        query.drop()  # type: ignore[no-untyped-call]
+                self._session.put(message.topic, message.payload, encoding=message.encoding, timestamp=timestamp)
 
 
 def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
-    """Return the open ones of a wheel's alarms, by name, as the health message has them."""
+    """Return open alarms of a wheel, by name, as the health message has them."""
     found = {}
     for alarm in alarms:
-        if alarm.closed_ns is None:
-            seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
-            by = seen[-1] if seen and alarm.phase == "acknowledged" else None
-            found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)
+        seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
+        by = seen[-1] if seen and alarm.phase == "acknowledged" else None
+        found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)
     return found

@@ -22,6 +22,7 @@ from rwa_monitor.messages import (
     SamplesMessage,
     Status,
     dump_json,
+    samples_json,
 )
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
@@ -181,23 +182,14 @@ class DecimatedSamples:
 
 def thinned_json(samples: Samples) -> bytes:
     """Return time, speed and friction of samples as the JSON of a `SamplesMessage`."""
-    return dump_json(
-        {
-            "time_ns": samples.time_ns.tolist(),
-            "speed_rad_s": _readings(samples.speed_rad_s),
-            "friction_torque_Nm": _readings(_friction(samples)),
-        }
-    )
+    speed, friction = np.round(samples.speed_rad_s, 9), np.round(_friction(samples), 9)
+    return samples_json(Samples(samples.time_ns, speed, friction), publisher="", batch=0)
 
 
 def _friction(samples: Samples) -> FloatArray:
     """Return the friction of samples, NaN where it was not measured."""
     friction = samples.friction_torque_Nm
     return np.full(len(samples), np.nan) if friction is None else friction
-
-
-def _readings(values: FloatArray) -> list[float | None]:
-    return [value if np.isfinite(value) else None for value in np.round(values, 9).tolist()]
 
 
 # ---- the latest message of each kind of each wheel -------------------------------------------------------------------

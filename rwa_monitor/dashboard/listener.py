@@ -104,7 +104,7 @@ class Listener:
                 self._report_monitors(trouble)
         if self._waiting and now_s >= self._retry_due_s:
             self._store()
-        if check_is_due and not self._waiting and self._use_history(self.history.check):
+        if check_is_due and not self._waiting:
             self._use_history(self._show_others)
         if now_s >= self._prune_due_s:
             self._prune_due_s = now_s + PRUNE_PERIOD_S
@@ -117,8 +117,7 @@ class Listener:
         def write() -> None:
             changed = self.history.take_monitors(changes)
             self._monitors.written(changes)
-            for alarm in changed:
-                self.notifier.publish(alarm)
+            self.notifier.publish(*changed)
 
         if changes:
             self._use_history(write)
@@ -199,15 +198,12 @@ class Listener:
         some = list(itertools.islice(self._waiting, BATCH_WINDOWS))
         diagnoses = [message for message in some if isinstance(message, Diagnosis)]
         self.history.retired.record(message for message in some if isinstance(message, RetirementEvent))
-        changed = self.history.take(diagnoses)
+        _, changed = self.history.add(*diagnoses)
         for message in some:
             if isinstance(message, Discrepancy):
                 self.history.add_discrepancy(message)
             self._waiting.popleft()
-        for alarm in changed:
-            self.notifier.show(alarm)
-        for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in changed):
-            self.notifier.publish_health(*name)
+        self.notifier.publish(*changed)
 
 
 # ---- which monitors report -------------------------------------------------------------------------------------------
@@ -217,12 +213,12 @@ class Listener:
 class _Monitor:
     """The monitor of one wheel; `written` is what the history holds of its silence, None: nothing.
 
-    Before its first status, `last_s` is when the wait for it began: with the first samples, if those are known.
+    `last_s`, and `since` in words, are when it reported last, or before its first status when the wait for it began.
     """
 
     last_s: float
-    last_wall_ns: int | None = None
-    samples_wall_ns: int | None = None
+    since: str
+    has_reported: bool = False
     time_ns: int | None = None
     written: bool | None = None
 
@@ -254,19 +250,20 @@ class MonitorWatch:
     ) -> None:
         self._silent_s = silent_s
         self._clock_s, self._wall_ns = clock_s, wall_ns
-        self._start_wall_ns = wall_ns()
-        self._monitors = {name: _Monitor(clock_s(), written=alarmed) for name, alarmed in expected.items()}
+        since = f"this dashboard was started, at {time_text(wall_ns())}"
+        self._monitors = {name: _Monitor(clock_s(), since, written=alarmed) for name, alarmed in expected.items()}
 
     def take_status(self, spacecraft: str, wheel: str, time_ns: int | None) -> None:
         """Note a status of a wheel's monitor, and the time of the wheel's latest sample [ns], if it has one."""
-        known = self._monitors.setdefault((spacecraft, wheel), _Monitor(0.0))
-        known.last_s, known.last_wall_ns = self._clock_s(), self._wall_ns()
+        known = self._monitors.setdefault((spacecraft, wheel), _Monitor(0.0, ""))
+        known.last_s, known.since, known.has_reported = self._clock_s(), time_text(self._wall_ns()), True
         known.time_ns = known.time_ns if time_ns is None else time_ns
 
     def expect(self, spacecraft: str, wheel: str) -> None:
         """Note that samples of a wheel came: it should have a monitor."""
         if (spacecraft, wheel) not in self._monitors:
-            self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), samples_wall_ns=self._wall_ns())
+            since = f"samples of this wheel came first, at {time_text(self._wall_ns())}"
+            self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), since)
 
     def changes(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
         """Return what the history does not hold yet: monitors that report, and those that do not any more.
@@ -283,25 +280,16 @@ class MonitorWatch:
         now_s = self._clock_s()
         found = []
         for name, one in self._monitors.items():
-            silent = now_s - one.last_s > self._silent_s
-            if not silent and one.last_wall_ns is None:
+            silence_s = now_s - one.last_s
+            silent = silence_s > self._silent_s
+            if not silent and not one.has_reported:
                 continue  # expected, without a status yet: what is written stands
             if silent != one.written and not (silent and name in retired):
-                reason = self._reason(one, now_s, trouble) if silent else ""
-                found.append(MonitorState(*name, silent, one.time_ns, reason))
+                reason = f"No monitor has reported since {one.since}: {silence_s:.0f} s and longer. {trouble}".rstrip()
+                found.append(MonitorState(*name, silent, one.time_ns, reason if silent else ""))
         return found
 
     def written(self, states: Iterable[MonitorState]) -> None:
         """Note that the history holds this now."""
         for state in states:
             self._monitors[state.spacecraft, state.wheel].written = state.silent
-
-    def _reason(self, one: _Monitor, now_s: float, trouble: str) -> str:
-        if one.samples_wall_ns is not None and one.last_wall_ns is None:
-            since = f"samples of this wheel came first, at {time_text(one.samples_wall_ns)}"
-        elif one.last_wall_ns is None:
-            since = f"this dashboard was started, at {time_text(self._start_wall_ns)}"
-        else:
-            since = time_text(one.last_wall_ns)
-        reason = f"No monitor has reported since {since}: {now_s - one.last_s:.0f} s and longer."
-        return f"{reason} {trouble}" if trouble else reason

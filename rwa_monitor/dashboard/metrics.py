@@ -7,7 +7,8 @@ end in _total. What is not known is left out, rather than given as a number.
 from __future__ import annotations
 
 import time
-from collections.abc import Container, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
+from functools import partial
 from typing import Final, get_args
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -44,7 +45,7 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
     with fleet.lock:
         for spacecraft, wheel, known in fleet.wheels():
             if (spacecraft, wheel) not in retired:
-                _add_wheel(found, known, {"spacecraft": spacecraft, "wheel": wheel})
+                _add_wheel(partial(found.add, spacecraft=spacecraft, wheel=wheel), known)
     alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in retired]
     for level in get_args(AlarmLevel):
         for phase in ("active", "acknowledged", "returned"):
@@ -75,54 +76,54 @@ class _Metrics(Collector):
         return self._families.values()
 
 
-def _add_wheel(found: _Metrics, known: Wheel, of: dict[str, str]) -> None:
+def _add_wheel(add: Callable[..., None], known: Wheel) -> None:
+    """Add the metrics of a wheel; `add` gives each its name."""
     if known.diagnosis is not None:
-        _add_diagnosis(found, known.diagnosis, of)
+        _add_diagnosis(add, known.diagnosis)
     if known.rhythm.wall_ns is not None:
-        about = "Time since samples of the wheel came last."
-        found.add("rwa_wheel_telemetry_age_seconds", about, _age_s(known.rhythm.wall_ns), **of)
+        add(
+            "rwa_wheel_telemetry_age_seconds",
+            "Time since samples of the wheel came last.",
+            _age_s(known.rhythm.wall_ns),
+        )
         about = "Age at which its samples are stale."
-        found.add("rwa_wheel_telemetry_stale_after_seconds", about, known.rhythm.stale_after_s, **of)
+        add("rwa_wheel_telemetry_stale_after_seconds", about, known.rhythm.stale_after_s)
     if known.status is not None:
         about = "Time since the wheel's monitor reported last."
-        found.add("rwa_monitor_status_age_seconds", about, _age_s(known.latest[Status.kind].wall_ns), **of)
-        _add_status(found, known.status, of)
+        add("rwa_monitor_status_age_seconds", about, _age_s(known.latest[Status.kind].wall_ns))
+        _add_status(add, known.status)
 
 
 def _age_s(wall_ns: int | None) -> float | None:
     return None if wall_ns is None else (time.time_ns() - wall_ns) / NANOSECONDS_PER_SECOND
 
 
-def _add_diagnosis(found: _Metrics, window: Diagnosis, of: dict[str, str]) -> None:
+def _add_diagnosis(add: Callable[..., None], window: Diagnosis) -> None:
     for verdict in get_args(Verdict):
         about = "1 for the verdict of the latest window, 0 for the others."
-        found.add("rwa_wheel_verdict", about, window.verdict == verdict, **of, verdict=verdict)
-    found.add("rwa_wheel_model_adequate", "1 where the friction model fits the wheel.", window.model_adequate, **of)
-    found.add("rwa_wheel_coverage_ratio", "Share of the latest window with a good sample.", window.coverage, **of)
+        add("rwa_wheel_verdict", about, window.verdict == verdict, verdict=verdict)
+    add("rwa_wheel_model_adequate", "1 where the friction model fits the wheel.", window.model_adequate)
+    add("rwa_wheel_coverage_ratio", "Share of the latest window with a good sample.", window.coverage)
     end_s = window.window_end_ns / NANOSECONDS_PER_SECOND
-    found.add("rwa_wheel_window_end_seconds", "End of the latest window on the wheel's own clock.", end_s, **of)
-    for name, one in window.anomalies.items():
-        part, with_unit = of | {"part": name}, of | {"part": name, "unit": one.unit}
-        found.add("rwa_wheel_anomaly_probability", "Probability that a part is anomalous.", one.probability, **part)
+    add("rwa_wheel_window_end_seconds", "End of the latest window on the wheel's own clock.", end_s)
+    for part, one in window.anomalies.items():
+        add("rwa_wheel_anomaly_probability", "Probability that a part is anomalous.", one.probability, part=part)
         about = "0 at the nominal bound, 1 at the median of the learned anomaly."
-        found.add("rwa_wheel_severity", about, one.severity, **part)
-        found.add("rwa_wheel_estimate", "Estimate of a part, in the unit that is its label.", one.estimate, **with_unit)
-        found.add(
-            "rwa_wheel_nominal_high", "Upper nominal bound of a part, in its unit.", one.nominal_high, **with_unit
-        )
+        add("rwa_wheel_severity", about, one.severity, part=part)
+        about = "Estimate of a part, in the unit that is its label."
+        add("rwa_wheel_estimate", about, one.estimate, part=part, unit=one.unit)
+        about = "Upper nominal bound of a part, in its unit."
+        add("rwa_wheel_nominal_high", about, one.nominal_high, part=part, unit=one.unit)
 
 
-def _add_status(found: _Metrics, status: Status, of: dict[str, str]) -> None:
-    about = "Share of the running window that has passed."
-    found.add("rwa_monitor_window_fill_ratio", about, status.window_fill, **of)
-    found.add("rwa_monitor_queue_messages", "Messages that wait in the wheel's monitor.", status.queue_depth, **of)
-    about = "Slots of the wheel that no sample came for."
-    found.add("rwa_monitor_slots_missed_total", about, status.slots_missed, **of)
-    found.add("rwa_monitor_windows_total", "Windows of the wheel that were diagnosed.", status.windows, **of)
+def _add_status(add: Callable[..., None], status: Status) -> None:
+    add("rwa_monitor_window_fill_ratio", "Share of the running window that has passed.", status.window_fill)
+    add("rwa_monitor_queue_messages", "Messages that wait in the wheel's monitor.", status.queue_depth)
+    add("rwa_monitor_slots_missed_total", "Slots of the wheel that no sample came for.", status.slots_missed)
+    add("rwa_monitor_windows_total", "Windows of the wheel that were diagnosed.", status.windows)
     for what, about, outcomes in (
         ("samples", "Samples of the wheel by what became of them.", SAMPLES),
         ("messages", "Messages that were of no use, and why.", MESSAGES),
     ):
         for outcome in outcomes:
-            count = getattr(status, f"{what}_{outcome}")
-            found.add(f"rwa_monitor_{what}_total", about, count, **of, outcome=outcome)
+            add(f"rwa_monitor_{what}_total", about, getattr(status, f"{what}_{outcome}"), outcome=outcome)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -43,31 +43,20 @@ def list_recordings(folder: Path | None) -> list[RecordingFile]:
     """Return the recordings of a folder, the latest first; none where the folder does not exist."""
     if folder is None or not folder.is_dir():
         return []
-    found = []
-    for path in folder.glob(f"*{RECORDING_SUFFIX}"):
-        if path.is_file():
-            facts = path.stat()
-            first_ns, last_ns = _span(path, facts.st_size, facts.st_mtime_ns)
-            found.append(
-                RecordingFile(
-                    name=path.name,
-                    size_bytes=facts.st_size,
-                    changed_wall_ns=facts.st_mtime_ns,
-                    first_ns=first_ns,
-                    last_ns=last_ns,
-                )
-            )
-    return sorted(found, key=lambda entry: entry.name, reverse=True)
+    paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
+    return [_file(path, (facts := path.stat()).st_size, facts.st_mtime_ns) for path in paths if path.is_file()]
 
 
 @lru_cache(maxsize=10_000)
-def _span(path: Path, size_bytes: int, changed_wall_ns: int) -> tuple[int | None, int | None]:
-    """Return the times of a recording as it is at this size and change; (None, None) where it cannot be read."""
-    del size_bytes, changed_wall_ns
-    try:
-        return time_span(path) or (None, None)
-    except InputError:
-        return None, None
+def _file(path: Path, size_bytes: int, changed_wall_ns: int) -> RecordingFile:
+    """Return a recording as it is at this size and change; it is read once."""
+    span = None
+    with suppress(InputError):  # it is listed, too, where it cannot be read
+        span = time_span(path)
+    first_ns, last_ns = span or (None, None)
+    return RecordingFile(
+        name=path.name, size_bytes=size_bytes, changed_wall_ns=changed_wall_ns, first_ns=first_ns, last_ns=last_ns
+    )
 
 
 def replay_json(folder: Path | None, name: str) -> bytes:
@@ -131,17 +120,8 @@ def _entries(recording: Recording) -> Iterator[bytes]:
 BATCH_WINDOWS: Final = 200  # of one transaction
 
 
-@dataclass(frozen=True, slots=True)
-class Imported:
-    """What an import did: windows found, those that were new, and what could not be read."""
-
-    windows: int
-    new: int
-    problems: tuple[str, ...]
-
-
-def import_recordings(history: History, path: Path) -> Imported:
-    """Import a recording, or all of a folder.
+def import_recordings(history: History, path: Path) -> tuple[int, int]:
+    """Import a recording, or all of a folder; returns how many windows there are, and how many of them were new.
 
     Raises
     ------
@@ -151,13 +131,11 @@ def import_recordings(history: History, path: Path) -> Imported:
         If the database cannot be written; what was imported before stays.
     """
     windows = new = 0
-    problems: list[str] = []
     for recording in read_chain(path):
-        problems += [f"{recording.path.name}: {problem}" for problem in recording.problems]
         diagnoses = recording.parsed(Diagnosis)
         for found in recording.parsed(Discrepancy):
             history.add_discrepancy(found)
         windows += len(diagnoses)
         for begin in range(0, len(diagnoses), BATCH_WINDOWS):
-            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])
-    return Imported(windows, new, tuple(problems))
+            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])[0]
+    return windows, new

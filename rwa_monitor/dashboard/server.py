@@ -10,23 +10,20 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import uvicorn
 import zenoh
 
 from rwa_monitor.dashboard.app import Api, create_app
-from rwa_monitor.dashboard.feed import AlarmNotifier, Hub
+from rwa_monitor.dashboard.feed import AlarmNotifier
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.listener import SILENT_S, Listener
 from rwa_monitor.dashboard.recordings import latest_wheels
-from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.errors import RwaMonitorError, needs_extra
 from rwa_monitor.history.store import History
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.wheel.wheel import Wheel
-
-if TYPE_CHECKING:
-    from rwa_monitor.dashboard.foxglove_server import FoxgloveServer
 
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
@@ -77,11 +74,10 @@ class DashboardOptions:
 
 @dataclass(frozen=True, slots=True)
 class Running:
-    """A dashboard that runs: its address, the same with the token in it, and the token."""
+    """A dashboard that runs: its address, and the same with the token in it."""
 
     address: str
     address_with_token: str
-    token: str
 
 
 @contextmanager
@@ -100,7 +96,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
         history = stack.enter_context(History(options.history_place))
         fleet = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record))
         listening = stack.enter_context(_socket(options.port))
-        notifier = stack.enter_context(AlarmNotifier(session, history, Hub()))
+        notifier = stack.enter_context(AlarmNotifier(session, history))
         app = create_app(Api(fleet, history, notifier, options.record), token)
         config = uvicorn.Config(
             app,
@@ -132,20 +128,14 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
             )
         )
         if options.foxglove is not None:
-            log(f"Foxglove connects to {stack.enter_context(_foxglove(session, options)).address}")
+            with needs_extra("foxglove"):
+                from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
+            foxglove = stack.enter_context(FoxgloveServer(session, options.foxglove))
+            log(f"Foxglove connects to {foxglove.address}")
         if options.port is None and listening.getsockname()[1] != DEFAULT_PORT:
             log(f"port {DEFAULT_PORT} is taken by another program; the page is elsewhere")
         address = f"http://{HOST}:{listening.getsockname()[1]}/"
-        yield Running(address, f"{address}#token={token}", token)
-
-
-def _foxglove(session: zenoh.Session, options: DashboardOptions) -> FoxgloveServer:
-    try:
-        from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[foxglove]'") from error
-    assert options.foxglove is not None  # else it is not started
-    return FoxgloveServer(session, options.foxglove)
+        yield Running(address, f"{address}#token={token}")
 
 
 def _socket(port: int | None) -> socket.socket:

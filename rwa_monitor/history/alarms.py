@@ -10,10 +10,10 @@ The silence of a wheel's monitor goes through the same machine, its reports in t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import IntEnum, StrEnum
-from typing import Final
+from enum import IntEnum
+from typing import Final, Literal
 
-from rwa_monitor.messages import Anomaly, Diagnosis
+from rwa_monitor.messages import AlarmPhase, Anomaly, Diagnosis
 
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
 MONITOR_ALARM: Final = "monitor"  # the alarm that the wheel is not watched: its monitor does not report
@@ -51,45 +51,29 @@ ADVICE: Final = {
         " it stops by itself)."
     ),
 }
-ADVICE_MODEL: Final = (
-    "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
-    " While friction grows, do not extend the wheel file: a drift can be the fault itself."
-)
-ADVICE_MONITOR: Final = (
-    "Nothing is diagnosed until the monitor is back: look whether rwa-monitor run still runs there, at the end of its"
-    " log, and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it goes on"
-    " where it was, with all that publishers still hold; after that samples are lost."
-)
+# Of alarms that are no anomaly of the wheel, at every level but normal.
+OWN_ADVICE: Final = {
+    MODEL_ALARM: (
+        "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
+        " While friction grows, do not extend the wheel file: a drift can be the fault itself."
+    ),
+    MONITOR_ALARM: (
+        "Nothing is diagnosed until the monitor is back: look whether rwa-monitor run still runs there, at the end of"
+        " its log, and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it"
+        " goes on where it was, with all that publishers still hold; after that samples are lost."
+    ),
+}
 
 
 def advice(name: str, level: Level) -> str:
     """Return what to do about an alarm."""
-    if level > Level.NORMAL and name in {MODEL_ALARM, MONITOR_ALARM}:
-        return ADVICE_MODEL if name == MODEL_ALARM else ADVICE_MONITOR
-    return ADVICE[level]
+    return OWN_ADVICE.get(name, ADVICE[level]) if level > Level.NORMAL else ADVICE[level]
 
 
-class Phase(StrEnum):
-    """Where an alarm stands between its rise and its end."""
-
-    QUIET = "quiet"
-    ACTIVE = "active"  # not yet acknowledged
-    ACKNOWLEDGED = "acknowledged"  # and still not normal
-    RETURNED = "returned"  # normal again, not yet acknowledged
-
-
-class EventKind(StrEnum):
-    """What the audit trail records."""
-
-    RAISED = "raised"
-    ESCALATED = "escalated"
-    EASED = "eased"
-    RETURNED = "returned"
-    RELAPSED = "relapsed"
-    ACKNOWLEDGED = "acknowledged"
-    CLEARED = "cleared"
-    SHELVED = "shelved"  # for a while, by a person; the state machine goes on as if it was not
-    UNSHELVED = "unshelved"
+# What the audit trail records. A person shelves an alarm for a while; the state machine goes on as if it was not.
+EventKind = Literal[
+    "raised", "escalated", "eased", "returned", "relapsed", "acknowledged", "cleared", "shelved", "unshelved"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,14 +108,6 @@ def level_of(anomaly: Anomaly, *, model_adequate: bool = True) -> Level:
 
 
 @dataclass(frozen=True, slots=True)
-class Observation:
-    """The level that one window gives one alarm, and the window's end [ns, wheel's clock]."""
-
-    level: Level
-    time_ns: int
-
-
-@dataclass(frozen=True, slots=True)
 class Alarm:
     """One alarm as it stands.
 
@@ -140,7 +116,7 @@ class Alarm:
     recent
         Levels of the last n decided windows, the oldest first.
     phase, level
-        Where it stands now.
+        Where it stands now: active while nobody has acknowledged it, returned when it is normal again before that.
     peak
         The highest level since it was raised.
     acknowledged_level
@@ -150,7 +126,7 @@ class Alarm:
     """
 
     recent: tuple[Level, ...] = ()
-    phase: Phase = Phase.QUIET
+    phase: AlarmPhase = "quiet"
     level: Level = Level.NORMAL
     peak: Level = Level.NORMAL
     acknowledged_level: Level = Level.NORMAL
@@ -167,32 +143,49 @@ class AlarmEvent:
     time_ns: int
 
 
-def observe(diagnosis: Diagnosis) -> dict[str, Observation]:
-    """Return what a window means for each alarm of its wheel: nothing of the wheel if undecided, nothing if partial."""
-    time_ns, fits = diagnosis.window_end_ns, diagnosis.model_adequate
+def observe(diagnosis: Diagnosis) -> dict[str, Level]:
+    """Return the level that a window gives each alarm of its wheel: none if partial, none of the wheel if undecided."""
+    fits = diagnosis.model_adequate
     if diagnosis.partial:
         return {}  # the end of a file, however short: it must not count like a whole window among k of n
     # A wrong model is no fault of the wheel, but its estimates of the wheel are then worth less.
-    model = {MODEL_ALARM: Observation(Level.NORMAL if fits else Level.WATCH, time_ns)}
+    model = {MODEL_ALARM: Level.NORMAL if fits else Level.WATCH}
     if diagnosis.verdict == "inconclusive":
         return {} if fits else model  # a window that shows nothing does not show either that the model fits
     alarmed = diagnosis.verdict == "anomalous"
-    observations = {
-        name: Observation(level_of(anomaly, model_adequate=fits) if alarmed else Level.NORMAL, time_ns)
+    levels = {
+        name: level_of(anomaly, model_adequate=fits) if alarmed else Level.NORMAL
         for name, anomaly in diagnosis.anomalies.items()
     }
-    return observations | model
+    return levels | model
 
 
-def advance(alarm: Alarm, observation: Observation, policy: Policy) -> tuple[Alarm, list[AlarmEvent]]:
-    """Take one window into an alarm; returns the alarm after it and the events to report."""
-    recent = (*alarm.recent, observation.level)[-policy.n :]
-    level, time_ns = _level(recent, policy), observation.time_ns
-    if level == Level.NORMAL and alarm.phase != Phase.QUIET and any(recent):
+def advance(alarm: Alarm, observed: Level, time_ns: int, policy: Policy) -> tuple[Alarm, list[AlarmEvent]]:
+    """Take one window into an alarm.
+
+    Parameters
+    ----------
+    alarm
+        The alarm before it.
+    observed, time_ns
+        The level that the window gives it, and the window's end [ns, the wheel's clock].
+    policy
+        When windows make an alarm.
+
+    Returns
+    -------
+    tuple
+        The alarm after it, and the events to report.
+    """
+    recent = (*alarm.recent, observed)[-policy.n :]
+    descending = sorted(recent, reverse=True)
+    # The highest level that at least k of the last windows reach.
+    level = descending[policy.k - 1] if len(descending) >= policy.k else Level.NORMAL
+    if level == Level.NORMAL and alarm.phase != "quiet" and any(recent):
         level = min(alarm.level, Level.WATCH)  # still a bad window among the last n: it has not settled
     phase, kinds = _transition(alarm, level)
     events = [AlarmEvent(kind, level, time_ns) for kind in kinds]
-    if phase == Phase.QUIET:
+    if phase == "quiet":
         return Alarm(recent), events
     return Alarm(
         recent,
@@ -200,25 +193,23 @@ def advance(alarm: Alarm, observation: Observation, policy: Policy) -> tuple[Ala
         level,
         max(alarm.peak, level),
         alarm.acknowledged_level,
-        time_ns if alarm.phase == Phase.QUIET else alarm.raised_ns,
+        time_ns if alarm.phase == "quiet" else alarm.raised_ns,
         time_ns if events else alarm.changed_ns,
     ), events
 
 
-def _transition(alarm: Alarm, level: Level) -> tuple[Phase, list[EventKind]]:
+def _transition(alarm: Alarm, level: Level) -> tuple[AlarmPhase, list[EventKind]]:
     """Return where a new level brings an alarm, and the events of it."""
-    if alarm.phase in {Phase.QUIET, Phase.RETURNED}:
+    if alarm.phase in {"quiet", "returned"}:
         if level == Level.NORMAL:
             return alarm.phase, []
-        return Phase.ACTIVE, [EventKind.RAISED if alarm.phase == Phase.QUIET else EventKind.RELAPSED]
+        return "active", ["raised" if alarm.phase == "quiet" else "relapsed"]
     if level == Level.NORMAL:
-        if alarm.phase == Phase.ACKNOWLEDGED:
-            return Phase.QUIET, [EventKind.RETURNED, EventKind.CLEARED]
-        return Phase.RETURNED, [EventKind.RETURNED]
+        return ("quiet", ["returned", "cleared"]) if alarm.phase == "acknowledged" else ("returned", ["returned"])
     if level > alarm.level:
-        seen = alarm.phase == Phase.ACKNOWLEDGED and level <= alarm.acknowledged_level
-        return Phase.ACKNOWLEDGED if seen else Phase.ACTIVE, [EventKind.ESCALATED]
-    return alarm.phase, [EventKind.EASED] if level < alarm.level else []
+        seen = alarm.phase == "acknowledged" and level <= alarm.acknowledged_level
+        return "acknowledged" if seen else "active", ["escalated"]
+    return alarm.phase, ["eased"] if level < alarm.level else []
 
 
 def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
@@ -231,16 +222,10 @@ def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
     time_ns
         The wheel's clock then: the end of the latest window.
     """
-    seen = AlarmEvent(EventKind.ACKNOWLEDGED, alarm.level, time_ns)
-    if alarm.phase == Phase.ACTIVE:
-        after = replace(alarm, phase=Phase.ACKNOWLEDGED, acknowledged_level=alarm.peak, changed_ns=time_ns)
+    seen = AlarmEvent("acknowledged", alarm.level, time_ns)
+    if alarm.phase == "active":
+        after = replace(alarm, phase="acknowledged", acknowledged_level=alarm.peak, changed_ns=time_ns)
         return after, [seen]
-    if alarm.phase == Phase.RETURNED:
-        return Alarm(alarm.recent), [seen, AlarmEvent(EventKind.CLEARED, Level.NORMAL, time_ns)]
+    if alarm.phase == "returned":
+        return Alarm(alarm.recent), [seen, AlarmEvent("cleared", Level.NORMAL, time_ns)]
     return alarm, []
-
-
-def _level(recent: tuple[Level, ...], policy: Policy) -> Level:
-    """Return the highest level that at least k of the last windows reach."""
-    descending = sorted(recent, reverse=True)
-    return descending[policy.k - 1] if len(descending) >= policy.k else Level.NORMAL

@@ -34,6 +34,7 @@ from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.history.alarms import Level, advice
+from rwa_monitor.messages import AlarmPhase
 from rwa_monitor.telemetry.files import make_folder
 
 POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
@@ -300,7 +301,7 @@ class AlarmRow(Table):
     spacecraft: Mapped[str]
     wheel: Mapped[str]
     name: Mapped[str]
-    phase: Mapped[str]
+    phase: Mapped[AlarmPhase] = mapped_column(Text)
     level: Mapped[int]
     peak: Mapped[int]
     acknowledged_level: Mapped[int]

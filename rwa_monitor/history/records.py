@@ -5,27 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Final, Literal
+from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.history.alarms import BOUNDS, Level
+from rwa_monitor.diagnosis.trend import Reach
+from rwa_monitor.history.alarms import BOUNDS, EventKind, Level
 from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
-from rwa_monitor.reporting.trends import CoefficientTrend, FrictionEstimate, coefficient_trend
+from rwa_monitor.reporting.trends import FrictionEstimate, coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
 
 # A level as a word, also from the number that the database has.
 LevelWord = Annotated[AlarmLevel, BeforeValidator(lambda level: Level(level).word if isinstance(level, int) else level)]
-EventWord = Literal[
-    "raised", "escalated", "eased", "returned", "relapsed", "acknowledged", "cleared", "shelved", "unshelved"
-]
 
 
 class AlarmLine(Message):
     """One line of an alarm's audit trail; `person` is "" where no person did it."""
 
-    event: EventWord
+    event: EventKind
     level: LevelWord
     time_ns: int
     wall_ns: int
@@ -108,27 +105,6 @@ class EstimateRecord(FrictionEstimate):
     active: bool
 
 
-# ---- who did something -----------------------------------------------------------------------------------------------
-
-
-MAX_NAME: Final = 100  # characters of a person's name
-MAX_NOTE: Final = 2_000
-
-
-def signed(person: str, note: str) -> tuple[str, str]:
-    """Return name and note as they are kept.
-
-    Raises
-    ------
-    InputError
-        If the name is missing, or one of both too long.
-    """
-    person, note = person.strip(), note.strip()
-    if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
-        raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
-    return person, note
-
-
 # ---- trends ----------------------------------------------------------------------------------------------------------
 
 
@@ -166,37 +142,31 @@ def trends(estimates: Sequence[EstimateRecord]) -> list[TrendRecord]:
     found = []
     for name in dict.fromkeys(one.name for one in estimates):
         own = [one for one in estimates if one.name == name and one.value is not None and one.std]
-        if (coefficient := coefficient_trend(name, own)) is not None:
-            found.append(_record(coefficient, own))
+        if (coefficient := coefficient_trend(name, own)) is None:
+            continue
+        trend = coefficient.trend
+        limit, level = next((one for one in _limits(own) if one[0] > trend.value), (None, ""))
+        reach = None if limit is None else trend.reach(limit)
+        found.append(
+            TrendRecord(
+                name=name,
+                unit=coefficient.unit,
+                windows=trend.windows,
+                present=trend.present,
+                p_value=trend.p_value,
+                slope_per_day=trend.slope * SECONDS_PER_DAY,
+                slope_std_per_day=trend.slope_std * SECONDS_PER_DAY,
+                reach=_reach(reach, level, trend.lines.now_s) if reach else None,
+            )
+        )
     return found
 
 
-def _record(coefficient: CoefficientTrend, own: Sequence[EstimateRecord]) -> TrendRecord:
-    trend = coefficient.trend
-
-    def after_s(time_s: float) -> float | None:
-        return time_s - trend.lines.now_s if math.isfinite(time_s) else None
-
-    above = [(limit, level) for limit, level in _limits(own) if limit > trend.value]
-    reach = trend.reach(above[0][0]) if above else None
-    return TrendRecord(
-        name=coefficient.name,
-        unit=coefficient.unit,
-        windows=trend.windows,
-        present=trend.present,
-        p_value=trend.p_value,
-        slope_per_day=trend.slope * SECONDS_PER_DAY,
-        slope_std_per_day=trend.slope_std * SECONDS_PER_DAY,
-        reach=None
-        if reach is None
-        else ReachRecord(
-            limit=reach.limit,
-            level=above[0][1],
-            median_s=after_s(reach.time_s),
-            low_s=after_s(reach.low_s),
-            high_s=after_s(reach.high_s),
-        ),
+def _reach(reach: Reach, level: str, now_s: float) -> ReachRecord:
+    median_s, low_s, high_s = (
+        time_s - now_s if math.isfinite(time_s) else None for time_s in (reach.time_s, reach.low_s, reach.high_s)
     )
+    return ReachRecord(limit=reach.limit, level=level, median_s=median_s, low_s=low_s, high_s=high_s)
 
 
 def _limits(own: Sequence[EstimateRecord]) -> list[tuple[float, str]]:

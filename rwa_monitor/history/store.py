@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import Any, Final, Self
@@ -25,8 +26,6 @@ from rwa_monitor.history.alarms import (
     AlarmEvent,
     EventKind,
     Level,
-    Observation,
-    Phase,
     Policy,
     acknowledge,
     advance,
@@ -42,11 +41,10 @@ from rwa_monitor.history.database import (
     EstimateRow,
     WheelEventRow,
 )
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent, signed
+from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
-MAX_SHELVED_S: Final = 7 * 86_400.0
 MAX_ID: Final = 2**63 - 1  # that a database can hold
 CHANGED: Final = "changed"  # alarms that a session has changed
 _ALARMS: Final = select(AlarmRow).options(selectinload(AlarmRow.trail))
@@ -76,6 +74,7 @@ class History:
     def __init__(self, place: Path | str | None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._wall_ns = wall_ns
         self._database = Database(place)
+        self._session = self._database.session
         self.retired = RetiredWheels(self._database, wall_ns)
 
     def __enter__(self) -> Self:
@@ -90,28 +89,25 @@ class History:
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def add(self, *diagnoses: Diagnosis) -> int:
-        """Take in windows in one transaction; returns how many the history did not have yet.
+    def add(self, *diagnoses: Diagnosis) -> tuple[int, list[AlarmRecord]]:
+        """Take in windows in one transaction; returns how many of them were new, and the alarms that they changed.
 
         Raises
         ------
         HistoryError
             If the database cannot be written; nothing of the windows is in it then.
         """
-        with self._database.session() as session:
-            return sum(self._add(session, diagnosis) for diagnosis in diagnoses)
-
-    def take(self, diagnoses: Iterable[Diagnosis]) -> list[AlarmRecord]:
-        """Take in windows in one transaction; returns the alarms that they changed. Raises HistoryError as `add`."""
-        with self._database.session() as session:
-            for diagnosis in diagnoses:
-                self._add(session, diagnosis)
-            return _changed(session)
+        with self._session() as session:
+            new = sum(self._add(session, diagnosis) for diagnosis in diagnoses)
+            return new, _changed(session)
 
     def _add(self, session: Session, diagnosis: Diagnosis) -> bool:
         place = {"spacecraft": diagnosis.spacecraft, "wheel": diagnosis.wheel}
         known = select(DiagnosisRow.id).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
-        if session.scalar(known) is not None or self._is_past_keeping(session, diagnosis):
+        newest_ns = session.scalar(select(func.max(EstimateRow.window_end_ns)).filter_by(**place))
+        # Of an old recording that is imported again: older than any window that is kept.
+        is_past = newest_ns is not None and diagnosis.window_end_ns < oldest_ns(newest_ns, DIAGNOSES_DAYS)
+        if is_past or session.scalar(known) is not None:
             return False
         session.add(
             DiagnosisRow(
@@ -123,9 +119,14 @@ class History:
         )
         for estimate in _estimates(diagnosis):
             session.merge(EstimateRow(**place, **estimate))
-        for name, observation in observe(diagnosis).items():
+        end_ns = diagnosis.window_end_ns
+        for name, level in observe(diagnosis).items():
             key = (diagnosis.spacecraft, diagnosis.wheel, name)
-            self._observe(session, key, observation, _reason(diagnosis, name))
+            if level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
+                continue  # an alarm that never had cause to be needs no row
+            state = _state_of(session, key)
+            if end_ns > state.last_window_ns:  # an older window changes no alarm
+                self._advance(session, state, level, end_ns, WINDOW_POLICY, _reason(diagnosis, name))
         session.flush()
         return True
 
@@ -139,25 +140,17 @@ class History:
         HistoryError
             If the database cannot be written; nothing is noted then.
         """
-        with self._database.session() as session:
+        with self._session() as session:
             for report in reports:
                 state = _state_of(session, (report.spacecraft, report.wheel, MONITOR_ALARM))
                 time_ns = max(state.last_window_ns, 0) if report.time_ns is None else report.time_ns
-                observation = Observation(Level.WARNING if report.silent else Level.NORMAL, time_ns)
-                self._advance(session, state, observation, MONITOR_POLICY, report.reason)
+                level = Level.WARNING if report.silent else Level.NORMAL
+                self._advance(session, state, level, time_ns, MONITOR_POLICY, report.reason)
             return _changed(session)
-
-    def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:
-        """Return whether a window is older than any that is kept: of an old recording that is imported again."""
-        newest = select(func.max(EstimateRow.window_end_ns)).filter_by(
-            spacecraft=diagnosis.spacecraft, wheel=diagnosis.wheel
-        )
-        end_ns = session.scalar(newest)
-        return end_ns is not None and diagnosis.window_end_ns < oldest_ns(end_ns, DIAGNOSES_DAYS)
 
     def add_discrepancy(self, found: Discrepancy) -> bool:
         """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
-        with self._database.session() as session:
+        with self._session() as session:
             row = session.get(DiscrepancyRow, (found.spacecraft, found.wheel))
             if row is not None and row.end_ns >= found.end_ns:
                 return False
@@ -171,35 +164,27 @@ class History:
             )
             return True
 
-    def _observe(self, session: Session, key: tuple[str, str, str], observation: Observation, reason: str) -> None:
-        """Run one alarm over one window; a window older than the last one taken in changes no alarm."""
-        if observation.level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
-            return  # an alarm that never had cause to be needs no row
-        state = _state_of(session, key)
-        if observation.time_ns > state.last_window_ns:
-            self._advance(session, state, observation, WINDOW_POLICY, reason)
-
     def _advance(
-        self, session: Session, state: AlarmStateRow, observation: Observation, policy: Policy, reason: str
+        self, session: Session, state: AlarmStateRow, level: Level, time_ns: int, policy: Policy, reason: str
     ) -> None:
-        """Take an observation into an alarm, and write down what it means."""
+        """Take a level into an alarm, and write down what it means."""
         row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
-        after, events = advance(_alarm(state, row), observation, policy)
+        after, events = advance(_alarm(state, row), level, time_ns, policy)
         state.recent = "".join(str(int(level)) for level in after.recent)
-        state.last_window_ns = observation.time_ns
+        state.last_window_ns = time_ns
         if row is None:
             if not events:
                 return
             row = AlarmRow(spacecraft=state.spacecraft, wheel=state.wheel, name=state.name, reason=reason)
             session.add(row)
         for happened in events:
-            if happened.kind in {EventKind.ESCALATED, EventKind.RELAPSED}:
+            if happened.kind in {"escalated", "relapsed"}:
                 row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
-                    self._log(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
+                    self._log(session, row, replace(happened, kind="unshelved"))
             self._log(session, row, happened)
-        _write(row, after, observation.time_ns)
+        _write(row, after, time_ns)
         session.flush()
         state.alarm_id = row.id if row.closed_ns is None else None
 
@@ -207,7 +192,7 @@ class History:
         session.info.setdefault(CHANGED, set()).add(row)
         row.trail.append(
             AlarmEventRow(
-                event=happened.kind.value,
+                event=happened.kind,
                 level=happened.level,
                 time_ns=happened.time_ns,
                 wall_ns=self._wall_ns(),
@@ -222,19 +207,17 @@ class History:
         Raises
         ------
         InputError
-            If there is no such alarm, it needs no acknowledgement, or the name is missing or too long.
+            If there is no such alarm, or it needs no acknowledgement.
         HistoryError
             If the database cannot be written; nothing is acknowledged then.
         """
-        person, note = signed(person, note)
-        with self._database.session() as session:
+        with self._session() as session:
             row, state = self._open_alarm(session, alarm_id)
             after, events = acknowledge(_alarm(state, row), state.last_window_ns)
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
             for happened in events:
-                by_person = (person, note) if happened.kind == EventKind.ACKNOWLEDGED else ("", "")
-                self._log(session, row, happened, *by_person)
+                self._log(session, row, happened, *((person, note) if happened.kind == "acknowledged" else ()))
             _write(row, after, state.last_window_ns)
             if row.closed_ns is not None:
                 state.alarm_id = None
@@ -246,16 +229,13 @@ class History:
         Raises
         ------
         InputError
-            If there is no such alarm, the name is missing or too long, or the time too long.
+            If there is no such alarm.
         HistoryError
             If the database cannot be written; nothing is shelved then.
         """
-        person, note = signed(person, note)
-        if not 0 <= seconds <= MAX_SHELVED_S:
-            raise InputError("seconds", f"must be from 0 to {MAX_SHELVED_S}")
-        with self._database.session() as session:
+        with self._session() as session:
             row, state = self._open_alarm(session, alarm_id)
-            kind = EventKind.SHELVED if seconds else EventKind.UNSHELVED
+            kind: EventKind = "shelved" if seconds else "unshelved"
             until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
             row.shelved_until_wall_ns = until_ns if seconds else None
             self._log(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
@@ -270,34 +250,37 @@ class History:
 
     def prune(self) -> int:
         """Remove what is older than is kept; returns the number of rows removed."""
-        with self._database.session() as session:
-            return prune(session)
-
-    def check(self) -> None:
-        """Raise HistoryError if the database was removed."""
-        self._database.check()
+        row, removed = EstimateRow, 0
+        latest = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
+        with self._session() as session:
+            for spacecraft, wheel, end_ns in session.execute(latest).all():
+                for table, end, days in (
+                    (DiagnosisRow, DiagnosisRow.window_end_ns, DIAGNOSES_DAYS),
+                    (EstimateRow, EstimateRow.window_end_ns, ESTIMATES_DAYS),
+                    (AlarmRow, AlarmRow.closed_ns, ALARMS_DAYS),
+                ):
+                    old = (
+                        delete(table).filter_by(spacecraft=spacecraft, wheel=wheel).where(end < oldest_ns(end_ns, days))
+                    )
+                    result: Any = session.execute(old, execution_options={"synchronize_session": False})
+                    removed += int(result.rowcount)
+        return removed
 
     # ---- out -----------------------------------------------------------------------------------------------------
-
-    def wheels(self) -> list[tuple[str, str]]:
-        """Return spacecraft and wheel of everything in the history, sorted."""
-        with self._database.session() as session:
-            pairs = session.execute(select(DiagnosisRow.spacecraft, DiagnosisRow.wheel).distinct()).all()
-            return sorted((spacecraft, wheel) for spacecraft, wheel in pairs)
 
     def latest(self) -> dict[tuple[str, str], bytes]:
         """Return the latest diagnosis of every wheel, as JSON, by spacecraft and wheel."""
         row = DiagnosisRow
         ends = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
         wanted = select(row).where(tuple_(row.spacecraft, row.wheel, row.window_end_ns).in_(ends))
-        with self._database.session() as session:
+        with self._session() as session:
             return {(found.spacecraft, found.wheel): found.message.encode() for found in session.scalars(wanted)}
 
     def windows(self, spacecraft: str, wheel: str, limit: int = 200) -> list[Diagnosis]:
         """Return the latest diagnoses of a wheel, the oldest first."""
         wanted = select(DiagnosisRow.message).filter_by(spacecraft=spacecraft, wheel=wheel)
         wanted = wanted.order_by(DiagnosisRow.window_end_ns.desc()).limit(limit)
-        with self._database.session() as session:
+        with self._session() as session:
             texts = session.scalars(wanted).all()
         return [Diagnosis.parse(text.encode(), "history") for text in reversed(texts)]
 
@@ -309,13 +292,13 @@ class History:
             .order_by(EstimateRow.window_end_ns.desc(), EstimateRow.name)
             .limit(limit)
         )
-        with self._database.session() as session:
+        with self._session() as session:
             rows = session.scalars(wanted).all()
             return [EstimateRecord.model_validate(row, from_attributes=True) for row in reversed(rows)]
 
     def discrepancy(self, spacecraft: str, wheel: str) -> bytes | None:
         """Return the latest discrepancy report of a wheel, as JSON; None where there is none."""
-        with self._database.session() as session:
+        with self._session() as session:
             row = session.get(DiscrepancyRow, (spacecraft, wheel))
             return None if row is None else row.message.encode()
 
@@ -324,21 +307,21 @@ class History:
         states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
             AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
         )
-        with self._database.session() as session:
+        with self._session() as session:
             found = session.execute(states.where(AlarmStateRow.name == MONITOR_ALARM)).all()
             return {(spacecraft, wheel): bool(level) for spacecraft, wheel, level in found}
 
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
         """Return the open alarms of one wheel."""
         wanted = _ALARMS.filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None).order_by(AlarmRow.id)
-        with self._database.session() as session:
+        with self._session() as session:
             return _records(session.scalars(wanted))
 
     def alarms(self, *, closed: int = 50) -> list[AlarmRecord]:
         """Return all open alarms, the worst first, then the latest closed ones."""
         open_ones = _ALARMS.where(AlarmRow.closed_ns.is_(None)).order_by(AlarmRow.level.desc(), AlarmRow.id)
         ended = _ALARMS.where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
-        with self._database.session() as session:
+        with self._session() as session:
             return _records(row for query in (open_ones, ended) for row in session.scalars(query))
 
 
@@ -358,21 +341,14 @@ def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
     """Return an alarm as the state machine has it."""
     recent = tuple(Level(int(digit)) for digit in state.recent)
     if row is None:
-        return Alarm(recent=recent)
-    return Alarm(
-        recent=recent,
-        phase=Phase(row.phase),
-        level=Level(row.level),
-        peak=Level(row.peak),
-        acknowledged_level=Level(row.acknowledged_level),
-        raised_ns=row.raised_ns,
-        changed_ns=row.changed_ns,
-    )
+        return Alarm(recent)
+    level, peak, acknowledged = map(Level, (row.level, row.peak, row.acknowledged_level))
+    return Alarm(recent, row.phase, level, peak, acknowledged, row.raised_ns, row.changed_ns)
 
 
 def _write(row: AlarmRow, alarm: Alarm, time_ns: int) -> None:
     """Bring the alarm's row up to date; one that has cleared is closed, and keeps what it came to."""
-    row.phase, row.level = alarm.phase.value, int(alarm.level)
+    row.phase, row.level = alarm.phase, int(alarm.level)
     if alarm.raised_ns is None or alarm.changed_ns is None:
         row.closed_ns = row.changed_ns = time_ns
         return
@@ -427,24 +403,6 @@ def oldest_ns(end_ns: int, days: float) -> int:
     return end_ns - int(days * DAY_NS)
 
 
-def prune(session: Session) -> int:
-    """Remove what is older than is kept; returns the number of rows removed."""
-    latest = select(EstimateRow.spacecraft, EstimateRow.wheel, func.max(EstimateRow.window_end_ns)).group_by(
-        EstimateRow.spacecraft, EstimateRow.wheel
-    )
-    removed = 0
-    for spacecraft, wheel, end_ns in session.execute(latest).all():
-        for table, end, days in (
-            (DiagnosisRow, DiagnosisRow.window_end_ns, DIAGNOSES_DAYS),
-            (EstimateRow, EstimateRow.window_end_ns, ESTIMATES_DAYS),
-            (AlarmRow, AlarmRow.closed_ns, ALARMS_DAYS),
-        ):
-            old = delete(table).filter_by(spacecraft=spacecraft, wheel=wheel).where(end < oldest_ns(end_ns, days))
-            result: Any = session.execute(old, execution_options={"synchronize_session": False})
-            removed += int(result.rowcount)
-    return removed
-
-
 # ---- retired wheels --------------------------------------------------------------------------------------------------
 # Each change is an audit event that is never changed; where a wheel stands is in its last event. A retired wheel
 # reappears when its telemetry arrives, also where the history cannot be written just now: what was done here goes
@@ -469,7 +427,7 @@ class RetiredWheels:
     """
 
     def __init__(self, database: Database, wall_ns: Callable[[], int]) -> None:
-        self._database = database
+        self._session = database.session
         self._wall_ns = wall_ns
         self._lock = RLock()
         self._changes = 0  # made here so far
@@ -487,7 +445,7 @@ class RetiredWheels:
     def events(self, spacecraft: str, wheel: str) -> list[RetirementEvent]:
         """Return all that was done with a wheel, the oldest first; raises HistoryError."""
         wanted = select(WheelEventRow).filter_by(spacecraft=spacecraft, wheel=wheel).order_by(WheelEventRow.id)
-        with self._database.session() as session:
+        with self._session() as session:
             return [_event(row) for row in session.scalars(wanted)]
 
     def refresh(self) -> list[RetirementEvent]:
@@ -514,14 +472,12 @@ class RetiredWheels:
         Raises
         ------
         InputError
-            If the wheel is so already, an alarm of one to be retired waits to be acknowledged, or the name is missing
-            or too long.
+            If the wheel is so already, or an alarm of one to be retired waits to be acknowledged.
         HistoryError
             If the database cannot be written; nothing is changed then.
         """
-        person, note = signed(person, note)
         source, name = f"{spacecraft}/{wheel}", {"spacecraft": spacecraft, "wheel": wheel}
-        with self._database.session() as session:
+        with self._session() as session:
             last = _last(session, spacecraft, wheel)
             if last is not None and last.retired:
                 if retire:
@@ -571,7 +527,7 @@ class RetiredWheels:
         HistoryError
             If the database cannot be written; nothing is changed then.
         """
-        with self._database.session() as session:
+        with self._session() as session:
             for event in events:
                 last = _last(session, event.spacecraft, event.wheel)
                 if last is not None and last.retired:
@@ -581,7 +537,7 @@ class RetiredWheels:
         """Return the last event of every wheel as the database has it."""
         last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
         wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
-        with self._database.session() as session:
+        with self._session() as session:
             return [_event(row) for row in session.scalars(wanted)]
 
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.monitor.publisher import SamplesPublisher
-from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, split_packets
+from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, WheelPackets, packet_notes, split_packets
 from rwa_monitor.words import counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
@@ -84,7 +84,6 @@ class Bridge:
         self._decoder = decoder
         self._sinks = sinks
         self._batch_samples = batch_samples
-        self._waiting = [SampleColumns(wheel) for wheel in decoder.wheels]
         self._sent_s = float("-inf")
 
     def take(self, datagram: bytes) -> None:
@@ -95,11 +94,9 @@ class Bridge:
         if rest or not datagram:
             packets.append(rest)  # no whole packet: the decoder counts it as such
         for packet in packets:
-            for sample in self._decoder.take(packet):
-                columns = self._waiting[sample.wheel]
-                columns.append(sample)
-                if len(columns) >= self._batch_samples:
-                    self._send(sample.wheel)
+            for wheel in self._decoder.take(packet):
+                if len(wheel) >= self._batch_samples:
+                    self._send(wheel)
 
     def tick(self, now_s: float) -> None:
         """Send what waits, each `HOLD_S`."""
@@ -109,13 +106,12 @@ class Bridge:
 
     def send_all(self) -> None:
         """Send all that waits."""
-        for number, columns in enumerate(self._waiting):
-            if len(columns):
-                self._send(number)
+        for wheel in self._decoder.wheels:
+            if len(wheel):
+                self._send(wheel)
 
-    def _send(self, number: int) -> None:
-        wheel, samples = self._decoder.wheels[number], self._waiting[number].samples()
-        self._waiting[number] = SampleColumns(wheel)
+    def _send(self, wheel: WheelPackets) -> None:
+        samples = wheel.samples()
         self._sinks[wheel.key].put(samples)
         self.samples += len(samples)
 

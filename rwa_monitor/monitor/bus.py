@@ -214,6 +214,39 @@ def reliable_publisher(
     )
 
 
+class HealthAnswers:
+    """Answers questions on rwa/**/health with the latest health of each wheel that was published here.
+
+    A monitor publishes it at each window's close, and a dashboard when an alarm changes: every answer carries the time
+    at which it was published, of which Zenoh gives the later one.
+    """
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._latest: dict[str, tuple[EncodedMessage, Any]] = {}
+
+    def offer(self) -> Any:
+        """Answer from now on; returns what is to be undeclared."""
+        return self._session.declare_queryable("rwa/**/health", self._on_query)
+
+    def stamp(self, message: EncodedMessage) -> Any:
+        """Take a wheel's health; returns the time with which it is to be published."""
+        timestamp = self._session.new_timestamp()
+        self._latest[message.topic] = message, timestamp
+        return timestamp
+
+    def clear(self) -> None:
+        """Answer nothing more: queries come after `undeclare`, too."""
+        self._latest.clear()
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        """Called in Zenoh's threads."""
+        for key, (health, timestamp) in dict(self._latest).items():  # a copy: others are published meanwhile
+            if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                query.reply(key, health.payload, encoding=health.encoding, timestamp=timestamp)
+        query.drop()  # type: ignore[no-untyped-call]
+
+
 class MonitorBus:
     """What the monitor does on a session: takes samples, publishes messages, answers questions about health.
 
@@ -232,7 +265,7 @@ class MonitorBus:
         self._open = True  # callbacks go on after undeclare(): they check this
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        self._health: dict[str, tuple[EncodedMessage, Any]] = {}  # of each wheel the latest, and when it was published
+        self._health = HealthAnswers(session)
 
     def subscribe(self, key_expression: str) -> None:
         """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
@@ -262,9 +295,8 @@ class MonitorBus:
 
     def offer_health(self) -> None:
         """Answer questions on rwa/**/health, and show that the monitor is alive by a liveliness token."""
-        queryable: Any = self.session.declare_queryable("rwa/**/health", self._on_query)
         token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
-        self._declared += [queryable, token]
+        self._declared += [self._health.offer(), token]
 
     def publish(self, message: EncodedMessage) -> None:
         """Publish a message; all but `status` reliably and with a history for late subscribers."""
@@ -277,16 +309,13 @@ class MonitorBus:
                 self._publishers[key] = reliable_publisher(
                     self.session, key, message.encoding, kept, repeats_number=kind == "diagnosis"
                 )
-        timestamp = None
-        if kind == "health":
-            # A dashboard publishes the same wheel's health when an alarm changes: a query shall get the later of both.
-            timestamp = self.session.new_timestamp()
-            self._health[key] = message, timestamp
+        timestamp = self._health.stamp(message) if kind == "health" else None
         self._publishers[key].put(message.payload, timestamp=timestamp)
 
     def close(self) -> None:
         """Undeclare everything; what still arrives is ignored."""
         self._open = False
+        self._health.clear()
         self.inbox.close()
         for entity in [*reversed(self._declared), *self._publishers.values()]:
             with suppress(zenoh.ZError):  # the session may have been closed under us
@@ -299,12 +328,6 @@ class MonitorBus:
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if self._open and sample.kind == zenoh.SampleKind.PUT:
             self.inbox.put(arrival_of(sample))
-
-    def _on_query(self, query: zenoh.Query) -> None:
-        for key, (health, timestamp) in dict(self._health).items():  # a copy: others are published meanwhile
-            if self._open and query.key_expr.intersects(zenoh.KeyExpr(key)):
-                query.reply(key, health.payload, encoding=health.encoding, timestamp=timestamp)
-        query.drop()  # type: ignore[no-untyped-call]
 
 
 # ---- whether the bus is there ----------------------------------------------------------------------------------------

@@ -81,12 +81,13 @@ def _friction(diagnosis: Diagnosis) -> Text:
     """Return the lines on friction, jumps and fit."""
     friction, fit = diagnosis.friction, diagnosis.fit
     jumps = Counter(changepoint.fss for changepoint in diagnosis.changepoints)
+    suspicion = f", perhaps {diagnosis.suspected_effect}" if diagnosis.suspected_effect else ""
     by_system = ", ".join(f"{count} {name}" for name, count in sorted(jumps.items()))
     lines = [
         f"  friction      base dry {_with_std(friction.base_dry)}, viscous {_with_std(friction.viscous)}",
         f"  changepoints  {sum(jumps.values())}{f': {by_system}' if jumps else ''}",
         f"  fit           rmse {quantity(fit.rmse_Nm, 'N m')}, noise {quantity(fit.noise_std_Nm, 'N m')}; model "
-        + ("adequate" if diagnosis.model_adequate else f"inadequate{_suspicion(diagnosis)}"),
+        + ("adequate" if diagnosis.model_adequate else f"inadequate{suspicion}"),
     ]
     return Text("\n".join(lines))
 
@@ -95,7 +96,3 @@ def _with_std(measured: Quantity) -> str:
     if measured.std is None:
         return quantity(measured.value, measured.unit)
     return f"{quantity(measured.value, measured.unit)} ± {quantity(measured.std, measured.unit)}"
-
-
-def _suspicion(diagnosis: Diagnosis) -> str:
-    return f", perhaps {diagnosis.suspected_effect}" if diagnosis.suspected_effect else ""

@@ -232,20 +232,19 @@ def measure(value: float | None, std: float | None, unit: str) -> str:
     """Write a value with its standard deviation and unit, such as "500.30 ± 0.79 µN m"; a dash where there is none."""
     if value is None or not math.isfinite(value):
         return "–"
-    known = std is not None and math.isfinite(std) and std > 0
-    largest = max(abs(value), std) if known and std is not None else abs(value)
+    error = std if std is not None and math.isfinite(std) and std > 0 else 0.0
+    largest = max(abs(value), error)
     power = thousands(largest) if _takes_prefix(unit) else _plain_power(largest)
-    value = value / 10.0**power
-    if known and std is not None:
-        std = std / 10.0**power
-        decimals = min(max(1 - math.floor(math.log10(std)), 0), 12)
-        number = f"{value:.{decimals}f} ± {std:.{decimals}f}"
+    value, error = value / 10.0**power, error / 10.0**power
+    if error:
+        decimals = min(max(1 - math.floor(math.log10(error)), 0), 12)
+        number = f"{value:.{decimals}f} ± {error:.{decimals}f}"
     else:
         number = f"{value:.{DIGITS}g}"
     if _takes_prefix(unit):
         return f"{number} {PREFIXES[power]}{unit}"
     if power:
-        number = (f"({number})" if known else number) + f"·10{str(power).translate(SUPERSCRIPTS)}"
+        number = (f"({number})" if error else number) + f"·10{str(power).translate(SUPERSCRIPTS)}"
     return number if unit == "-" else f"{number} {unit}"
 
 

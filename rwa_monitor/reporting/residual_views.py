@@ -137,8 +137,7 @@ def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curv
 def _over(quantity: Callable[[Channels], FloatArray | None], *, along: bool = True) -> Maker:
     """Return the maker of a view over a quantity of the channels; the residual is taken along the rotation or not."""
 
-    def make(problem: Problem, extended: Model) -> tuple[Draw, Expected] | None:
-        del extended
+    def make(problem: Problem, _: Model) -> tuple[Draw, Expected] | None:
         per_record = [values for record in problem.records if (values := quantity(record.channels)) is not None]
         if len(per_record) < len(problem.records):
             return None
@@ -188,9 +187,7 @@ def _slope(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
     return draw, 0.0
 
 
-def _spread(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
-    del extended
-
+def _spread(problem: Problem, _: Model) -> tuple[Draw, Expected]:
     def draw(residual: FloatArray, _: Model) -> Curve:
         squares = binned(problem, problem.speed, residual**2)
         rms = np.sqrt(np.maximum(squares.y, 0.0))
@@ -201,8 +198,7 @@ def _spread(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
     return draw, problem.noise.std
 
 
-def _autocorrelation(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
-    del extended
+def _autocorrelation(problem: Problem, _: Model) -> tuple[Draw, Expected]:
     lags = np.arange(1, min(LAGS, problem.size // 4) + 1)
     error = np.full(lags.size, 1 / np.sqrt(problem.size))
 
@@ -215,8 +211,7 @@ def _autocorrelation(problem: Problem, extended: Model) -> tuple[Draw, Expected]
     return draw, 0.0
 
 
-def _tails(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
-    del extended
+def _tails(problem: Problem, _: Model) -> tuple[Draw, Expected]:
     at = np.linspace(0.5, 5.0, 19)
     expected = 2 * stats.norm.sf(at)
     error = np.sqrt(np.maximum(expected * (1 - expected), 1 / problem.size) / problem.size)

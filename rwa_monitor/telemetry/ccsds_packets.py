@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import warnings
 from array import array
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -29,8 +30,8 @@ from rwa_monitor.telemetry.files import display_name, first_line, read_bytes
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.telemetry_map import (
     TIME_UNITS,
-    UNITS,
     PacketWheel,
+    channel_conversion,
     check_time,
     conversion,
     telemetry_file,
@@ -83,32 +84,6 @@ class PacketCounts:
     first_bad: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class PacketSample:
-    """One sample of one wheel: its place in `PacketDecoder.wheels`, its time and a value for each of its channels."""
-
-    wheel: int
-    time_ns: int
-    values: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Channel:
-    """A channel and how to get it: calibrated value × factor + offset, NaN where `valid` is 0."""
-
-    name: str
-    parameter: str
-    factor: float
-    offset: float
-    valid: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class _Wheel:
-    time: tuple[tuple[str, Fraction], ...]  # parameter and the nanoseconds of its unit
-    channels: tuple[_Channel, ...]
-
-
 class PacketDecoder:
     """Turns packets into samples, one by one, and counts what it cannot use.
 
@@ -122,7 +97,7 @@ class PacketDecoder:
     Attributes
     ----------
     wheels
-        Those of the map, in its order.
+        Those of the map, in its order, with their samples.
     counts
         What became of the packets so far.
 
@@ -139,16 +114,18 @@ class PacketDecoder:
                 source, "holds space packets: --xtce gives their definition, and --map which parameter is which channel"
             )
         self._definition = definition_of(decoding.xtce)
-        self.wheels = wheels_of(decoding.map, PacketWheel)
+        self.wheels = [
+            WheelPackets(wheel, self._definition, decoding.map.source, decoding.xtce.source)
+            for wheel in wheels_of(decoding.map, PacketWheel)
+        ]
         self.counts = PacketCounts()
-        self._by_apid: dict[int, list[tuple[int, _Wheel]]] = {}
+        self._by_apid: defaultdict[int, list[WheelPackets]] = defaultdict(list)
         self._last_count: dict[int, int] = {}
-        for number, wheel in enumerate(self.wheels):
-            found = _resolved(wheel, self._definition, decoding.map.source, decoding.xtce.source)
-            self._by_apid.setdefault(wheel.apid, []).append((number, found))
+        for wheel in self.wheels:
+            self._by_apid[wheel.apid].append(wheel)
 
-    def take(self, packet: bytes) -> list[PacketSample]:
-        """Return the samples of one packet; none where it is counted as something else."""
+    def take(self, packet: bytes) -> list[WheelPackets]:
+        """Take one packet; returns the wheels that have a sample of it, none where it is counted as something else."""
         counts = self.counts
         counts.packets += 1
         reason = _no_packet(packet)
@@ -170,19 +147,19 @@ class PacketDecoder:
             with warnings.catch_warnings():
                 warnings.simplefilter("error", UserWarning)  # a length other than the definition's is no packet of it
                 parameters: Mapping[str, Any] = self._definition.parse_bytes(packet)
-            samples = [
-                sample for number, wheel in self._by_apid[apid] if (sample := _sample(parameters, number, wheel))
-            ]
+            found = [(wheel, row) for wheel in self._by_apid[apid] if (row := wheel.row(parameters)) is not None]
         # The parser checks little itself: it raises whatever comes of bytes that are not as in the definition.
         except Exception as error:  # noqa: BLE001
             return self._bad(f"APID {apid}: {first_line(error)}")
-        if samples:
+        if found:
             counts.decoded += 1
         else:
             counts.other += 1
-        return samples
+        for wheel, row in found:
+            wheel.append(*row)
+        return [wheel for wheel, _ in found]
 
-    def _bad(self, reason: str) -> list[PacketSample]:
+    def _bad(self, reason: str) -> list[WheelPackets]:
         self.counts.bad += 1
         if self.counts.first_bad is None:
             self.counts.first_bad = f"packet {self.counts.packets}: {reason}"
@@ -210,66 +187,107 @@ def _no_packet(packet: bytes) -> str | None:
         return f"{len(packet)} bytes; a packet has seven or more"
     if packet[0] >> 5:
         return f"version {packet[0] >> 5} of the packet protocol; there is only 0"
-    stated = HEADER_BYTES + int.from_bytes(packet[4:6], "big") + 1
-    if stated != len(packet):
+    if (stated := _stated_bytes(packet)) != len(packet):
         return f"{len(packet)} bytes, and its header states {stated}"
     return None
 
 
-def _sample(parameters: Mapping[str, Any], number: int, wheel: _Wheel) -> PacketSample | None:
-    """Return a wheel's sample; None where the packet has other parameters. Raises ValueError where one is no number."""
-    wanted = (*(name for name, _ in wheel.time), *(channel.parameter for channel in wheel.channels))
-    if any(name not in parameters for name in wanted):
-        return None
-    time_ns = round(sum((Fraction(parameters[name]) * unit for name, unit in wheel.time), Fraction()))
-    check_time(time_ns)
-    return PacketSample(number, time_ns, tuple(_value(parameters, channel) for channel in wheel.channels))
+def _stated_bytes(data: bytes, position: int = 0) -> int:
+    """Return the length of the packet that begins somewhere, by its header."""
+    return HEADER_BYTES + int.from_bytes(data[position + 4 : position + 6], "big") + 1
 
 
-def _value(parameters: Mapping[str, Any], channel: _Channel) -> float:
-    if channel.valid is not None and not parameters[channel.valid]:
-        return float("nan")
-    return float(parameters[channel.parameter]) * channel.factor + channel.offset
-
-
-# ---- the map against the definition ----------------------------------------------------------------------------------
-
-
-def _resolved(wheel: PacketWheel, definition: Any, source: str, xtce: str) -> _Wheel:
-    """Find the parameters of a wheel of the map `source` in the definition `xtce`, with factors for their units."""
-
-    def type_of(name: str, allowed: tuple[str, ...], place: str) -> Any:
-        if name not in definition.parameters:
-            raise InputError(source, f"there is no parameter {name} in {xtce}", place)
-        kind = definition.parameters[name].parameter_type
-        if type(kind).__name__ not in allowed:
-            raise InputError(source, f"{name} is a {type(kind).__name__} in {xtce}; {allowed[0]} is wanted", place)
-        return kind
-
-    where = f"{wheel.spacecraft}/{wheel.wheel}"
-    time: list[tuple[str, Fraction]] = []
-    for name in wheel.time:
-        place = f"{where}: time: {name}"
-        time.append((name, conversion(TIME_UNITS, _unit(type_of(name, _NUMBERS, place)), "time", source, place)))
-    channels: list[_Channel] = []
-    for channel, spec in wheel.channels.items():
-        place = f"{where}: {channel}: {spec.parameter}"
-        unit = _unit(type_of(spec.parameter, _NUMBERS, place))
-        factor, offset = conversion(UNITS[channel], spec.unit or unit, channel, source, place)
-        if spec.valid is not None:
-            type_of(spec.valid, _FLAGS, place)
-        channels.append(_Channel(channel, spec.parameter, factor, offset, spec.valid))
-    return _Wheel(tuple(time), tuple(channels))
-
+# ---- a wheel of the map ----------------------------------------------------------------------------------------------
 
 _TIMES: Final = ("AbsoluteTimeParameterType", "RelativeTimeParameterType")
 _NUMBERS: Final = ("IntegerParameterType", "FloatParameterType", *_TIMES)
 _FLAGS: Final = ("BooleanParameterType", "IntegerParameterType")
 
 
-def _unit(kind: Any) -> str | None:
-    """Return the unit that the definition gives; none where it is in parts, of which the parser loses the powers."""
-    return kind.unit if isinstance(kind.unit, str) else None
+class WheelPackets:
+    """A wheel of a map: where its values stand in a packet, in which units, and the samples that came so far.
+
+    Parameters
+    ----------
+    wheel
+        Of the map.
+    definition
+        Of the packets.
+    source, xtce
+        Names of map and definition, for messages.
+
+    Raises
+    ------
+    InputError
+        If they do not fit.
+    """
+
+    def __init__(self, wheel: PacketWheel, definition: Any, source: str, xtce: str) -> None:
+        self.map, self.apid, self.key = wheel, wheel.apid, wheel.key
+        where = f"{wheel.spacecraft}/{wheel.wheel}"
+
+        def unit_of(name: str, place: str, allowed: tuple[str, ...] = _NUMBERS) -> str | None:
+            """Return the unit that the definition gives; none where it is in parts, whose powers the parser loses."""
+            if name not in definition.parameters:
+                raise InputError(source, f"there is no parameter {name} in {xtce}", place)
+            kind = definition.parameters[name].parameter_type
+            if type(kind).__name__ not in allowed:
+                raise InputError(source, f"{name} is a {type(kind).__name__} in {xtce}; {allowed[0]} is wanted", place)
+            return kind.unit if isinstance(kind.unit, str) else None
+
+        self._time: list[tuple[str, Fraction]] = []  # parameter and the nanoseconds of its unit
+        for name in wheel.time:
+            place = f"{where}: time: {name}"
+            self._time.append((name, conversion(TIME_UNITS, unit_of(name, place), "time", source, place)))
+        # A channel is its calibrated parameter × factor + offset, NaN where `valid` is 0.
+        self._channels: list[tuple[str, str | None, float, float]] = []
+        for channel, spec in wheel.channels.items():
+            place = f"{where}: {channel}: {spec.parameter}"
+            unit = spec.unit or unit_of(spec.parameter, place)
+            factor, offset = channel_conversion(channel, unit, source, place)
+            if spec.valid is not None:
+                unit_of(spec.valid, place, _FLAGS)
+            self._channels.append((spec.parameter, spec.valid, factor, offset))
+        self._wanted = {*wheel.time, *(spec.parameter for spec in wheel.channels.values())}
+        self._clear()
+
+    def _clear(self) -> None:
+        self._times = array("q")
+        self._values = [array("d") for _ in self._channels]
+
+    def __len__(self) -> int:
+        """Count the samples."""
+        return len(self._times)
+
+    def row(self, parameters: Mapping[str, Any]) -> tuple[int, list[float]] | None:
+        """Return time and values in a packet; None where it has other parameters.
+
+        Raises
+        ------
+        ValueError
+            If one is no number, or the bus takes no such time.
+        """
+        if not self._wanted <= parameters.keys():
+            return None
+        time_ns = round(sum((Fraction(parameters[name]) * unit for name, unit in self._time), Fraction()))
+        check_time(time_ns)
+        return time_ns, [
+            float(parameters[name]) * factor + offset if valid is None or parameters[valid] else float("nan")
+            for name, valid, factor, offset in self._channels
+        ]
+
+    def append(self, time_ns: int, values: Sequence[float]) -> None:
+        """Add a sample."""
+        self._times.append(time_ns)
+        for column, value in zip(self._values, values, strict=True):
+            column.append(value)
+
+    def samples(self) -> Samples:
+        """Return the samples since the last call, in the order in which they came."""
+        columns = zip(self.map.channels, self._values, strict=True)
+        found = Samples(time_ns=np.array(self._times), **{str(name): np.array(column) for name, column in columns})
+        self._clear()
+        return found
 
 
 # ---- a file ----------------------------------------------------------------------------------------------------------
@@ -286,12 +304,10 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     source = display_name(path)
     decoder = PacketDecoder(decoding, source)
     data = read_bytes(path, MAX_PACKET_FILE_BYTES)
-    columns = [SampleColumns(wheel) for wheel in decoder.wheels]
     stop = 0
     for packet in split_packets(data):
         stop += len(packet)
-        for sample in decoder.take(packet):
-            columns[sample.wheel].append(sample)
+        decoder.take(packet)
         if decoder.counts.packets > MAX_ROWS:
             raise InputError(source, f"has more than {MAX_ROWS:,} packets: split it, and use --carry")
     counts = decoder.counts
@@ -303,7 +319,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
     return telemetry_file(
         source,
-        zip(decoder.wheels, (entry.samples() for entry in columns), strict=True),
+        ((wheel.map, wheel.samples()) for wheel in decoder.wheels),
         problems,
         packet_notes(counts),
         f"holds no packet that the map can use, of APID {apids}",
@@ -314,34 +330,11 @@ def split_packets(data: bytes) -> Iterator[bytes]:
     """Yield packet after packet, as their headers count; ends where none can begin or the last is cut."""
     position = 0
     while len(data) - position > HEADER_BYTES and not data[position] >> 5:
-        length = HEADER_BYTES + int.from_bytes(data[position + 4 : position + 6], "big") + 1
+        length = _stated_bytes(data, position)
         if position + length > len(data):
             return
         yield data[position : position + length]
         position += length
-
-
-class SampleColumns:
-    """Gathers the samples of one wheel of a map."""
-
-    def __init__(self, wheel: PacketWheel) -> None:
-        self._times = array("q")
-        self._values = {str(name): array("d") for name in wheel.channels}
-
-    def __len__(self) -> int:
-        """Count the samples."""
-        return len(self._times)
-
-    def append(self, sample: PacketSample) -> None:
-        """Add a sample of this wheel."""
-        self._times.append(sample.time_ns)
-        for column, value in zip(self._values.values(), sample.values, strict=True):
-            column.append(value)
-
-    def samples(self) -> Samples:
-        """Return all of them, in the order in which they came."""
-        channels = {name: np.array(column) for name, column in self._values.items()}
-        return Samples(time_ns=np.array(self._times), **channels)
 
 
 def packet_notes(counts: PacketCounts) -> list[str]:

@@ -14,10 +14,8 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArr
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
 PULSE_COLUMNS: Final = ("pulse_time_ns", "pulse_time_s")  # of a table that is one of pulses, without a speed
-REQUIRED_CHANNELS: Final = ("speed_rad_s",)
-# A column in another unit than the channel's: the channel, and what is its unit in that of the column.
-IN_OTHER_UNITS: Final = {"angle_deg": ("angle_rad", np.pi / 180.0)}
-_COLUMNS: Final = (*TABLE_CHANNELS, *IN_OTHER_UNITS)
+SPEED, ANGLE, ANGLE_IN_DEGREES = "speed_rad_s", "angle_rad", "angle_deg"
+_COLUMNS: Final = (*TABLE_CHANNELS, ANGLE_IN_DEGREES)
 MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
 MAX_COLUMNS: Final = 1_000
 MAX_SPAN_NS: Final = 2**61  # 73 years: the slot of a sample is reckoned in int64 with twice its time
@@ -54,7 +52,7 @@ class Layout:
     time, time_at
         Name of the time column, and its position in the table.
     channels
-        Name → position in the table, in the order of `TABLE_CHANNELS`, those in other units last.
+        Name → position in the table, in the order of `TABLE_CHANNELS`, an angle in degrees last.
     ignored
         Names of all other columns.
     """
@@ -79,7 +77,7 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
         if names.count(name) > 1:
             raise InputError(source, "is there twice", f"column {name}")
     time = [name for name in TIME_COLUMNS if name in names]
-    missing = [name for name in REQUIRED_CHANNELS if name not in names]
+    missing = [] if SPEED in names else [SPEED]
     pulses = [name for name in PULSE_COLUMNS if name in names]
     if missing and pulses:
         time, missing = pulses, []
@@ -91,9 +89,8 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
         reason = f"is missing{others}; the table has {there}{', …' if len(names) > 8 else ''} (docs/formats.md)"
         raise InputError(source, reason, f"column {missing[0]}")
     channels = {name: names.index(name) for name in _COLUMNS if name in names}
-    for name, (channel, _) in IN_OTHER_UNITS.items():
-        if name in channels and channel in channels:
-            raise InputError(source, f"is there beside {channel}: leave one of them out", f"column {name}")
+    if {ANGLE, ANGLE_IN_DEGREES} <= channels.keys():
+        raise InputError(source, f"is there beside {ANGLE}: leave one of them out", f"column {ANGLE_IN_DEGREES}")
     known = {time[0], *channels}
     ignored = tuple(name for name in names if name not in known)
     return Layout(time[0], names.index(time[0]), channels, ignored)
@@ -127,12 +124,11 @@ def table_of(
         If time does not strictly increase, or its span is too long.
     """
     channels = dict(columns)
-    for name, (channel, factor) in IN_OTHER_UNITS.items():
-        if name in channels:
-            channels[channel] = factor * channels.pop(name)
+    if ANGLE_IN_DEGREES in channels:
+        channels[ANGLE] = np.radians(channels.pop(ANGLE_IN_DEGREES))
     are_pulses = layout.time in PULSE_COLUMNS
     if are_pulses:
-        channels.setdefault(REQUIRED_CHANNELS[0], np.full(time_ns.size, np.nan))
+        channels.setdefault(SPEED, np.full(time_ns.size, np.nan))
     samples = Samples(time_ns=time_ns, **channels)
     _check_time(samples, layout, source, first_row)
     return SampleTable(samples, layout.ignored, are_pulses)

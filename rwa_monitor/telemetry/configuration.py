@@ -8,7 +8,7 @@ from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.files import PathLike, display_name, read_checked_text, write_text
+from rwa_monitor.telemetry.files import PathLike, display_name, read_text
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
@@ -24,8 +24,8 @@ def read_wheel(path: PathLike | None = None) -> Wheel:
     """
     if path is None:
         return built_in_wheel()
-    source = display_name(path)
-    wheel = Wheel.from_toml(read_checked_text(path, MAX_CONTENT_BYTES), source)
+    text, source = _content(path)
+    wheel = Wheel.from_toml(text, source)
     for block in wheel.effect:
         try:
             build(block)
@@ -62,11 +62,6 @@ def read_wheel_folder(folder: Path) -> dict[tuple[str, str], Wheel]:
     return found
 
 
-def write_wheel(wheel: Wheel, path: Path) -> None:
-    """Write a wheel.toml that `read_wheel` gives back."""
-    write_text(path, wheel.to_toml())
-
-
 def read_scenario(path: PathLike | None = None) -> Scenario:
     """Read a scenario; without a path, return the default one: a healthy wheel in orbit.
 
@@ -75,9 +70,7 @@ def read_scenario(path: PathLike | None = None) -> Scenario:
     InputError
         If the file cannot be used; names the file, the key and the reason.
     """
-    if path is None:
-        return Scenario()
-    return Scenario.from_toml(read_checked_text(path, MAX_CONTENT_BYTES), display_name(path))
+    return Scenario() if path is None else Scenario.from_toml(*_content(path))
 
 
 def read_model(path: PathLike | None = None) -> Model:
@@ -88,11 +81,9 @@ def read_model(path: PathLike | None = None) -> Model:
     InputError
         If the file cannot be used; names the file, the field and the reason.
     """
-    if path is None:
-        return built_in_model()
-    return Model.from_json(read_checked_text(path, MAX_CONTENT_BYTES), display_name(path))
+    return built_in_model() if path is None else Model.from_json(*_content(path))
 
 
-def write_model(model: Model, path: Path) -> None:
-    """Write a model file that `read_model` gives back."""
-    write_text(path, model.to_json())
+def _content(path: PathLike) -> tuple[str, str]:
+    """Return the text of a file, and its name for messages."""
+    return read_text(path, MAX_CONTENT_BYTES), display_name(path)

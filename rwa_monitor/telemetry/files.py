@@ -58,18 +58,13 @@ def read_bytes(path: Path, limit: int) -> bytes:
     return b"".join(pieces)
 
 
-def read_text(path: Path, limit: int) -> str:
-    """Return the content of a UTF-8 file (a byte order mark is dropped); raises InputError as `read_bytes` does."""
-    return decode_utf8(read_bytes(path, limit), path)
-
-
-def read_checked_text(file: PathLike, limit: int) -> str:
+def read_text(file: PathLike, limit: int) -> str:
     """Return the content of a UTF-8 file whose hash is checked where `<file>.sha256` lies beside it.
 
     Raises
     ------
     InputError
-        As `read_text`; if the file beside it cannot be read, or its first word is not the hash of the content.
+        As `read_bytes`; if the file beside it cannot be read, or its first word is not the hash of the content.
     """
     path = Path(file)
     content = read_bytes(path, limit)

@@ -84,10 +84,8 @@ class FrictionSource:
 
     def torque(self, samples: Samples) -> FloatArray | None:
         """Return the torque that friction comes from, float64 (n,) [N m]; None where the channel is missing."""
-        if self.source == "friction_torque_Nm":
-            return samples.friction_torque_Nm
-        if self.source == "motor_torque_Nm":
-            return samples.motor_torque_Nm
+        if self.source != "motor_current_A":
+            return samples.friction_torque_Nm if self.source == "friction_torque_Nm" else samples.motor_torque_Nm
         torque, limit_A = motor_torque(samples, self.wheel), self.wheel.limits.max_current_A
         if torque is None or samples.motor_current_A is None:
             return None
@@ -187,9 +185,10 @@ class FrictionSource:
         speed = ring.read("speed_rad_s", start, stop)
         good = np.isfinite(speed)
         # Where a speed is missing, the wheel turns on with the last one known.
-        held = speed.copy()
+        held = np.append(self.last_speed_rad_s, speed)
         for i in np.flatnonzero(~good).tolist():
-            held[i] = held[i - 1] if i else self.last_speed_rad_s
+            held[i + 1] = held[i]
+        held = held[1:]
         angle = np.add.accumulate(np.concatenate(([self.angle_rad], held * period_s)))[1:]
         self.angle_rad, self.last_speed_rad_s = float(angle[-1]), float(held[-1])
         optional = {name: ring.read(name, start, stop) if name in ring.channels else None for name in OPTIONAL}

@@ -25,7 +25,6 @@ import numpy as np
 from rwa_monitor.errors import InputError, MissingExtraError
 from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
 from rwa_monitor.simulation.record import Truth
-from rwa_monitor.telemetry.configuration import write_wheel
 from rwa_monitor.telemetry.files import beside, display_name, read_text, write_text
 from rwa_monitor.telemetry.table import parquet
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
@@ -137,7 +136,7 @@ def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> s
         Why the table of every slot is left out, "" where it is not.
     """
     if window.wheel != built_in_wheel():
-        write_wheel(window.wheel, beside(recording, ".wheel.toml"))
+        write_text(beside(recording, ".wheel.toml"), window.wheel.to_toml())
     document = {**truth_document(window), **provenance}
     write_text(beside(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")
     try:
@@ -152,9 +151,7 @@ def slot_columns(truth: Truth) -> dict[str, np.ndarray[Any, Any]]:
     columns: dict[str, np.ndarray[Any, Any]] = {}
     for field in fields(truth):
         value = getattr(truth, field.name)
-        if isinstance(value, np.ndarray):
-            columns[field.name] = value
-        elif isinstance(value, dict):
-            arrays = {key: array for key, array in value.items() if isinstance(array, np.ndarray)}
-            columns.update({f"{key}.{field.name}": array for key, array in arrays.items()})
+        of_systems = {f"{key}.{field.name}": array for key, array in value.items()} if isinstance(value, dict) else {}
+        named = of_systems or {field.name: value}
+        columns |= {name: array for name, array in named.items() if isinstance(array, np.ndarray)}
     return columns

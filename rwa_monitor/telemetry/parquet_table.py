@@ -116,9 +116,6 @@ def write_columns(columns: Mapping[str, np.ndarray[Any, Any]], path: Path) -> No
 
 def _numbers(column: Column) -> FloatArray:
     """Return a column's values as float64, null as NaN."""
-    kind = column.type
-    if pa.types.is_null(kind):
-        return np.full(len(column), np.nan)
     return np.asarray(pc.cast(column, pa.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 

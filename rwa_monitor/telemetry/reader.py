@@ -9,17 +9,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples, concatenate
-from rwa_monitor.telemetry.files import PathLike, display_name, read_checked_text
+from rwa_monitor.telemetry.files import PathLike, display_name, read_text
 from rwa_monitor.wheel.wheel import Wheel
 
 MAX_MAP_BYTES: Final = 1_000_000
@@ -121,24 +121,15 @@ class Decoding:
         return hashlib.sha256(json.dumps(texts).encode()).hexdigest() if any(texts) else None
 
 
-class Reader(Protocol):
-    """A format: reads a file whole, or refuses it with an InputError that names file, place and reason."""
-
-    def __call__(self, path: Path, decoding: Decoding) -> TelemetryFile:
-        """Read a file.
-
-        Raises
-        ------
-        InputError
-            If the file cannot be used, or holds no samples.
-        """
+# A format: reads a file whole, or refuses it with an InputError that names file, place and reason.
+Reader = Callable[[Path, Decoding], TelemetryFile]
 
 
 def read_decoding(map_file: PathLike | None, xtce_file: PathLike | None) -> Decoding:
     """Read a map and an XTCE definition, where given; raises InputError where one cannot be read."""
 
     def text_of(path: PathLike | None, limit: int) -> TextFile | None:
-        return None if path is None else TextFile(display_name(path), read_checked_text(path, limit))
+        return None if path is None else TextFile(display_name(path), read_text(path, limit))
 
     return Decoding(text_of(map_file, MAX_MAP_BYTES), text_of(xtce_file, MAX_XTCE_BYTES))
 

@@ -77,19 +77,15 @@ class RingBuffer:
             float64 (n,) for every channel.
         """
         start, count = self.end, end - self.end
-        if slots.size == count:  # none is empty
-            _put(self._filled, start, np.ones(count, dtype=np.uint8))
-            for name, array in self._values.items():
-                _put(array, start, values[name])
-            self.end = end
-            return
         rows = slots - start
         filled = np.zeros(count, dtype=np.uint8)
         filled[rows] = 1
         _put(self._filled, start, filled)
         for name, array in self._values.items():
-            spread = np.full(count, np.nan)
-            spread[rows] = values[name]
+            spread = values[name]
+            if slots.size < count:
+                spread = np.full(count, np.nan)
+                spread[rows] = values[name]
             _put(array, start, spread)
         self.end = end
 

@@ -39,11 +39,10 @@ from rwa_monitor.telemetry.files import display_name, first_line, unreadable
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
 from rwa_monitor.telemetry.telemetry_map import (
     SI_UNITS,
-    UNITS,
     TopicChannel,
     TopicWheel,
+    channel_conversion,
     check_time,
-    conversion,
     telemetry_file,
     wheels_of,
 )
@@ -99,7 +98,7 @@ class _Series:
         self.spec = spec
         self.times = array("q")
         self.values = array("d")
-        self._factor, self._offset = conversion(UNITS[channel], spec.unit or SI_UNITS[channel], channel, source, place)
+        self._factor, self._offset = channel_conversion(channel, spec.unit or SI_UNITS[channel], source, place)
 
     def take(self, message: dict[str, Any], times: dict[str, int]) -> None:
         """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
@@ -388,7 +387,13 @@ class MessageType:
                 current = _full_name(line.removeprefix("MSG:").strip())
                 fields = self._types[current] = []
             elif line.strip("="):  # neither empty nor between two types
-                fields += _fields(line, current.partition("/")[0])
+                found = _FIELD.fullmatch(line)
+                if found is None:
+                    raise ValueError(f"{line[:40]!r} is no field")
+                kind, many, count, field, constant = found.groups()
+                if not constant:
+                    times = int(count) if count else None if many else 1
+                    fields.append(_Field(field, _full_name(kind, current.partition("/")[0]), times, many is not None))
 
     def decode(self, data: bytes) -> dict[str, Any]:
         """Return the fields of a message in CDR by their names; raises ValueError where the bytes are none."""
@@ -404,17 +409,6 @@ def _full_name(kind: str, package: str = "") -> str:
         return kind
     parts = kind.split("/")
     return f"{parts[0] if len(parts) > 1 else package}/{parts[-1]}"
-
-
-def _fields(line: str, package: str) -> Iterator[_Field]:
-    """Yield the field in a line of a definition; a constant is none."""
-    found = _FIELD.fullmatch(line)
-    if found is None:
-        raise ValueError(f"{line[:40]!r} is no field")
-    kind, many, count, name, constant = found.groups()
-    if not constant:
-        times = int(count) if count else None if many else 1
-        yield _Field(name, _full_name(kind, package), times, many is not None)
 
 
 class _Cdr:

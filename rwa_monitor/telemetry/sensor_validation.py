@@ -31,17 +31,11 @@ LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
 SPEED: Final = "speed_rad_s"
 TORQUE: Final = "torque_Nm"
 
-# The memory of a channel:
-MEMORY: Final = (
-    "last",  # the last value that was not missing
-    "step",  # the last first difference
-    "bend",  # the last second difference
-    "restless",  # share of the recent slots in which the second difference changed its sign
-    "repeated",  # how often the last value has been repeated
-    "restless_before",  # `restless` when the repetition began
-    "rough",  # sum of recent steps from slot to slot, in absolute value; it fades
-    "steps",  # how many they are; it fades alike
-)
+# The memory of a channel: the last value that was not missing; the last first and second difference; the share of the
+# recent slots in which the second difference changed its sign; how often the last value has been repeated, and that
+# share when the repetition began; the sum of recent steps from slot to slot, in absolute value, and how many they are,
+# which both fade.
+MEMORY: Final = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,27 +64,12 @@ class Channel:
     Attributes
     ----------
     state
-        float64 (11,): `recent`, then `memory`, in one array, which a compiled loop takes in less time than two.
+        float64 (11,): the last three values, latest last, NaN where missing; then the memory of those before.
     """
 
     state: FloatArray = field(
-        default_factory=lambda: np.array([np.nan] * (OUTSTANDING_SLOTS + 1) + [0.0] * (len(MEMORY) - 1))
+        default_factory=lambda: np.array([np.nan] * (OUTSTANDING_SLOTS + 1) + [0.0] * (MEMORY - 1))
     )
-
-    @classmethod
-    def of(cls, recent: FloatArray, memory: FloatArray) -> Channel:
-        """Return a channel after these values, with this memory."""
-        return cls(np.concatenate([recent, memory]))
-
-    @property
-    def recent(self) -> FloatArray:
-        """The last values, float64 (3,), latest last, NaN where missing."""
-        return self.state[:OUTSTANDING_SLOTS]
-
-    @property
-    def memory(self) -> FloatArray:
-        """The memory of those before, float64 (8,), in the order of `MEMORY`."""
-        return self.state[OUTSTANDING_SLOTS:]
 
     def judge(self, values: FloatArray, after: FloatArray, limit: float) -> tuple[NDArray[np.int8], IntArray] | None:
         """Judge the next slots.

@@ -46,30 +46,25 @@ MAX_APID: Final = 2_046  # 11 bits; 2,047 are idle packets (CCSDS 133.0-B-2, 4.1
 
 Name = Annotated[str, Field(min_length=1, max_length=500)]
 
-# Unit → (factor, offset) to the unit of the channel's name; written without spaces, dots and stars (`_plain`).
-_TORQUE: Final = {"Nm": (1.0, 0.0), "mNm": (1e-3, 0.0), "uNm": (1e-6, 0.0)}
-UNITS: Final[dict[str, dict[str, tuple[float, float]]]] = {
+# Unit → factor to the unit of the channel's name; written without spaces, dots and stars (`_plain`).
+_TORQUE: Final = {"Nm": 1.0, "mNm": 1e-3, "uNm": 1e-6}
+UNITS: Final[dict[str, dict[str, float]]] = {
     "speed_rad_s": {
-        "rad/s": (1.0, 0.0),
-        "rads-1": (1.0, 0.0),
-        "deg/s": (pi / 180, 0.0),
-        "rpm": (2 * pi / 60, 0.0),
-        "RPM": (2 * pi / 60, 0.0),
-        "1/min": (2 * pi / 60, 0.0),
-        "Hz": (2 * pi, 0.0),
+        "rad/s": 1.0,
+        "rads-1": 1.0,
+        "deg/s": pi / 180,
+        "rpm": 2 * pi / 60,
+        "RPM": 2 * pi / 60,
+        "1/min": 2 * pi / 60,
+        "Hz": 2 * pi,
     },
     "friction_torque_Nm": _TORQUE,
     "motor_torque_Nm": _TORQUE,
-    "motor_current_A": {"A": (1.0, 0.0), "mA": (1e-3, 0.0)},
-    "motor_voltage_V": {"V": (1.0, 0.0), "mV": (1e-3, 0.0)},
-    "bearing_temperature_degC": {
-        "degC": (1.0, 0.0),
-        "C": (1.0, 0.0),
-        "Celsius": (1.0, 0.0),
-        "K": (1.0, -273.15),
-        "Kelvin": (1.0, -273.15),
-    },
+    "motor_current_A": {"A": 1.0, "mA": 1e-3},
+    "motor_voltage_V": {"V": 1.0, "mV": 1e-3},
+    "bearing_temperature_degC": dict.fromkeys(("degC", "C", "Celsius", "K", "Kelvin"), 1.0),
 }
+OFFSETS: Final = {"K": -273.15, "Kelvin": -273.15}  # to be added behind the factor
 # What the values of a channel are in where no unit is given: the unit of its name.
 SI_UNITS: Final = {name: next(iter(units)) for name, units in UNITS.items()}
 # Unit of time → nanoseconds; the words are those of XTCE's Encoding.
@@ -179,7 +174,7 @@ class TopicWheel(WheelMap):
 
 
 OneWheel = TypeVar("OneWheel", bound=WheelMap)
-Size = TypeVar("Size", tuple[float, float], Fraction)
+Size = TypeVar("Size", float, Fraction)
 
 
 def wheels_of(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
@@ -266,6 +261,12 @@ def conversion(units: Mapping[str, Size], unit: str | None, quantity: str, sourc
         what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of {quantity}"
         raise InputError(source, f"{what}; known are {', '.join(units)}", place)
     return found
+
+
+def channel_conversion(channel: str, unit: str | None, source: str, place: str) -> tuple[float, float]:
+    """Return factor and offset from a unit to that of a channel's name; raises InputError as `conversion`."""
+    factor = conversion(UNITS[channel], unit, channel, source, place)
+    return factor, OFFSETS.get(_plain(unit or ""), 0.0)
 
 
 def _plain(unit: str) -> str:

@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Term, make_term
-from rwa_monitor.telemetry.configuration import read_wheel, write_wheel
+from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table, write_csv
 from rwa_monitor.wheel.effects.base import MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
@@ -141,7 +141,7 @@ def run_trial(case: Case, folder: Path) -> Outcome:
     samples, wheel, hidden = generate(case)
     table, wheel_file = folder / f"{case.seed}.csv", folder / f"{case.seed}.toml"
     write_csv(samples, table)
-    write_wheel(wheel, wheel_file)
+    wheel_file.write_text(wheel.to_toml())
     del samples, wheel
     search, answer, seconds = _answer(table, wheel_file)
     table.unlink()

@@ -8,7 +8,6 @@ import pytest
 from click.testing import Result
 
 from rwa_monitor.simulation.datasets import scaled_wheel
-from rwa_monitor.telemetry.configuration import write_wheel
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
 from tests.program import run
 
@@ -27,7 +26,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("files")
     wheel = scaled_wheel(built_in_wheel(), WINDOW / built_in_wheel().window.samples)
     window = Window(samples=WINDOW, hop=WINDOW, dead_band_rad_s=1.0)
-    write_wheel(wheel.model_copy(update={"name": "small", "window": window}), folder / "wheel.toml")
+    (folder / "wheel.toml").write_text(wheel.model_copy(update={"name": "small", "window": window}).to_toml())
     (folder / "scenario.toml").write_text(f"[scenario]\nduration_s = {SECONDS}\n[anomalies.dry]\nfactor = 1.45\n")
     for name in ("given.csv", "given.parquet"):
         simulate(folder / "scenario.toml", folder / "wheel.toml", 5, folder / name)

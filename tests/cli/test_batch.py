@@ -224,16 +224,3 @@ def test_no_scheduler_is_one_line() -> None:
     result = run("diagnose", "x.csv", "--scheduler", "carrier pigeon")
     assert (result.exit_code, result.stdout) == (1, "")
     assert "carrier pigeon" in result.stderr
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["diagnose", "x.csv", "--carry", "--workers", "2"],
-        ["diagnose", "x.csv", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"],
-    ],
-)
-def test_options_that_exclude_each_other_are_refused(words: list[str]) -> None:
-    result = run(*words)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "--help" in result.stderr

@@ -11,7 +11,7 @@ import pytest
 
 from rwa_monitor.simulation.demo_satellite import same
 from rwa_monitor.wheel.wheel import Wheel
-from tests.program import command, run
+from tests.program import command
 
 # Long enough for the failing wheel to be found (6 s a window, onset after three tenths), and for the search of the
 # wheel whose model lacks an effect: it begins after two windows and takes 13 s on two cores. Not for more.
@@ -75,10 +75,3 @@ def test_the_demo_ends_cleanly_when_told_to(tmp_path: Path) -> None:
     assert demo.returncode == 0, stderr
     assert "Traceback" not in stderr
     assert "What was true" in stdout
-
-
-@pytest.mark.parametrize("words", [["--duration", "0"], ["--duration", "nan"], ["--port", "70000"], ["extra"]])
-def test_wrong_use(words: list[str]) -> None:
-    result = run("demo", *words)
-    assert result.exit_code == 2
-    assert result.stderr.count("\n") == 1

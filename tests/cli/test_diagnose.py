@@ -16,10 +16,9 @@ import rwa_monitor as rwa
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.configuration import write_wheel
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.cli.conftest import WINDOW, simulate
+from tests.cli.conftest import WINDOW
 from tests.program import run
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
@@ -156,17 +155,6 @@ def test_the_method_of_the_paper(files: Path) -> None:
     assert {d["provenance"]["method"] for d in lines(result.stdout)} == {"paper"}
 
 
-def test_friction_is_derived_from_the_current_where_it_is_not_given(files: Path, tmp_path: Path) -> None:
-    scenario, table = tmp_path / "scenario.toml", tmp_path / "derived.csv"
-    scenario.write_text("[scenario]\nduration_s = 1000.0\nfriction_given = false\n")
-    simulate(scenario, files / "wheel.toml", 0, table)
-    assert "friction_torque_Nm" not in table.read_text().splitlines()[0]
-    result = run("diagnose", table, "--wheel", files / "wheel.toml", "--json")
-    assert result.exit_code == 0
-    first, *_ = lines(result.stdout)
-    assert first["friction"]["base_dry"]["value"] == pytest.approx(1.6e-3, rel=0.2)
-
-
 def test_what_is_left_out_and_what_the_wheel_lacks_is_said(files: Path, tmp_path: Path) -> None:
     table, wheel = tmp_path / "table.csv", tmp_path / "wheel.toml"
     table.write_text("time_s,speed_rad_s,friction_torque_Nm,mode\n0,1,2,a\n0.1,1,2,b\n")
@@ -239,36 +227,18 @@ def test_the_measured_joints_go_through_with_their_wheel(method: str) -> None:
 GROWING = "[anomalies.viscous]\nfactor = 1.5\nonset_s = 4000.0\ngrowth_s = 6000.0\n"
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
+def test_the_last_lines_name_the_trend_of_files_that_follow_each_other(tmp_path: Path) -> None:
     """Ten windows of 8,000 samples in which viscous friction begins to grow in the fifth."""
-    folder = tmp_path_factory.mktemp("growing")
     wheel = rwa.read_wheel()
     wheel = wheel.model_copy(update={"window": wheel.window.model_copy(update={"samples": 8_000, "hop": 8_000})})
-    scenario = rwa.Scenario.from_toml(GROWING, "growing")
-    table = folder / "growing.csv"
-    table_writer(table)(rwa.simulate(scenario, wheel, seed=3).samples, table)
-    write_wheel(wheel, folder / "wheel.toml")
-    return str(table), str(folder / "wheel.toml")
-
-
-def test_the_last_lines_name_the_trend(recording: tuple[str, str]) -> None:
-    table, wheel = recording
-    result = run("diagnose", table, "--wheel", wheel)
+    table, wheel_file = tmp_path / "growing.csv", tmp_path / "wheel.toml"
+    table_writer(table)(rwa.simulate(rwa.Scenario.from_toml(GROWING, "growing"), wheel, seed=3).samples, table)
+    wheel_file.write_text(wheel.to_toml())
+    result = run("diagnose", table, "--wheel", wheel_file)
     assert result.exit_code == 0
     dry, viscous = result.stdout.rstrip().splitlines()[-2:]
     assert ": No trend of base dry friction in 10 windows" in dry
     assert ": Viscous friction grows by " in viscous
-
-
-def test_json_holds_diagnoses_only(recording: tuple[str, str]) -> None:
-    table, wheel = recording
-    result = run("diagnose", table, "--wheel", wheel, "--json")
+    assert "trend" not in run("diagnose", table, table, "--wheel", wheel_file).stdout  # of the same time: no history
+    result = run("diagnose", table, "--wheel", wheel_file, "--json")
     assert [json.loads(line)["samples"] for line in result.stdout.splitlines()] == [8_000] * 10
-
-
-def test_files_of_the_same_time_are_no_course(recording: tuple[str, str]) -> None:
-    table, wheel = recording
-    result = run("diagnose", table, table, "--wheel", wheel)
-    assert result.exit_code == 0
-    assert "trend" not in result.stdout

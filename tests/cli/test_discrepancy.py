@@ -83,20 +83,6 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(case: str, tmp_path: Pat
     assert words in line
 
 
-@pytest.mark.parametrize("command", [["discrepancy"], ["identify", "-o", "learned.toml", "--no-systems"]])
-def test_motor_off_without_an_inertia_is_refused_in_one_sentence(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    table = {name: columns()[name] for name in ("time_s", "speed_rad_s")}
-    (tmp_path / "wheel.toml").write_text('[wheel]\nname = "bench"\nsample_period_s = 0.125\n')
-    write(tmp_path / "t.csv", table)
-    monkeypatch.chdir(tmp_path)
-    done = run(*command, "t.csv", "--wheel", "wheel.toml", "--motor-off")
-    assert done.exit_code == 2
-    (line,) = done.stderr.strip().splitlines()
-    assert "--motor-off: needs inertia_kg_m2 under [wheel]" in line
-
-
 def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
     """A torque sensor at its end stop: what it shows is its range, not a friction law."""
     table = columns()

@@ -58,26 +58,6 @@ def test_help_loads_nothing_heavy() -> None:
     assert done.stderr == "[]\n"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nonsense"], "No such command 'nonsense'"),
-        (["--nonsense"], "--nonsense"),
-        (["simulate"], "Missing command"),
-        (["simulate", "recording"], "Missing option '-o'"),
-        (["simulate", "recording", "-o", "x.csv", "--seed", "-1"], "-1 is not in the range"),
-        (["simulate", "recording", "-o", "x.csv", "--seed", "one"], "'one' is not a valid whole number"),
-    ],
-)
-def test_wrong_use_is_one_line_and_exit_2(arguments: list[str], message: str) -> None:
-    result = run(*arguments)
-    assert result.exit_code == 2
-    assert result.stdout == ""
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("rwa-monitor: ")
-    assert message in line
-
-
 def test_without_a_command_the_help_is_shown_and_it_is_wrong_use() -> None:
     result = run()
     assert result.exit_code == 2

@@ -44,44 +44,6 @@ def test_the_command_line_goes_before_the_environment_before_the_file(
     assert tuned(monkeypatch, "tune", "--jump", "7") == seven
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("[diagnoze]\n", "diagnoze: is no command and no option; did you mean 'diagnose'?"),
-        ("[run]\nrecrod = 'x'\n", "run.recrod: is no command and no option; did you mean 'record'?"),
-        ("run = 3\n", "run: is no table of options, such as [run]"),
-        ("[run\n", "is no valid TOML"),
-    ],
-)
-def test_a_wrong_file_is_one_line_that_names_the_place(tmp_path: Path, text: str, words: str) -> None:
-    file = tmp_path / "settings.toml"
-    file.write_text(text)
-    result = run("--settings", file, "doctor")
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert str(file) in result.stderr
-    assert words in result.stderr
-    assert len(result.stderr.splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("text", "words", "complaint"),
-    [
-        ("[run]\nrecord-limit = 'much'\n", ["run"], "'--record-limit': 'much' is not a valid number"),
-        ("[run]\nconnect = 'router:7447'\n", ["run"], "--connect: 'router:7447' is no endpoint"),
-        ("[discrepancy]\nheld-out = [5]\nmotor-off = 'so'\n", ["discrepancy", "x.csv"], "'--motor-off': 'so' is not"),
-        ("[simulate.publish]\nspeed = -1.0\n", ["simulate", "publish"], "'--speed': -1.0 is not in the range"),
-    ],
-)
-def test_a_wrong_value_is_one_line_that_names_the_option(
-    tmp_path: Path, text: str, words: list[str], complaint: str
-) -> None:
-    file = tmp_path / "settings.toml"
-    file.write_text(text)
-    result = run("--settings", file, *words)
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert complaint in result.stderr.splitlines()[-1]
-
-
 def test_a_wrong_value_in_the_environment_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RWA_MONITOR_TUNE_JUMP", "large")
     result = run("tune", "--missed", "0.002", "--run-length", "2e6")

@@ -18,10 +18,9 @@ RECORDING = min(Path("replay").rglob("*.mcap"), key=lambda path: path.stat().st_
 
 def test_importing_again_makes_no_doubles(tmp_path: Path) -> None:
     with History(tmp_path / "h.sqlite3") as history:
-        first = import_recordings(history, RECORDING)
-        again = import_recordings(history, RECORDING)
-        assert first.new == first.windows > 0
-        assert (again.new, again.windows) == (0, first.windows)
+        windows, new = import_recordings(history, RECORDING)
+        assert new == windows > 0
+        assert import_recordings(history, RECORDING) == (windows, 0)
 
 
 def test_a_replay_holds_all_diagnoses_in_order_and_thinned_samples() -> None:

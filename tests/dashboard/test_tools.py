@@ -83,9 +83,5 @@ def test_grafanas_file_asks_for_what_the_metrics_have(scraped: dict[str, dict[st
     assert set(re.findall(r"{{(\w+)}}", " ".join(legends))) <= known
 
 
-def test_labels_are_escaped_and_an_empty_fleet_has_metrics() -> None:
-    fleet = Fleet()
-    wheel = fleet.begin("sat", 'a "quoted" \\ and\na new line', [])
-    wheel.rhythm.wall_ns = 0
-    assert r'{spacecraft="sat",wheel="a \"quoted\" \\ and\na new line"} 60.0' in metrics(fleet, [], 0)
+def test_an_empty_fleet_has_metrics() -> None:
     assert parse(metrics(Fleet(), [], 0))["rwa_dashboard_info"]["values"] == [1.0]

@@ -15,7 +15,7 @@ def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) 
     clock = iter(range(1_000))
     with History(place, wall_ns=lambda: next(clock)) as history:
         history.add(*[diagnosis(0), diagnosis(1)])
-        line = history.retired.change("sat", "wheel_1", " Ann ", "retired", retire=True)
+        line = history.retired.change("sat", "wheel_1", "Ann", "retired", retire=True)
         assert (line.retired, line.person, line.time_ns) == (True, "Ann", diagnosis(1).window_end_ns)
         assert history.retired.latest() == [line]
         with pytest.raises(InputError, match="is retired already, by Ann"):
@@ -42,9 +42,3 @@ def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(place: Path | str) 
         history.acknowledge(1, "Ann")
         history.retired.change("sat", "wheel_1", "Ann", retire=True)
         assert len(history.open_alarms("sat", "wheel_1")) == 1  # it stays as it is
-
-
-@pytest.mark.parametrize("person", ["", "  ", "n" * 101])
-def test_a_wheel_is_not_retired_without_a_name(person: str) -> None:
-    with History(None) as history, pytest.raises(InputError, match="name"):
-        history.retired.change("sat", "wheel_1", person, retire=True)

@@ -18,7 +18,7 @@ from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.configuration import read_wheel_folder, write_wheel
+from rwa_monitor.telemetry.configuration import read_wheel_folder
 from rwa_monitor.wheel.wheel import Wheel
 from tests.history.support import discrepancy
 from tests.monitor.processes import Listener, monitor, wait_for
@@ -96,7 +96,7 @@ def test_a_search_is_repeated_with_the_wheels_own_constants() -> None:
 def test_a_folder_gives_each_wheel_its_file(tmp_path: Path) -> None:
     for spacecraft, name in (OWN, OTHER):
         (tmp_path / spacecraft).mkdir(exist_ok=True)
-        write_wheel(wheel(), tmp_path / spacecraft / f"{name}.toml")
+        (tmp_path / spacecraft / f"{name}.toml").write_text(wheel().to_toml())
     (tmp_path / "notes.txt").write_text("left alone")
     assert read_wheel_folder(tmp_path) == {OTHER: wheel(), OWN: wheel()}
 

@@ -10,9 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from rwa_monitor.cli.main import main
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search, nested_models
@@ -31,6 +29,7 @@ from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
+from tests.program import run
 
 STRENGTH_NM, WIDTH_RAD_S = 6.0e-4, 10.0
 
@@ -64,15 +63,7 @@ def test_the_hidden_effect_is_found_with_its_parameters(found: Search) -> None:
     strength, width = first.parameters["strength_Nm"], first.parameters["stribeck_speed_rad_s"]
     assert abs(strength.value - STRENGTH_NM) < 5 * strength.std + 0.02 * STRENGTH_NM
     assert width.value == pytest.approx(WIDTH_RAD_S, rel=0.05)
-
-
-def test_the_extension_gains_on_held_out_blocks(found: Search) -> None:
-    gain = found.result.gain
-    assert gain.log_score_extended > gain.log_score_base
-    assert gain.changepoints_extended < gain.changepoints_base
-    nested = nested_models(found)
-    assert [rung.name for rung in nested] == ["simulation as it is", "+ stribeck"]
-    assert nested[1].gain_low < nested[1].gain_high
+    assert [nested.name for nested in nested_models(found)] == ["simulation as it is", "+ stribeck"]
 
 
 def test_nothing_hidden_nothing_named(nothing: Search) -> None:
@@ -128,7 +119,9 @@ def test_the_page_stands_alone_and_is_the_same_each_time(found: Search) -> None:
     for word in ("stribeck", "hidden.csv", "What to fly next", "extended_wheel.toml", "N m"):
         assert word in text
     assert report.html(found, ["hidden.csv"]) == text
-    assert "rwa-monitor 0.1.0, build 0.1.0+gabc" in report.html(found, ["hidden.csv"], "0.1.0+gabc")
+    other = report.html(found, ["<script>alert(1)</script>.csv"], "0.1.0+gabc")
+    assert "rwa-monitor 0.1.0, build 0.1.0+gabc" in other
+    assert "<script>alert" not in other
 
 
 def test_without_matplotlib_the_page_has_no_pictures_and_names_what_is_missing(
@@ -159,10 +152,6 @@ def test_friction_over_speed_shows_the_law_near_zero(found: Search) -> None:
     assert (np.asarray(extended.get_ydata())[slow] > np.asarray(simple.get_ydata())[slow]).all()
 
 
-def test_a_file_name_cannot_inject_markup(found: Search) -> None:
-    assert "<script>alert" not in report.html(found, ["<script>alert(1)</script>.csv"])
-
-
 def test_the_extended_wheel_loads_and_explains_the_data(found: Search) -> None:
     wheel = Wheel.from_toml(extended_wheel(found).to_toml(), "extended")
     assert [block.name for block in wheel.effect] == ["stribeck"]
@@ -179,9 +168,7 @@ def test_bootstrap_gives_the_smallest_p_value_it_can(found: Search) -> None:
 def test_command_writes_report_and_json(tmp_path: Path) -> None:
     table = tmp_path / "hidden.csv"
     table_writer(table)(record(STRIBECK), table)
-    result = CliRunner().invoke(
-        main, ["discrepancy", str(table), "--json", "--plan", "--out", str(tmp_path / "out")], catch_exceptions=False
-    )
+    result = run("discrepancy", table, "--json", "--plan", "--out", tmp_path / "out")
     assert result.exit_code == 0
     answer = json.loads(result.stdout)
     assert answer["effects"][0]["name"] == "stribeck"
@@ -190,13 +177,9 @@ def test_command_writes_report_and_json(tmp_path: Path) -> None:
     assert after["false_changepoints"] < 1.0 < before["false_changepoints"]
     assert answer["plan_question"] == "show what these data could not test"  # the effect itself is beyond doubt
     assert all(entry["separation_nats"] > 5.0 and entry["duration_s"] > 0 for entry in answer["plan"])
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "report.html",
-        "report.json",
-        "extended_wheel.toml",
-    }
-    on_disk = json.loads((tmp_path / "out" / "report.json").read_text())
-    assert on_disk["verdict"] == "inadequate"
+    written = {"report.html", "report.json", "extended_wheel.toml"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == written
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"] == "inadequate"
 
 
 def test_words_say_each_thing_once(found: Search) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.telemetry.configuration import read_wheel, write_wheel
+from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.files import atomic_write, display_name, read_bytes, read_text
 from rwa_monitor.telemetry.labels import read_labels, write_labels
 from rwa_monitor.wheel.wheel import built_in_wheel
@@ -45,7 +45,7 @@ def test_a_folder_that_is_not_there_is_wrong_use(tmp_path: Path) -> None:
 
 def test_a_wheel_file_comes_back(tmp_path: Path) -> None:
     path = tmp_path / "wheel.toml"
-    write_wheel(built_in_wheel(), path)
+    path.write_text(built_in_wheel().to_toml())
     assert read_wheel(path) == read_wheel(None) == built_in_wheel()
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -25,16 +26,25 @@ def decoder(decoding: Decoding | None = None) -> PacketDecoder:
     return PacketDecoder(decoding or made.decoding(), "test")
 
 
+def times_of(packets: Iterable[bytes]) -> list[int]:
+    """Return the times of the example's packets [ns]."""
+    under_test = decoder()
+    for packet in packets:
+        under_test.take(packet)
+    return under_test.wheels[0].samples().time_ns.tolist()
+
+
 # ---- what is read ----------------------------------------------------------------------------------------------------
 
 
 def test_a_packet_is_read_as_its_bits_say() -> None:
     content = CONTENT.pack(5, (2**23).to_bytes(3, "big"), 0b11111100, -12_345_678, 1_600_000, 5, -7, 1.5, 25_000)
     packet = bytes(SpacePacketHeader.tm(FIRST_APID, 0, len(content) - 1).pack()) + content
-    (sample,) = decoder().take(packet)
-    assert sample.time_ns == 5_500_000_000
+    (wheel,) = decoder().take(packet)
+    read = {name: values.tolist() for name, values in wheel.samples().channels()}
+    assert read.pop("time_ns") == [5_500_000_000]
     expected = [-123.45678, 1.6e-3, 5e-7, -7e-9, 1.5, 25.0]
-    assert sample.values == pytest.approx(expected, rel=1e-12)
+    assert [read[name] for name in CHANNELS] == [[pytest.approx(value, rel=1e-12)] for value in expected]
 
 
 def test_samples_come_back_within_what_a_packet_resolves(tmp_path: Path) -> None:
@@ -57,8 +67,7 @@ def test_samples_come_back_within_what_a_packet_resolves(tmp_path: Path) -> None
 def test_the_time_of_a_packet_is_exact_to_the_nanosecond_after_a_century() -> None:
     times = np.array([0, 125_000_000, 3_999_999_999 * 10**9 + 875_000_000])
     samples = Samples(time_ns=times, speed_rad_s=np.ones(3))
-    read = [sample.time_ns for packet in packets_of(samples, FIRST_APID) for sample in decoder().take(packet)]
-    assert read == times.tolist()
+    assert times_of(packets_of(samples, FIRST_APID)) == times.tolist()
 
 
 def test_a_time_that_the_bus_does_not_take_is_bad() -> None:
@@ -176,7 +185,7 @@ def test_packets_that_come_late_or_again_are_told_and_put_in_order(tmp_path: Pat
     found = read_packets(made.write(tmp_path / "x.ccsds", [good[at] for at in order]), made.decoding())
     assert any("3 samples of wheel_1 come after one of the same time or a later one" in note for note in found.notes)
     entry = only_wheel(found, "test")
-    straight = [sample.time_ns for packet in good for sample in decoder().take(packet)]
+    straight = times_of(good)
     assert entry.batches[0].samples.time_ns.tolist() == [straight[at] for at in order]  # as they came
     assert joined(entry).time_ns.tolist() == straight
 
@@ -226,10 +235,9 @@ def test_a_bad_map_is_refused_with_its_place(text: str, reason: str) -> None:
 
 def test_the_map_may_say_another_unit_than_the_definition() -> None:
     text = MAP.replace('"WHEEL_SPEED"', '{ parameter = "WHEEL_SPEED", unit = "rpm" }')
-    (sample,) = decoder(made.with_map(text)).take(
-        next(packets_of(Samples(np.array([0]), np.array([60.0])), FIRST_APID))
-    )
-    assert sample.values == pytest.approx((2 * math.pi,))
+    packet = next(packets_of(Samples(np.array([0]), np.array([60.0])), FIRST_APID))
+    (wheel,) = decoder(made.with_map(text)).take(packet)
+    assert wheel.samples().speed_rad_s == pytest.approx([2 * math.pi])
 
 
 BAD_XTCE = {

@@ -23,7 +23,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.reporting import figures
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.configuration import read_wheel, write_wheel
+from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import build, effect_class, mean_effects, to_block
 from rwa_monitor.wheel.effects.formula import FORMULAS, Formula, parse
@@ -115,7 +115,7 @@ def test_a_malformed_law_is_refused_with_one_line(law: str | None, message: str,
     wheel = built_in_wheel().model_copy(
         update={"effect": (EffectBlock(name="formula", law=law, parameters=parameters),)}
     )
-    write_wheel(wheel, tmp_path / "wheel.toml")
+    (tmp_path / "wheel.toml").write_text(wheel.to_toml())
     with pytest.raises(InputError, match=message) as refused:
         read_wheel(tmp_path / "wheel.toml")
     assert "\n" not in str(refused.value)
@@ -136,7 +136,7 @@ def test_a_wheel_file_carries_it_and_the_simulation_is_columns_times_strength(
 ) -> None:
     effect = law.typical(**{p.name: 3e-7 * (i + 1) for i, p in enumerate(law.strength_parameters())})
     wheel = built_in_wheel().model_copy(update={"effect": (to_block(effect),)})
-    write_wheel(wheel, tmp_path / "wheel.toml")
+    (tmp_path / "wheel.toml").write_text(wheel.to_toml())
     again = read_wheel(tmp_path / "wheel.toml")
     assert again == wheel
     assert hash(again.effect) == hash(wheel.effect)
