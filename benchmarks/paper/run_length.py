@@ -39,8 +39,8 @@ def law_of(half_width: int, weight: float, acceleration: float) -> StatisticLaw:
     """Return the law of √GLR/σ at a half-width w [slots]; the arguments are those of `run_length`.
 
     S_xx = a²·2w(4w² - 1)/12 and S_xz = a·w²/2 describe how the speed moves within the window. The mean at a jump is
-    (Δ/σ)·√D with D = w/2 - S_xz²/(S_xx + W_b) (errata 3), which a slope off by e moves by e/σ · S_xz·W_b/(S_xx + W_b)/√D;
-    the prior takes W_b·S_xz²/(S_xx + W_b)²/D off the variance, which is 1 without it.
+    (Δ/σ)·√D with D = w/2 - S_xz²/(S_xx + W_b) (errata 3). A slope that is off by e moves it by
+    e/σ · S_xz·W_b/(S_xx + W_b)/√D; the prior takes W_b·S_xz²/(S_xx + W_b)²/D off the variance, which is 1 without it.
     """
     w = float(half_width)
     s_xx, s_xz = acceleration**2 * 2 * w * (4 * w * w - 1) / 12, abs(acceleration) * w * w / 2
