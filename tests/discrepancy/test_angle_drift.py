@@ -21,7 +21,7 @@ def swept_speed() -> FloatArray:
 def record_of(speed: FloatArray) -> Record:
     channels = channels_of(speed, acceleration_rad_s2=np.gradient(speed, PERIOD_S))
     n = speed.size
-    return Record("r", channels, np.zeros(n), np.ones(n, dtype=bool), 0, False, SPEED_NOISE_RAD_S, 0.0)
+    return Record("r", channels, np.zeros(n), np.ones(n, dtype=bool), False, SPEED_NOISE_RAD_S)
 
 
 def test_the_drift_that_speed_noise_makes_is_found_by_the_ripple() -> None:

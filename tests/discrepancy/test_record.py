@@ -60,7 +60,7 @@ def test_rest_is_left_out_but_crossings_stay() -> None:
     speed[3000:3400] = 0.0
     made = make_record(record(speed)[0], WHEEL, "rest")
     assert not made.used[3010:3390].any()
-    assert made.rest_slots >= 380
+    assert made.left_out["at rest"] >= 380
     crossing = int(np.flatnonzero(np.diff(np.sign(swing())))[0])
     near = made.used[crossing - 40 : crossing + 40]
     # 250 rad/s in 600 s crosses zero at 2.6 rad/s²: five speed noises (0.05 rad/s) are passed within one slot.
