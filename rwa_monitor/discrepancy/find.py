@@ -73,7 +73,7 @@ def find_discrepancy(
     aside = prepare(records_of(bench.held_out, wheel, delay), wheel) if bench.held_out else None
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
-    silent = not_shown_without_motor(missing, wheel)
+    silent = not_shown_without_motor(missing, wheel, problem.records[0].channels)
     tried = [effect for effect in missing if effect.name not in silent and can_show(problem, effect)]
     no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_made else None
     if no_noise is not None:

@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.search import prune
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.kernels.segmentation import optimal_lines
 from rwa_monitor.samples import FloatArray, IntArray
@@ -76,7 +77,10 @@ def with_slope_jumps(
         # What was named may be what jumps of the slope look like.
         alone = _with_slopes(problem, simpler)
         best = best if alone is None else min(best, alone, key=lambda one: one.score)
-    if best is None or not _pays(problem, model, best):
+    if best is None or model.score - best.score < ACCEPT_GAIN:
+        return None
+    before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
+    if after <= before:
         return None
     others = fitting.refitted(best.terms[:-1], best, [best.fit.jumps])
     drifting = fitting.refitted((*others.terms, _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
@@ -87,31 +91,10 @@ def with_slope_jumps(
 
 def _with_slopes(problem: Problem, begin: Model) -> Model | None:
     """Return a model with free slopes, without the names that they make superfluous; None where the slope is one."""
-    term = _slopes(problem, begin)
+    term, fitting = _slopes(problem, begin), Fitting(problem, jumps=True)
     if term is None:
         return None
-    return _without_idle(problem, Fitting(problem, jumps=True).refitted((*begin.terms, term), begin))
-
-
-def _pays(problem: Problem, model: Model, best: Model) -> bool:
-    """Return whether a model with free slopes is better than another, on held-out blocks, too."""
-    if model.score - best.score < ACCEPT_GAIN or best.terms[-1].effect.name != ViscousJump.name:
-        return False
-    scores = [held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best)]
-    return scores[1] > scores[0]
-
-
-def _without_idle(problem: Problem, model: Model) -> Model:
-    """Drop the named effects that free slopes make superfluous."""
-    index = 0
-    while index < len(model.terms) - 1:
-        terms = tuple(term for i, term in enumerate(model.terms) if i != index)
-        reduced = Fitting(problem, jumps=True).refitted(terms, model, [model.fit.jumps])
-        if reduced.score - model.score < ACCEPT_GAIN:
-            model = reduced
-        else:
-            index += 1
-    return model
+    return prune(fitting, fitting.refitted((*begin.terms, term), begin), keep_last=True)
 
 
 def shared_strength(problem: Problem, model: Model, index: int) -> tuple[str, ParameterValue]:
@@ -168,7 +151,7 @@ def _straight_lines(speed: FloatArray, values: FloatArray, width: int, penalty: 
     x, z = speed - speed.mean(), values - values.mean()  # sums of squares then lose few digits
     edges = np.append(np.arange(0, x.size, width), x.size)
     sums = np.cumsum([np.ones(x.size), x, z, x * x, x * z, z * z], axis=1)
-    return edges[optimal_lines(np.pad(sums, ((0, 0), (1, 0)))[:, edges], penalty)]
+    return edges[optimal_lines(np.take(np.pad(sums, ((0, 0), (1, 0))), edges, axis=1), penalty)]
 
 
 def _placed(speed: FloatArray, values: FloatArray, found: IntArray, width: int) -> IntArray:
