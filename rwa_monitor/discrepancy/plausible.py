@@ -67,12 +67,18 @@ def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
     return float(np.median((friction / nominal)[moving]))
 
 
-def unusual(samples: Samples, wheel: Wheel) -> str | None:
-    """Return in words what is unusual about a table that is not refused; None where nothing is."""
+def remarks(samples: Samples, wheel: Wheel) -> list[str]:
+    """Return in words what is unusual about a table that is not refused, and what becomes of channels at end stops."""
     ratio = friction_over_nominal(samples, wheel)
-    if not ratio or not UNUSUAL_FACTOR <= max(ratio, 1 / ratio) < WRONG_UNIT_FACTOR:
-        return None
-    return f"friction is {ratio:.2g} times the wheel's nominal friction on the median; is it the right wheel file?"
+    words = [
+        f"{name} is at its end stop in {np.mean(stopped):.1%} of the samples; "
+        + ("left out, with those among them" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
+        for name, _, stopped in _saturated(samples)
+    ]
+    if ratio and UNUSUAL_FACTOR <= max(ratio, 1 / ratio) < WRONG_UNIT_FACTOR:
+        median = f"friction is {ratio:.2g} times the wheel's nominal friction on the median"
+        return [f"{median}; is it the right wheel file?", *words]
+    return words
 
 
 # ---- channels at the end of their range ------------------------------------------------------------------------------
@@ -136,15 +142,6 @@ def without_end_stops(samples: Samples, source: str) -> Samples:
         changed: dict[str, Any] = {name: kept}
         samples = replace(samples, **changed)
     return samples
-
-
-def end_stops_in_words(samples: Samples) -> list[str]:
-    """Return in words for each channel that reads its end stop how often it does, and what becomes of it."""
-    return [
-        f"{name} is at its end stop in {np.mean(stopped):.1%} of the samples; "
-        + ("left out, with those among them" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
-        for name, _, stopped in _saturated(samples)
-    ]
 
 
 def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:

@@ -148,16 +148,6 @@ def _within(read: FloatArray, step: FloatArray, expected: FloatArray, std: float
 # from it.
 
 
-FOLLOW_ACCELERATION: Final = frozenset(
-    {
-        "inertia_error",
-        "torque_constant_error",
-        "torque_constant_temperature",
-        "load_dependence",
-        "lubricant_lag",
-        "current_delay",
-    }
-)
 MISSING: Final = "a tachometer with finer steps: the speed stands on one reading for longer than the derivative looks"
 
 
@@ -166,7 +156,7 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
     if not any(_is_coarse(problem, index) for index in range(len(problem.records))):
         return found
     model = found.nested[-1]
-    follows = [term.effect.name in FOLLOW_ACCELERATION for term in model.terms]
+    follows = [term.effect.follows_acceleration for term in model.terms]
     if not any(follows):
         return found
     kept = model.terms[: follows.index(True)]  # what came after was judged beside a wrong name
