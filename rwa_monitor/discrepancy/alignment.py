@@ -118,11 +118,8 @@ def _whole(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
     if slots == int(slots):
         return int(slots)
     below, above = int(np.trunc(slots)), int(np.trunc(slots) + np.sign(slots))
-    turns = [np.array([_at_turns(motion, wheel, whole) for whole in (below, above)]) for motion in motions]
-    costs = np.sum(turns, axis=0)
-    if below == 0:
-        return above if costs[1] < LEFT_SHARE * costs[0] else below
-    return below if costs[0] < costs[1] else above
+    of_below, of_above = (sum(_at_turns(motion, wheel, whole) for motion in motions) for whole in (below, above))
+    return above if of_above <= of_below * (LEFT_SHARE if below == 0 else 1.0) else below
 
 
 def _at_turns(motion: Motion, wheel: Wheel, slots: int) -> float:

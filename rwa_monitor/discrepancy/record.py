@@ -146,10 +146,10 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     else:
         hole, corners = min(2, count // 8), 0
 
-    noise, step = _speed_noise_and_step(speed)
+    noise = _speed_noise(speed)
     channels = _channels(samples, motion, friction, slot, wheel, hole)
     good, direction = channels.good, channels.direction
-    moving = good & ~_at_rest(speed, noise, step, wheel.window.dead_band_rad_s) & (direction != 0)
+    moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan))
     used = moving & ~averaged
     return Record(
@@ -321,22 +321,20 @@ def _smooth_temperature(values: FloatArray | None) -> FloatArray | None:
     return _from_neighbours(values, 0, SMOOTHING_REACH, order=0)
 
 
-def _speed_noise_and_step(speed: FloatArray) -> tuple[float, float]:
-    """Return the speed channel's noise standard deviation and its lattice step (0 for none) [rad/s]."""
-    known = speed[np.isfinite(speed)]
-    if known.size < 5:
-        return 0.0, 0.0
+def _speed_noise(speed: FloatArray) -> float:
+    """Return the standard deviation of the speed channel's noise [rad/s]."""
     second = np.diff(speed, 2)  # of neighbours only: across a gap they hold the motion
-    second = second[np.isfinite(second)]
-    noise = float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0)) if second.size else 0.0  # var(v₀ - 2v₁ + v₂) = 6σ²
-    noise = min(noise, LARGEST_SPEED_NOISE * float(np.median(np.abs(known))))
-    return noise, quantisation_step(known) or 0.0
+    second = np.abs(second[np.isfinite(second)])
+    if second.size == 0:
+        return 0.0
+    noise = float(np.median(second) / 0.6745 / np.sqrt(6.0))  # var(v₀ - 2v₁ + v₂) = 6σ²
+    return min(noise, LARGEST_SPEED_NOISE * float(np.nanmedian(np.abs(speed))))
 
 
-def _at_rest(speed: FloatArray, noise: float, step: float, dead_band: float | None) -> BoolArray:
+def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolArray:
     """Find rest: a stay near zero in which the wheel goes nowhere and the sign means nothing."""
     meaningless = REST_BAND_IN_SPEED_NOISE * noise
-    band = max(meaningless, step, dead_band or 0.0)
+    band = max(meaningless, quantisation_step(speed[np.isfinite(speed)]) or 0.0, dead_band or 0.0)
     rest: BoolArray = np.abs(speed) <= meaningless
     edges = np.flatnonzero(np.diff(np.abs(speed) <= band, prepend=False, append=False))
     for begin, end in edges.reshape(-1, 2):
