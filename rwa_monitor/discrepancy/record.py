@@ -27,6 +27,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
+from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from rwa_monitor.wheel.torque_balance import half_width, motor_torque
@@ -174,6 +175,16 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         ),
         steps=motion.steps,
     )
+
+
+def without_known_effects(record: Record, wheel: Wheel) -> Record:
+    """Subtract the torque of the effects that the wheel already has."""
+    effects = mean_effects(wheel)
+    if not effects:
+        return record
+    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
+    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
 
 
 def _channels(

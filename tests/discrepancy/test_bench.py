@@ -72,8 +72,10 @@ def bench(inertia: float | None = 5.0, period_s: float = 0.5) -> Wheel:
     return Wheel(name="bench", sample_period_s=period_s, inertia_kg_m2=inertia, friction=OFF)
 
 
-def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone() -> None:
-    search = find_discrepancy([("coast", run_down(WINDAGE))], bench())
+@pytest.mark.parametrize("uneven", [0.0, 0.1, 0.5])
+def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone(uneven: float) -> None:
+    assert names(find_discrepancy([("coast", run_down(0.0, uneven, 1.0))], bench(period_s=1.0))) == []
+    search = find_discrepancy([("coast", run_down(WINDAGE, uneven))], bench())
     assert names(search) == ["quadratic_drag"]
     strength = search.result.effects[0].parameters["strength_Nm_s2_rad2"]
     assert abs(strength.value - WINDAGE) < 4 * strength.std
@@ -147,12 +149,6 @@ def test_a_row_a_turn_is_read_as_it_is(windage: float, given: bool) -> None:
     assert names(search) == (["quadratic_drag"] if windage else [])
     assert search.result.unexplained is None
     assert ("coloured_noise" in dict(search.result.untested)) is not given
-
-
-@pytest.mark.parametrize("uneven", [0.1, 0.5])
-def test_uneven_steps_are_no_effect(uneven: float) -> None:
-    assert names(find_discrepancy([("coast", run_down(WINDAGE, uneven))], bench())) == ["quadratic_drag"]
-    assert names(find_discrepancy([("coast", run_down(0.0, uneven, 1.0))], bench(period_s=1.0))) == []
 
 
 def test_uneven_current_is_interpolated_and_it_is_said() -> None:
