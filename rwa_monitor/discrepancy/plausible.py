@@ -108,16 +108,14 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
     known = np.isfinite(values)
     if np.count_nonzero(known) < FEWEST_AT_END:
         return stopped
-    ends = [values == np.max(values[known]), values == np.min(values[known])]
+    ends = [values == end(values[known]) for end in (np.max, np.min)]
     between = values[known & ~ends[0] & ~ends[1]]
     if between.size == 0:
         return known if speed is not None and np.unique(speed).size > DISTINCT_SHARE * speed.size else stopped
     if np.unique(between).size < DISTINCT_SHARE * between.size:
         return stopped
-    for end in ends:
-        if np.count_nonzero(end) >= max(FEWEST_AT_END, LEAST_SHARE * np.count_nonzero(known)):
-            stopped |= end
-    return stopped
+    fewest = max(FEWEST_AT_END, LEAST_SHARE * np.count_nonzero(known))
+    return np.asarray(np.any([end & (np.count_nonzero(end) >= fewest) for end in ends], axis=0))
 
 
 def without_end_stops(samples: Samples, source: str) -> Samples:

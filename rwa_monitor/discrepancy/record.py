@@ -163,16 +163,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
-        left_out=_left_out(
-            measured,
-            samples,
-            {
-                "at corners of the speed, where derived friction is not known": corners,
-                "at rest": int(np.count_nonzero(good & ~moving)),
-                "averaged over a reversal of the speed": int(np.count_nonzero(moving & averaged)),
-            },
-            int(np.count_nonzero(used)),
-        ),
+        left_out=_left_out(measured, samples, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
     )
 
@@ -233,20 +224,31 @@ def left_out_in_words(records: Sequence[Record]) -> str:
     return "left out: " + ", ".join(f"{count} {why}" for why, count in total.items()) if total else ""
 
 
-def _left_out(measured: Samples, without_stops: Samples, known_why: Mapping[str, int], used: int) -> dict[str, int]:
+def _left_out(
+    measured: Samples, without_stops: Samples, corners: int, at_rest: BoolArray, averaged: BoolArray, used: BoolArray
+) -> dict[str, int]:
     """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
     before, after = (
         np.isfinite(samples.speed_rad_s) & np.isfinite(source_of_friction(samples))
         for samples in (measured, without_stops)
     )
-    known = int(np.count_nonzero(after))
+    known_why = {
+        "at corners of the speed, where derived friction is not known": corners,
+        "at rest": _count(at_rest),
+        "averaged over a reversal of the speed": _count(averaged),
+    }
+    derived = _count(used) + sum(known_why.values())
     reasons = {
-        "without a value of speed or torque": int(np.count_nonzero(~before)),
-        "at the end stop of a channel, or among such": int(np.count_nonzero(before & ~after)),
+        "without a value of speed or torque": _count(~before),
+        "at the end stop of a channel, or among such": _count(before & ~after),
         **known_why,
-        "beside gaps and ends, where friction cannot be derived": known - used - sum(known_why.values()),
+        "beside gaps and ends, where friction cannot be derived": _count(after) - derived,
     }
     return {why: count for why, count in reasons.items() if count}
+
+
+def _count(samples: BoolArray) -> int:
+    return int(np.count_nonzero(samples))
 
 
 def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignment.Delay | None:
