@@ -126,12 +126,12 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
-    from rwa_monitor.discrepancy.plausible import end_stops_in_words, unusual
+    from rwa_monitor.discrepancy.plausible import remarks
 
     log(*as_measured([*samples, *held_out], wheel).notes)
     with status_line("searching") as progress:
         for name, one in (*samples, *held_out):
-            log(*(f"{name}: {words}" for words in (unusual(one, wheel), *end_stops_in_words(one)) if words))
+            log(*(f"{name}: {words}" for words in remarks(one, wheel)))
         found = find_discrepancy(samples, wheel, progress, side_by_side, held_out)
         if wanted.search_again:
             found = with_search_again(found, samples, progress, side_by_side)

@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d
 
-from rwa_monitor.discrepancy.derived_friction import RMS_OF_ROUNDING, Steps
+from rwa_monitor.discrepancy.derived_friction import Steps, spread_of_differences
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.wheel import Wheel
@@ -31,7 +31,6 @@ LEFT_SHARE: Final = 0.5  # of what a delay is to explain
 LEFT_OF_HALVES: Final = 0.2  # by half a slot: the mean of two slots halves what steps at all, late or not
 ROUGH: Final = 2.0  # of what noise gives: less is not to be explained
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: the variance of a place somewhere in a slot
-RMS_OF_TWO_ROUNDINGS: Final = 2**0.5 * RMS_OF_ROUNDING  # of a step: of the difference of two errors
 SLOPE_REACH: Final = 6  # slots to each side
 STEP_MARGIN: Final = 1  # slots on each side of a step that a delay of parts of a slot leaves wrong
 
@@ -119,53 +118,52 @@ def _whole(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
     if slots == int(slots):
         return int(slots)
     below, above = int(np.trunc(slots)), int(np.trunc(slots) + np.sign(slots))
-    turns = [np.array([_at_turns(motion, wheel, whole) for whole in (below, above)]) for motion in motions]
-    costs = np.sum(turns, axis=0)
-    if below == 0:
-        return above if costs[1] < LEFT_SHARE * costs[0] else below
-    return below if costs[0] < costs[1] else above
+    of_below, of_above = (sum(_at_turns(motion, wheel, whole) for motion in motions) for whole in (below, above))
+    return above if of_above <= of_below * (LEFT_SHARE if below == 0 else 1.0) else below
 
 
 def _at_turns(motion: Motion, wheel: Wheel, slots: int) -> float:
     """Return how much s·friction changes from slot to slot where the speed changes its direction [N² m²]."""
-    moved = aligned(motion, wheel, slots, 0.0, masked=False)
-    speed, friction = moved.speed_rad_s, moved.friction_Nm
-    if friction is None and moved.torque_Nm is not None:
-        friction = torque_balance.derive_friction(speed, moved.torque_Nm, wheel)
-    if friction is None:
+    moved = aligned(motion, wheel, slots, 0.0)
+    if moved.torque_Nm is None:
         return 0.0
-    turning = binary_dilation(np.diff(np.sign(speed), append=np.sign(speed[-1])) != 0, iterations=2)
-    rise = _rise(np.sign(speed) * friction, 1)[turning]
+    sign = np.sign(moved.speed_rad_s)
+    turning = binary_dilation(np.diff(sign, append=sign[-1]) != 0, iterations=2)
+    rise = _rise(sign * (moved.torque_Nm - _accelerating(moved, wheel)[0]), 1)[turning]
     return float(np.nansum(rise**2))
+
+
+def _accelerating(motion: Motion, wheel: Wheel) -> tuple[FloatArray, int]:
+    """Return the torque that accelerates the rotor [N m], float64 (n,), and the slots within which a step of it lies.
+
+    That is the motor's torque less the friction, or the inertia's torque where friction is to be derived.
+    """
+    if motion.friction_Nm is not None:
+        assert motion.torque_Nm is not None
+        return motion.torque_Nm - motion.friction_Nm, 1
+    derivative, period_s = wheel.friction.derivative, wheel.sample_period_s
+    slope = torque_balance.differentiate(motion.speed_rad_s, derivative, period_s)
+    return torque_balance.inertia_of(wheel) * slope, torque_balance.half_width(derivative, period_s)
 
 
 def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArray, float] | None:
     """Return how rough friction is around each step with each shift, float64 (steps, shifts), and what noise gives."""
-    torque, friction, lag = motion.torque_Nm, motion.friction_Nm, 1
-    if torque is None:
+    torque = motion.torque_Nm
+    if torque is None or (motion.friction_Nm is None and wheel.inertia_kg_m2 is None):
         return None
+    accelerating, lag = _accelerating(motion, wheel)
     held = 0.5 * (torque + _moved(torque, -1))
-    if friction is None:
-        if wheel.inertia_kg_m2 is None:
-            return None
-        lag = torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s)
+    if motion.friction_Nm is None:
         torque, held = _averages(torque, wheel)
-        slope = torque_balance.differentiate(motion.speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
-        friction = torque - wheel.inertia_kg_m2 * slope
-    rise = _rise(friction, lag)
-    known = np.abs(rise[np.isfinite(rise)])
-    if known.size < 2:
-        return None
     # Of friction as it is: a delay makes few of its differences large.
-    # On a lattice most differences are nothing, or one step: no less than that of two rounding errors.
-    std = max(float(np.median(known)) / 0.6745, motion.torque_step_Nm * RMS_OF_TWO_ROUNDINGS)
+    std = spread_of_differences(torque - accelerating, lag, motion.torque_step_Nm)
     # Where friction jumps the torque steps as well, and late or early shows nothing of the speed, which stays straight.
-    stepped = np.abs(np.nan_to_num(_rise(torque - friction, lag))) > STEP_STDS * std
+    stepped = np.abs(np.nan_to_num(_rise(accelerating, lag))) > STEP_STDS * std
     if std == 0.0 or not stepped.any():
         return None
     near = binary_dilation(stepped, iterations=int(halves[-1]) // 2 + lag)
     moved = [_moved(held if half % 2 else torque, (int(half) + 1) // 2) for half in halves]
-    differences = np.stack([_rise(friction - torque + late, lag) for late in moved])
+    differences = np.stack([_rise(late - accelerating, lag) for late in moved])
     near &= np.isfinite(differences).all(axis=0)
     squares = (differences[:, near] / std) ** 2 / lag
     if squares.shape[1] == 0:
@@ -183,46 +181,35 @@ def _averages(torque: FloatArray, wheel: Wheel) -> tuple[FloatArray, FloatArray]
 
     First with straight lines between samples, then with each held until the next, which is half a slot late.
     """
-    taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
-    half = taps.size // 2
-    between = wheel.sample_period_s * np.cumsum(taps[:half:-1])[::-1]
-    weights = np.concatenate([between[::-1], between])  # of what lies between slots -half … half
-    held = np.append(weights, 0.0)
-    straight = 0.5 * (held + np.append(0.0, weights))
-    kernels = (straight, held)
-    first, second = (correlate1d(torque, kernel, mode="constant", cval=np.nan) for kernel in kernels)
+    between = torque_balance.weights_between(wheel)
+    held = np.concatenate([between[::-1], between, [0.0]])  # of what lies between slots -half … half
+    straight = 0.5 * (held + held[::-1])
+    first, second = (correlate1d(torque, kernel, mode="constant", cval=np.nan) for kernel in (straight, held))
     return first, second
 
 
-def aligned(motion: Motion, wheel: Wheel, slots: int, part: float, *, masked: bool = True) -> Motion:
+def aligned(motion: Motion, wheel: Wheel, slots: int, part: float) -> Motion:
     """Return torque, and friction that was derived from it elsewhere, as they are without a delay.
 
     Part of a slot is taken from the slope over several of what accelerates the rotor: a mean of two neighbours would
-    colour the noise. Where that steps no slope shows it: such slots are unknown, if they are to be `masked`.
+    colour the noise. Where that steps no slope shows it: such slots are unknown.
     """
     if motion.torque_Nm is None or (slots == 0 and part == 0.0):
         return motion
-    torque = _moved(motion.torque_Nm, slots)
-    if motion.friction_Nm is None:
-        lag, reach = torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s), SLOPE_REACH
-        slope = torque_balance.differentiate(motion.speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
-        accelerating, friction, noisy = torque_balance.inertia_of(wheel) * slope, None, torque
-    else:
-        lag, reach = 1, STEP_MARGIN
-        accelerating = motion.torque_Nm - motion.friction_Nm
-        friction = noisy = motion.friction_Nm + torque - motion.torque_Nm
-    std = float(np.nanmedian(np.abs(_rise(noisy, lag)))) / 0.6745
-    std = max(std, motion.torque_step_Nm * RMS_OF_TWO_ROUNDINGS)
-    steps = np.abs(np.nan_to_num(_rise(accelerating, lag))) > STEP_STDS * std
-    around = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
-    late = part * np.nan_to_num(
-        correlate1d(accelerating, around / float(around @ around), mode="constant", cval=np.nan)
-    )
-    if steps.any():
+    torque, friction = _moved(motion.torque_Nm, slots), motion.friction_Nm
+    if friction is not None:
+        friction = friction + torque - motion.torque_Nm
+    if part:
+        accelerating, lag = _accelerating(motion, wheel)
+        std = spread_of_differences(torque if friction is None else friction, lag, motion.torque_step_Nm)
+        steps = np.abs(np.nan_to_num(_rise(accelerating, lag))) > STEP_STDS * std
+        around = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
+        slope = correlate1d(accelerating, around / float(around @ around), mode="constant", cval=np.nan)
+        late = part * np.nan_to_num(slope)
         late[binary_dilation(steps, iterations=SLOPE_REACH)] = 0.0
-        if part and masked:
-            late[binary_dilation(steps, iterations=reach)] = np.nan
-    return replace(motion, torque_Nm=torque + late, friction_Nm=None if friction is None else friction + late)
+        late[binary_dilation(steps, iterations=SLOPE_REACH if friction is None else STEP_MARGIN)] = np.nan
+        torque, friction = torque + late, None if friction is None else friction + late
+    return replace(motion, torque_Nm=torque, friction_Nm=friction)
 
 
 def _rise(values: FloatArray, lag: int) -> FloatArray:

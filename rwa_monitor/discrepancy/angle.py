@@ -7,7 +7,6 @@ low and at high speed alike.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -48,32 +47,26 @@ SHARP: Final = 0.05  # of an order: the most that one over the turns may be
 
 @dataclass(frozen=True, slots=True)
 class AngleLine:
-    """A torque that is periodic in the wheel's angle, at an order that is no whole number.
+    """A drag that is periodic in the wheel's angle, at an order that is no whole number.
 
     Attributes
     ----------
     order, order_std
         Periods per turn of the wheel [-].
-    flips
-        Whether it follows the direction of rotation, as friction does.
-    torques_Nm
-        Of each record, on its slots.
+    torque_Nm
+        float64 (n,), on the slots of its record.
     size_Nm
         Root mean square [N m].
     """
 
     order: float
     order_std: float
-    flips: bool
-    torques_Nm: tuple[FloatArray, ...]
+    torque_Nm: FloatArray
     size_Nm: float
 
-    def taken_from(self, records: Sequence[Record]) -> list[Record]:
-        """Return the records without it."""
-        return [
-            replace(record, friction_torque_Nm=record.friction_torque_Nm - torque)
-            for record, torque in zip(records, self.torques_Nm, strict=True)
-        ]
+    def taken_from(self, record: Record) -> Record:
+        """Return its record without it."""
+        return replace(record, friction_torque_Nm=record.friction_torque_Nm - self.torque_Nm)
 
     def unexplained(self) -> Unexplained:
         """Return it as what no effect of the catalogue explains."""
@@ -86,57 +79,51 @@ class AngleLine:
         )
 
 
-def angle_line(problem: Problem, base: Fit) -> AngleLine | None:
+def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
     """Return the line that the residual of the base model shows over the angle; None where there is none.
 
-    Looked for in the first record; of one speed, lines over the angle and over time are the same.
+    Of a torque that does not follow the direction it is the order alone, for a ripple to try. So it is in a record of
+    few turns: there lines are broad, and what else is missing lies beneath them; the strongest is not sure by itself,
+    but the search may judge a ripple of that order as it judges those of whole orders.
+
+    Looked for in a single record; of one speed, lines over the angle and over time are the same.
     """
     if problem.at_one_speed or len(problem.records) > 1:
         return None
-    turns = [_turns(record) for record in problem.records]
-    at = turns[0][problem.slot]
+    turns = angle_turned(problem.records[0].undrifted)[0] / (2.0 * np.pi)
+    at = turns[problem.slot]
     whole = float(np.ptp(at))
-    if whole < MANY_TURNS or RESOLVED / whole > SHARP:
+    of_drag, of_ripple = base.residual, base.residual * problem.sign
+    if whole < MANY_TURNS:
+        above, tried = _spectrum(at, of_ripple, whole) if whole > 0.0 else (at[:0], at[:0])
+        return float(tried[np.argmax(above)]) if above.size else None
+    if RESOLVED / whole > SHARP:
         return None
-    ripple, drag = problem.each(lambda flips: _peak(problem, base, at, whole, flips), (False, True))
+    ripple, drag = problem.each(lambda values: _peak(at, values, whole), (of_ripple, of_drag))
     # In one direction the two are the same: a ripple then, which has a name.
     flips = drag is not None and (ripple is None or drag[0] > CLEARLY * ripple[0])
-    peak = drag if flips else ripple
+    peak, values = (drag, of_drag) if flips else (ripple, of_ripple)
     if peak is None:
         return None
-    order = peak[1]
-    values = base.residual if flips else base.residual * problem.sign
-    order = _refined(values, at, order, whole)
-    gain = 2.0 * abs(_sum(values, at, order)) ** 2 / (at.size * problem.noise.long_run_variance)
+    order = _refined(values, at, peak[1], whole)
+    amplitude = 2.0 * abs(_sum(values, at, order)) / at.size
+    gain = 0.5 * at.size * amplitude**2 / problem.noise.long_run_variance
     if gain < ACCEPT_GAIN + PARAMETERS * problem.log_size or not _at_all_speeds(problem, values, at, order):
         return None
-    amplitude = 2.0 * np.abs(_sum(values, at, order)) / at.size
-    std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), 1e-300))
     # Changes of direction make sidebands of a ripple of whole order, which follow the direction.
     if round(order) >= 1 and abs(order - round(order)) < max(RESOLVED / whole, WHOLE_WITHIN):
         return None
-    return _line(problem, values, turns, (order, std), flips=flips)
-
-
-def order_to_try(problem: Problem, base: Fit) -> float | None:
-    """Return the order of the strongest line over the angle in a record of few turns; None where they are many or none.
-
-    There lines are broad, and what else is missing lies beneath them: none is sure by itself, but the search may judge
-    a ripple of that order as it judges those of whole orders.
-    """
-    if problem.at_one_speed or len(problem.records) > 1:
-        return None
-    at = _turns(problem.records[0])[problem.slot]
-    whole = float(np.ptp(at))
-    if not 0.0 < whole < MANY_TURNS:
-        return None
-    power, order = _spectrum(at, base.residual * problem.sign, whole)
-    tried = (order >= max(LOWEST_ORDER, FEWEST_WAVES / whole)) & (order <= MAX_HARMONIC)
-    if np.count_nonzero(tried) < FEWEST_BLOCKS:
-        return None
-    power, order = power[tried], order[tried]
-    best = int(np.argmax(power / _background(power)))
-    return float(order[best])
+    if not flips:
+        return order
+    std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), 1e-300))
+    # The harmonics that are sure, laid on the slots.
+    sure = SURE_HARMONIC * at.size * float(np.var(values))
+    kept = [k for k in range(1, MOST_HARMONICS + 1) if k == 1 or abs(_sum(values, at, k * order)) ** 2 > sure]
+    angle = np.outer(2.0 * np.pi * order * turns, kept)
+    design = np.column_stack([np.cos(angle), np.sin(angle)])
+    torque = np.nan_to_num(design @ np.linalg.lstsq(design[problem.slot], values)[0])
+    torque *= np.nan_to_num(problem.records[0].channels.direction)
+    return AngleLine(order, std, torque, float(np.sqrt(np.mean(torque[problem.slot] ** 2))))
 
 
 def ripple_with(order: float) -> type[TorqueRipple]:
@@ -146,23 +133,15 @@ def ripple_with(order: float) -> type[TorqueRipple]:
     return type("TorqueRippleOfAnyOrder", (TorqueRipple,), {"parameters": tried})
 
 
-def _turns(record: Record) -> FloatArray:
-    """Return the angle of a record in turns, float64 (slots,)."""
-    return angle_turned(record.undrifted)[0] / (2.0 * np.pi)
-
-
 def _sum(values: FloatArray, at: FloatArray, order: float) -> complex:
     return complex(np.sum(values * np.exp(-2j * np.pi * order * at)))
 
 
-def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool) -> tuple[float, float] | None:
+def _peak(at: FloatArray, values: FloatArray, whole: float) -> tuple[float, float] | None:
     """Return how far the surest line is above what is around it, and the order of its fundamental; None if none is."""
-    power, order = _spectrum(at, base.residual if flips else base.residual * problem.sign, whole)
-    tried = order >= LOWEST_ORDER
-    if np.count_nonzero(tried) < NEAR:
+    above, order = _spectrum(at, values, whole)
+    if order.size < NEAR:
         return None
-    power, order = power[tried], order[tried]
-    above = power / _background(power)
     best = int(np.argmax(above))
     if above[best] < SURE + np.log(above.size):
         return None
@@ -175,27 +154,28 @@ def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool
 
 
 def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatArray, FloatArray]:
-    """Return the power over the angle, and its orders, two for each that the range of the angle resolves."""
+    """Return the power over the angle, and its orders, two for each that the range of the angle resolves.
+
+    It is relative to what the power around each order would be on average without lines, from medians of blocks of
+    orders: what is smooth over the angle, as a law of speed that is missing, is no line.
+    """
     per_turn = min(CELLS_PER_PERIOD * MAX_HARMONIC, int(MOST_CELLS / whole))
     size = fft.next_fast_len(max(int(2 * whole * per_turn), 1), real=True)
     cells = np.bincount(((at - at.min()) * per_turn).astype(np.int64), values, size)
     power = np.abs(fft.rfft(cells)) ** 2
     order = np.arange(power.size) * per_turn / size
-    tried = order <= min(float(MAX_HARMONIC), per_turn / CELLS_PER_PERIOD)
-    return power[tried], order[tried]
-
-
-def _background(power: FloatArray) -> FloatArray:
-    """Return what the power around each order would be on average without lines, from medians of blocks of orders.
-
-    What is smooth over the angle, as a law of speed that is missing, is no line.
-    """
+    tried = (order >= max(LOWEST_ORDER, FEWEST_WAVES / whole)) & (
+        order <= min(MAX_HARMONIC, per_turn / CELLS_PER_PERIOD)
+    )
+    power, order = power[tried], order[tried]
     near = min(NEAR, power.size // FEWEST_BLOCKS)
+    if near == 0:
+        return power[:0], order[:0]
     blocks = power[: power.size - power.size % near].reshape(-1, near)
     middle = (np.arange(len(blocks)) + 0.5) * near
     # The median of an exponential law is log 2 of its mean.
     around = np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0))
-    return np.asarray(np.maximum(around, np.finfo(np.float64).tiny))
+    return power / np.maximum(around, np.finfo(np.float64).tiny), order
 
 
 def _refined(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:
@@ -211,32 +191,6 @@ def _at_all_speeds(problem: Problem, values: FloatArray, at: FloatArray, order: 
     both = _sum(values, at, order) / at.size
     parts = [_sum(values[part], at[part], order) / max(int(part.sum()), 1) for part in (slow, ~slow)]
     return all((part * np.conj(both)).real >= SAME_SHARE * abs(both) ** 2 for part in parts)
-
-
-def _line(
-    problem: Problem,
-    values: FloatArray,
-    turns: Sequence[FloatArray],
-    order: tuple[float, float],
-    *,
-    flips: bool,
-) -> AngleLine:
-    """Fit the harmonics that are sure, and lay them on the slots."""
-    variance = float(np.var(values))
-    at = turns[0][problem.slot]
-    kept = [
-        k
-        for k in range(1, MOST_HARMONICS + 1)
-        if k == 1 or abs(_sum(values, at, k * order[0])) ** 2 > SURE_HARMONIC * at.size * variance
-    ]
-    angle = np.outer(2.0 * np.pi * order[0] * at, kept)
-    strengths = np.linalg.lstsq(np.column_stack([np.cos(angle), np.sin(angle)]), values)[0]
-    angle = np.outer(2.0 * np.pi * order[0] * turns[0], kept)
-    torque = np.nan_to_num(np.column_stack([np.cos(angle), np.sin(angle)]) @ strengths)
-    if flips:
-        torque = torque * np.nan_to_num(problem.records[0].channels.direction)
-    size = float(np.sqrt(np.mean(torque[problem.slot] ** 2)))
-    return AngleLine(order[0], order[1], flips, (torque,), size)
 
 
 # ---- how far the integrated angle has drifted, by the phase of a torque ripple ---------------------------------------
@@ -263,15 +217,15 @@ def with_angle_drift(problem: Problem, base: Fit) -> Problem:
     base
         A fit whose residual holds the ripple.
     """
-    records, known = [], False
-    for index, record in enumerate(problem.records):
-        begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
-        residual = np.zeros(record.used.size)
-        residual[problem.slot[begin:end]] = (base.residual * problem.sign)[begin:end]
-        drift = track_drift(record, residual, problem.noise.long_run_variance)
-        known |= drift is not None
-        records.append(record if drift is None else replace(record, angle_drift_rad=drift))
-    return replace(problem, records=tuple(records)) if known else problem
+    residuals = problem.spread(base.residual * problem.sign)
+    drifts = [
+        track_drift(record, np.where(record.used, residual, 0.0), problem.noise.long_run_variance)
+        for record, residual in zip(problem.records, residuals, strict=True)
+    ]
+    if all(drift is None for drift in drifts):
+        return problem
+    records = [replace(one, angle_drift_rad=drift) for one, drift in zip(problem.records, drifts, strict=True)]
+    return replace(problem, records=tuple(records))
 
 
 def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> FloatArray | None:
@@ -291,7 +245,7 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
         return None
     angle, _ = angle_turned(channels)
     counted = (residual_Nm != 0.0).astype(np.float64)
-    best: tuple[float, int, int, ComplexArray, FloatArray] | None = None
+    sure: list[tuple[float, int, int, ComplexArray, FloatArray]] = []
     for harmonic in range(1, MAX_HARMONIC + 1):
         coherent = coherent_slots(harmonic, record.speed_noise_rad_s, channels.sample_period_s)
         length = max(coherent // BLOCKS_PER_COHERENCE, SHORTEST_BLOCK)
@@ -303,11 +257,11 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
         filled = count > 0
         power = 2.0 * np.abs(sums[filled]) ** 2 / (count[filled] * variance)  # χ² with two degrees, twice a mean of 1
         excess = float(np.sum(power - 2.0) / np.sqrt(4.0 * power.size))
-        if excess > SURE_DRIFT and (best is None or excess > best[0]):
-            best = (excess, harmonic, length, sums, count)
-    if best is None:
+        if excess > SURE_DRIFT:
+            sure.append((excess, harmonic, length, sums, count))
+    if not sure:
         return None
-    _, harmonic, length, sums, count = best
+    _, harmonic, length, sums, count = max(sure, key=lambda one: one[0])
     step = harmonic * record.speed_noise_rad_s * channels.sample_period_s
     phase = smooth_phase(sums, count * variance / 2.0, step**2 * length)
     middle = np.minimum(np.arange(sums.size) * length + 0.5 * length, residual_Nm.size)

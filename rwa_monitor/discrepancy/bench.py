@@ -14,13 +14,14 @@ from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
-from rwa_monitor.wheel.torque_balance import inertia_of, without_motor
+from rwa_monitor.wheel.torque_balance import friction_torque, inertia_of, without_motor
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted
 
@@ -123,17 +124,12 @@ def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Ben
     wheel = wheel.model_copy(update={"sample_period_s": period_s})
     found, notes = [], []
     for name, samples in rows:
-        # Within a turn straight lines would lead back from its end to its beginning.
-        fitted = (
-            samples
-            if even[name]
-            else _in_slots(samples, wheel)
-            if own
-            else _interpolated(with_turns(samples, name), wheel)
-        )
-        found.append((name, without_motor(fitted, wheel)))
+        fitted = samples
         if not even[name]:
+            # Within a turn straight lines would lead back from its end to its beginning.
+            fitted = _in_slots(samples, wheel) if own else _interpolated(with_turns(samples, name), wheel)
             notes.append(f"{name}: {_in_words(samples, fitted, period_s, own=own)}")
+        found.append((name, without_motor(fitted, wheel)))
     made = any(samples.friction_torque_Nm is None and not even[name] for name, samples in recordings)
     return Bench(found, wheel, notes, made)
 
@@ -209,13 +205,23 @@ def with_turns(samples: Samples, source: str) -> Samples:
     return replace(samples, angle_rad=counted)
 
 
-def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel) -> dict[str, str]:
-    """Return the effects that no record shows while the motor is off, or of pulses, each with the reason."""
-    reasons = {effect.name: _why_not_shown(effect, wheel) for effect in effects}
+def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel, channels: Channels) -> dict[str, str]:
+    """Return the effects that no record shows while the motor is off, or of pulses, each with the reason.
+
+    Parameters
+    ----------
+    effects
+        That are asked about.
+    wheel
+        Whether its motor is off, and how its speed is measured.
+    channels
+        Of a record: what is nothing there without acceleration, the inertia only scales.
+    """
+    reasons = {effect.name: _why_not_shown(effect, wheel, channels) for effect in effects}
     return {name: why for name, why in reasons.items() if why is not None}
 
 
-def _why_not_shown(effect: type[MeanEffect], wheel: Wheel) -> str | None:
+def _why_not_shown(effect: type[MeanEffect], wheel: Wheel, moving: Channels) -> str | None:
     """Return why an effect cannot show: each turn averages it out, or it is nothing without motor or acceleration."""
     if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
         return MEAN_OF_A_TURN
@@ -224,28 +230,9 @@ def _why_not_shown(effect: type[MeanEffect], wheel: Wheel) -> str | None:
     if "motor_torque_Nm" in effect.needs:
         return NO_TORQUE
     shape = {parameter.name: parameter.typical for parameter in effect.shape_parameters()}
-    moving = _run_down()
     steady = replace(moving, acceleration_rad_s2=np.zeros(len(moving)))
     there, gone = (np.nan_to_num(effect.columns(channels, shape)[0]) for channels in (moving, steady))
     return SCALED_ONLY if there.any() and not gone.any() else None
-
-
-def _run_down(count: int = 64) -> Channels:
-    """Return a motion that slows down evenly."""
-    speed = np.linspace(20.0, 1.0, count)
-    ones = np.ones(count)
-    return Channels(
-        time_s=np.arange(count, dtype=np.float64),
-        speed_rad_s=speed,
-        direction=ones,
-        acceleration_rad_s2=np.gradient(speed),
-        angle_rad=np.cumsum(speed),
-        motor_torque_Nm=None,
-        bearing_temperature_degC=30.0 + ones,
-        dry_level_Nm=ones,
-        sample_period_s=1.0,
-        good=np.ones(count, dtype=bool),
-    )
 
 
 def _steps_s(samples: Samples) -> FloatArray:
@@ -267,7 +254,7 @@ def _period_s(recordings: Sequence[Samples], wheel: Wheel) -> float:
 
 def _in_slots(samples: Samples, wheel: Wheel) -> Samples:
     """Return the first row of each slot."""
-    slot = np.rint((samples.time_ns - samples.time_ns[0]) / wheel.period_ns)
+    slot = SlotGrid(int(samples.time_ns[0]), wheel.period_ns).slot_of(samples.time_ns)
     return samples[np.unique(slot, return_index=True)[1]]
 
 
@@ -289,12 +276,11 @@ def _on_lines(grid: IntArray, time: IntArray, values: FloatArray, longest: float
     known = np.isfinite(values)
     if not known.any():
         return np.full(grid.size, np.nan)
-    at, before = time[known], np.searchsorted(time[known], grid, side="right") - 1
-    after = np.minimum(before + 1, at.size - 1)
-    far: BoolArray = (at[after] - at[np.maximum(before, 0)] > longest) & (at[np.maximum(before, 0)] != grid)
-    outside = (grid < at[0]) | (grid > at[-1])
-    lines = np.interp((grid - time[0]).astype(np.float64), (at - time[0]).astype(np.float64), values[known])
-    return np.where(far | outside, np.nan, lines)
+    at, after = time[known], np.searchsorted(time[known], grid)  # the row at that time, or the next
+    near = np.diff(at, prepend=at[0], append=np.iinfo(np.int64).max)[after] <= longest
+    near |= np.isin(grid, at)
+    lines = np.interp(grid - time[0], at - time[0], values[known], left=np.nan, right=np.nan)
+    return np.where(near, lines, np.nan)
 
 
 def _with_slope_friction(samples: Samples, wheel: Wheel) -> Samples:
@@ -302,26 +288,24 @@ def _with_slope_friction(samples: Samples, wheel: Wheel) -> Samples:
 
     dω/dt is the slope at a row of the least-squares parabola through its neighbours at their own times.
     """
-    if without_motor(samples, wheel) is samples:
+    stopped = without_motor(samples, wheel)
+    if stopped is samples or stopped.motor_torque_Nm is None:
         return samples
     slope = _slopes(samples, wheel.friction.derivative.window_s)
-    return replace(samples, friction_torque_Nm=-inertia_of(wheel) * slope)
+    return replace(samples, friction_torque_Nm=friction_torque(stopped.motor_torque_Nm, slope, inertia_of(wheel)))
 
 
 def _slopes(samples: Samples, window_s: float) -> FloatArray:
     """Return dω/dt at each row [rad/s²], float64 (n,); NaN at ends and beside missing values."""
-    half = _half(samples, window_s)
-    result = np.full(len(samples), np.nan)
+    half = int(np.clip(round(window_s / float(np.median(_steps_s(samples))) / 2), LEAST_HALF, MOST_HALF))
     if len(samples) <= 2 * half:
-        return result
+        return np.full(len(samples), np.nan)
     time = (samples.time_ns - samples.time_ns[0]) / NANOSECONDS_PER_SECOND
-    times, speeds = (
-        np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1) for values in (time, samples.speed_rad_s)
+    times, speeds = (sliding_window_view(values, 2 * half + 1) for values in (time, samples.speed_rad_s))
+    parts = [slice(begin, begin + ROWS_AT_ONCE) for begin in range(0, len(times), ROWS_AT_ONCE)]
+    return np.pad(
+        np.concatenate([_slopes_in(times[part], speeds[part], half) for part in parts]), half, constant_values=np.nan
     )
-    for begin in range(0, len(times), ROWS_AT_ONCE):
-        rows = slice(begin, min(begin + ROWS_AT_ONCE, len(times)))
-        result[half + rows.start : half + rows.stop] = _slopes_in(times[rows], speeds[rows], half)
-    return result
 
 
 def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray:
@@ -335,21 +319,12 @@ def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray
     return np.asarray(np.linalg.solve(gram, moment[..., None])[:, 1, 0] / scale[:, 0])
 
 
-def _half(samples: Samples, window_s: float) -> int:
-    """Return from how many rows to each side dω/dt is estimated."""
-    return int(np.clip(round(window_s / float(np.median(_steps_s(samples))) / 2), LEAST_HALF, MOST_HALF))
-
-
 def _in_words(rows: Samples, fitted: Samples, period_s: float, *, own: bool) -> str:
     """Return in words what was done to a recording whose clock is uneven."""
-    steps = _steps_s(rows)
+    steps, lost = _steps_s(rows), len(rows) - len(fitted)
     uneven = f"time steps are uneven ({steps.min():.3g} to {steps.max():.3g} s, median {np.median(steps):.3g} s)"
     if not own:
-        return (
-            f"{uneven}: {len(rows)} rows are interpolated by straight lines to {len(fitted)} samples,"
-            f" one each {period_s:.4g} s"
-        )
-    lost = len(rows) - len(fitted)
-    return f"{uneven}: {len(fitted)} rows keep their values in slots of {period_s:.4g} s" + (
-        f"; {lost} closer ones are left out" if lost else ""
-    )
+        done = f"interpolated by straight lines to {len(fitted)} samples, one each {period_s:.4g} s"
+        return f"{uneven}: {len(rows)} rows are {done}"
+    left_out = f"; {lost} closer ones are left out" if lost else ""
+    return f"{uneven}: {len(fitted)} rows keep their values in slots of {period_s:.4g} s{left_out}"

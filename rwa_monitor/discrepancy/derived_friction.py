@@ -16,10 +16,11 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
-from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
+from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS, Source
 from rwa_monitor.wheel.wheel import Wheel
 
-RMS_OF_ROUNDING: Final = 12**-0.5  # of a step: the error is uniform over it (Widrow & Kollár, Quantization Noise, 2008)
+# Of a step: of the difference of two errors, each uniform over it (Widrow & Kollár, Quantization Noise, 2008).
+RMS_OF_TWO_ROUNDINGS: Final = 6**-0.5
 BIAS_REACH: Final = 20  # slots beyond the derivative filter that determine its bias, at 17 % of the filter's noise
 SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
 BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
@@ -43,8 +44,6 @@ class DerivedFriction:
     ----------
     friction_Nm
         float64 (n,), K_T·I - J·dω/dt [N m], NaN at corners of the speed and where a value is missing.
-    half_width
-        Of the derivative's filter [slots].
     bent
         bool (n,), where the correction is more than the noise.
     corners
@@ -52,7 +51,6 @@ class DerivedFriction:
     """
 
     friction_Nm: FloatArray
-    half_width: int
     bent: BoolArray
     corners: int
 
@@ -89,9 +87,8 @@ def derived_friction(
     hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
     bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
     uncertainty = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
-    # On a lattice most differences are nothing: no spread is less than that of the rounding.
-    sigma = max(_spread_between_neighbours(friction + bias, 2 * hole + 1), torque_step * RMS_OF_ROUNDING)
     friction = friction + bias
+    sigma = spread_of_differences(friction, 2 * hole + 1, torque_step) / np.sqrt(2.0)
     # What a step of torque makes of it is no bend that a polynomial knows.
     rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)
     known = np.abs(friction[np.isfinite(friction)])
@@ -112,7 +109,7 @@ def derived_friction(
     corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
     friction[hidden] = np.nan
     bent = binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
-    return DerivedFriction(friction, hole, bent, corners)
+    return DerivedFriction(friction, bent, corners)
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
@@ -122,17 +119,13 @@ def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
     standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through `reach` slots
     just outside the filter, which share no noise with it, gives by how much; 0 where it meets a gap or an end.
     """
-    whole = _bias_taps(wheel, reach)
-    return np.nan_to_num(correlate1d(speed, whole, mode="constant", cval=np.nan))
+    return np.nan_to_num(correlate1d(speed, _bias_taps(wheel, reach), mode="constant", cval=np.nan))
 
 
 def speed_noise_taps(wheel: Wheel) -> FloatArray:
     """Return the filter [1/s], centred, with which noise of the speed enters derived friction: slope and correction."""
     taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
-    whole = -_bias_taps(wheel, BIAS_REACH)
-    beyond = (whole.size - taps.size) // 2
-    whole[beyond : whole.size - beyond] += taps
-    return whole
+    return np.pad(taps, BIAS_REACH) - _bias_taps(wheel, BIAS_REACH)
 
 
 def _bias_taps(wheel: Wheel, reach: int) -> FloatArray:
@@ -149,11 +142,23 @@ def _bias_taps(wheel: Wheel, reach: int) -> FloatArray:
     return np.concatenate([-outer[::-1], np.zeros(2 * half + 1), outer])
 
 
-def _spread_between_neighbours(values: FloatArray, lag: int) -> float:
-    """Return the noise's standard deviation, from the median difference over a lag at which it has forgotten itself."""
+def spread_of_differences(values: FloatArray, lag: int, step: float) -> float:
+    """Return the standard deviation of the noise in differences, from their median; infinite where none is known.
+
+    On a lattice most differences are nothing, or one step: it is no less than that of two rounding errors.
+
+    Parameters
+    ----------
+    values
+        float64 (n,), NaN where unknown.
+    lag
+        Slots that the differences are taken over.
+    step
+        In which the values were read, 0 for none.
+    """
     differences = values[lag:] - values[:-lag]
-    known = differences[np.isfinite(differences)]
-    return float(np.median(np.abs(known))) / 0.6745 / np.sqrt(2.0) if known.size else np.inf
+    known = np.abs(differences[np.isfinite(differences)])
+    return max(float(np.median(known)) / 0.6745, step * RMS_OF_TWO_ROUNDINGS) if known.size else np.inf
 
 
 # ---- steps in which the torque was read that friction comes from: the lattice of an analogue-to-digital converter ---
@@ -175,8 +180,12 @@ class Steps:
 
 def source_of_friction(samples: Samples) -> FloatArray:
     """Return the channel that friction comes from, float64 (n,); NaN where none is there."""
-    channels = (getattr(samples, name) for name in FRICTION_CHANNELS)
-    return next((values for values in channels if values is not None), np.full(len(samples), np.nan))
+    name = _source(samples)
+    return np.full(len(samples), np.nan) if name is None else getattr(samples, name)
+
+
+def _source(samples: Samples) -> Source | None:
+    return next((name for name in FRICTION_CHANNELS if getattr(samples, name) is not None), None)
 
 
 def steps_of(samples: Samples, wheel: Wheel) -> Steps | None:
@@ -185,17 +194,14 @@ def steps_of(samples: Samples, wheel: Wheel) -> Steps | None:
     A table written with seven digits is on a lattice too: whether a step is of any consequence is for the caller to
     see.
     """
-    values = source_of_friction(samples)
+    name, values = _source(samples), source_of_friction(samples)
     readings = np.unique(values[np.isfinite(values)])
-    if not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
+    if name is None or not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
         return None
-    step = quantisation_step(
-        readings - readings[0]
-    )  # a converter's zero need not be zero: differences are on the lattice
+    # A converter's zero need not be zero: differences are on the lattice.
+    step = quantisation_step(readings - readings[0])
     if step is None:
         return None
-    if samples.friction_torque_Nm is not None:
-        return Steps("friction", step, "N m", step)
-    if samples.motor_torque_Nm is not None:
-        return Steps("motor torque", step, "N m", step)
-    return Steps("current", step, "A", step * (wheel.torque_per_ampere_Nm_A or 0.0))
+    if name == "motor_current_A":
+        return Steps("current", step, "A", step * (wheel.torque_per_ampere_Nm_A or 0.0))
+    return Steps("friction" if name == "friction_torque_Nm" else "motor torque", step, "N m", step)

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.angle import AngleLine, angle_line, order_to_try, ripple_with, with_angle_drift
+from rwa_monitor.discrepancy.angle import AngleLine, angle_line, ripple_with, with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.hypotheses import formulas, speed_curve
@@ -156,14 +156,13 @@ def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Prob
     """
     if not problem.has_noise:
         return problem, candidates, None
-    base = fit(problem)
-    line = angle_line(problem, base)
-    if line is not None and line.flips:
-        return prepare(line.taken_from(problem.records), wheel, problem.each), candidates, line
-    order = line.order if line is not None else order_to_try(problem, base)
-    if order is None:
+    line = angle_line(problem, fit(problem))
+    if isinstance(line, AngleLine):
+        (record,) = problem.records
+        return prepare([line.taken_from(record)], wheel, problem.each), candidates, line
+    if line is None:
         return problem, candidates, None
-    of_any_order = ripple_with(order)
+    of_any_order = ripple_with(line)
     return problem, [of_any_order if effect is TorqueRipple else effect for effect in candidates], None
 
 

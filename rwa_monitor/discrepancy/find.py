@@ -20,12 +20,11 @@ from rwa_monitor.discrepancy.found_effects import found_delay, found_effect
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
-from rwa_monitor.discrepancy.known_effects import known_delay, records_of
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
-from rwa_monitor.discrepancy.quantisation import without_rounding
-from rwa_monitor.discrepancy.record import delay_of
+from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
+from rwa_monitor.discrepancy.record import Record, delay_of, make_record, without_known_effects
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain, SearchedAgain, Unexplained, Verdict
 from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
@@ -69,11 +68,11 @@ def find_discrepancy(
     """
     bench = as_measured(recordings, wheel, held_out_recordings)
     wheel, delay = bench.wheel, _delay(bench)
-    problem = prepare(records_of(bench.recordings, wheel, delay), wheel, each)
-    aside = prepare(records_of(bench.held_out, wheel, delay), wheel) if bench.held_out else None
+    problem = prepare(_records_of(bench.recordings, wheel, delay), wheel, each)
+    aside = prepare(_records_of(bench.held_out, wheel, delay), wheel) if bench.held_out else None
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
-    silent = not_shown_without_motor(missing, wheel)
+    silent = not_shown_without_motor(missing, wheel, problem.records[0].channels)
     tried = [effect for effect in missing if effect.name not in silent and can_show(problem, effect)]
     no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_made else None
     if no_noise is not None:
@@ -84,7 +83,7 @@ def find_discrepancy(
     others, explained = _noise_and_jumps(explained, wheel, with_noise=no_noise is None and problem.has_noise)
     found = explained.found
     mean = [found_effect(problem, found.nested[-1], entry) for entry in found.found]
-    named = delay if delay is not None and delay.slots and not _knows_delay(wheel) else None
+    named = delay if delay is not None and delay.slots and not _known_delays(wheel) else None
     if named is not None:
         mean = sorted([*mean, found_delay(problem, named)], key=lambda effect: -effect.delta_deviance)
     effects = (*mean, *sorted(others, key=lambda effect: -effect.delta_deviance))
@@ -95,7 +94,7 @@ def find_discrepancy(
     scores = _scores(explained, aside, each)
     at_base = found.nested[0]
     if named is not None:  # the base model has none: it is judged on what is measured
-        base = prepare(records_of(bench.recordings, wheel), wheel)
+        base = prepare(_records_of(bench.recordings, wheel, None), wheel)
         at_base = scored(base, Model((), fit(base)))
         scores = (held_out(base, at_base), *scores)
     gain = _gain(problem, at_base, found.nested[-1], scores, tuple(name for name, _ in bench.held_out))
@@ -163,13 +162,25 @@ def with_search_again(
     return replace(search, result=replace(search.result, gain=gain))
 
 
-def _knows_delay(wheel: Wheel) -> bool:
-    return any(block.name == DelayTerm.name for block in wheel.effect)
+def _known_delays(wheel: Wheel) -> list[float]:
+    return [block.parameters["strength_s"] for block in wheel.effect if block.name == DelayTerm.name]
 
 
 def _delay(bench: Bench) -> Delay | None:
     """Return the delay of the current in whole slots, as the wheel file has it or as the recordings show it."""
-    return known_delay(bench.wheel) if _knows_delay(bench.wheel) else delay_of(bench.recordings, bench.wheel)
+    known = _known_delays(bench.wheel)
+    if not known:
+        return delay_of(bench.recordings, bench.wheel)
+    slots = -round(sum(known) / bench.wheel.sample_period_s)
+    return Delay(slots, 0.0, 0.0, 0.0) if slots else None
+
+
+def _records_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: Delay | None) -> list[Record]:
+    """Make the records of a wheel, without what the effects in its file explain and without a delay of the current."""
+    if delay is not None:  # taken out of the torque itself: to first order it would be taken out a second time
+        wheel = wheel.model_copy(update={"effect": tuple(b for b in wheel.effect if b.name != DelayTerm.name)})
+    records = [make_record(samples, wheel, name, delay) for name, samples in recordings]
+    return without_steps([without_known_effects(record, wheel) for record in records], wheel)
 
 
 def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) -> tuple[list[FoundEffect], Explained]:

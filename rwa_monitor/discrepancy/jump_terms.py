@@ -6,6 +6,7 @@ Otherwise smooth mean effects would take their place: an exponential after each 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
@@ -46,9 +47,8 @@ class JumpTerm(MeanEffect):
         if wraps is None:
             return
         cls.wraps, cls.parameters = wraps, wraps.parameters
-        cls.name, cls.title, cls.formula, cls.description = wraps.name, wraps.title, wraps.formula, wraps.description
-        cls.signature, cls.confused_with = wraps.signature, wraps.confused_with
-        cls.separate_by, cls.source = wraps.separate_by, wraps.source
+        for name in ("name", "title", "formula", "description", "signature", "confused_with", "separate_by", "source"):
+            setattr(cls, name, getattr(wraps, name))
 
     @classmethod
     def columns(
@@ -126,8 +126,8 @@ def without_pulses(level: FloatArray, lead: float) -> FloatArray:
     """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1, [level.size]])
     cleaned = level.copy()
-    inner = range(1, edges.size - 2)
-    for i in inner if lead >= 0 else reversed(inner):
-        if edges[i + 1] - edges[i] <= LONGEST_PULSE:
-            cleaned[edges[i] : edges[i + 1]] = cleaned[edges[i] - 1] if lead >= 0 else cleaned[edges[i + 1]]
+    spans = list(pairwise(edges.tolist()))[1:-1]
+    for begin, end in spans if lead >= 0 else reversed(spans):
+        if end - begin <= LONGEST_PULSE:
+            cleaned[begin:end] = cleaned[begin - 1] if lead >= 0 else cleaned[end]
     return cleaned

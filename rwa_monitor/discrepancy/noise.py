@@ -9,10 +9,11 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import median_filter
 
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import BoolArray, FloatArray
 
 ENOUGH: Final = 20_000  # differences at a lag: their median is then known to a per cent
 MAX_LAG: Final = 96  # slots: AR(1) with φ = 0.95 has forgotten 99 % by then
+LONGEST_QUIET: Final = 8  # lags that do not stand out, between those that belong to lag 0 and others that do
 MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082
 CLIP_AT: Final = 4.0  # standard deviations; 6e-5 of Gaussian samples lie beyond
 OUTLIER_NEIGHBOURHOOD: Final = 7  # slots; what lasts four slots or more is a level, not an outlier
@@ -49,34 +50,26 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     pieces
         float64 (n,) each.
     """
-    longest = max(piece.size for piece in pieces)
-    lags = np.arange(1, min(MAX_LAG, max(longest // 4, 2)) + 1)
-
-    stride = max(sum(piece.size for piece in pieces) // ENOUGH, 1)
+    size, longest = sum(piece.size for piece in pieces), max(piece.size for piece in pieces)
+    most, stride = min(MAX_LAG, max(longest // 4, 2)), max(size // ENOUGH, 1)
 
     def half_variance(lag: int) -> float:
         pairs = [(piece[lag::stride], piece[:-lag:stride]) for piece in pieces if piece.size > lag]
         differences = np.concatenate([after - before for after, before in pairs])
         return float(0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2)
 
-    gamma = np.array([half_variance(lag) for lag in lags.tolist()])
-    size = sum(piece.size for piece in pieces)
+    gamma = np.array([half_variance(lag) for lag in range(1, most + 1)])
     # Medians do not see tails; differences of neighbours, of which a jump touches one, show how much they add.
     gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))
-    tail = gamma[-max(lags.size // 4, 1) :]
     # Where slow waves are left, differences over long lags exceed the spread of the values themselves.
-    sill = min(float(np.median(tail)), float(np.mean(np.concatenate([piece - piece.mean() for piece in pieces]) ** 2)))
-    covariance = np.zeros(MAX_LAG + 1)
-    covariance[0] = sill
-    covariance[1 : lags.size + 1] = sill - gamma
+    spread = float(np.mean(np.concatenate([piece - piece.mean() for piece in pieces]) ** 2))
+    sill = min(float(np.median(gamma[-max(most // 4, 1) :])), spread)
+    covariance = np.pad(sill - np.append(0.0, gamma), (0, MAX_LAG - most))
     # A robust variance has a relative error of about 1.65·√(2/n); beyond the last lag that stands out all is zero.
-    threshold = 4.0 * 1.65 * np.sqrt(2.0 / size) * sill
-    significant: IntArray = np.flatnonzero(np.abs(covariance[1 : lags.size + 1]) > threshold).astype(np.int64)
-    reach = _last_of_first_run(significant)
-    covariance[reach + 1 :] = 0.0
-    long_run = long_run_variance(covariance)
-    std = float(np.sqrt(sill))
-    return Noise(max(std, 1e-300), covariance, max(long_run, 1e-300))
+    stands_out = np.flatnonzero(np.abs(covariance[: most + 1]) > 4.0 * 1.65 * np.sqrt(2.0 / size) * sill)
+    apart = np.diff(stands_out, prepend=0, append=np.inf) > LONGEST_QUIET
+    covariance[int(np.append(0, stands_out)[np.argmax(apart)]) + 1 :] = 0.0
+    return Noise(max(float(np.sqrt(sill)), 1e-300), covariance, max(long_run_variance(covariance), 1e-300))
 
 
 def long_run_variance(covariance: FloatArray) -> float:
@@ -106,13 +99,3 @@ def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray
     middle = median_filter(values, size=OUTLIER_NEIGHBOURHOOD, mode="nearest")
     clipped = np.clip(values, middle - CLIP_AT * std, middle + CLIP_AT * std)
     return clipped, clipped != values
-
-
-def _last_of_first_run(significant: IntArray) -> int:
-    """Return the last significant lag that is connected to lag 0 by gaps of at most 8 lags."""
-    reach = 0
-    for lag in significant + 1:
-        if lag - reach > 8:
-            break
-        reach = int(lag)
-    return reach

@@ -259,7 +259,7 @@ def _lay_out(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel) -
         motor_torque_rate_Nm_s=np.gradient(torque, period),
     )
     used = channels.direction != 0
-    record = Record("plan", channels, np.zeros(time_s.size), used, 0, False, 0.0, 0.0)
+    record = Record("plan", channels, np.zeros(time_s.size), used, False, 0.0)
     size = int(used.sum())
     return Problem(
         (record,),

@@ -10,6 +10,7 @@ import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
 from rwa_monitor.wheel.wheel import Wheel
 
 # Of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns.
@@ -36,15 +37,13 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
             f"is {ratio:.3g} times the wheel's nominal friction on the median; wrong unit?",
             "friction_torque_Nm",
         )
-    known = (wheel.winding_resistance_ohm, wheel.back_emf_constant_V_s_rad)
+    resistance, back_emf = wheel.winding_resistance_ohm, wheel.back_emf_constant_V_s_rad
     voltage, current = samples.motor_voltage_V, samples.motor_current_A
-    if voltage is not None and current is not None and None not in known:
-        resistance, back_emf = float(known[0] or 0), float(known[1] or 0)
+    if voltage is not None and current is not None and resistance is not None and back_emf is not None:
         expected = resistance * current + back_emf * (wheel.gear_ratio or 1.0) * samples.speed_rad_s
         both = np.isfinite(expected) & np.isfinite(voltage)
-        scale = float(np.sqrt(np.mean(expected[both] ** 2))) if both.any() else 0.0
         # Half of the signal: a sensor may be off by per cents, a unit is off by factors.
-        if scale > 0 and float(np.sqrt(np.mean((voltage - expected)[both] ** 2))) > 0.5 * scale:
+        if np.linalg.norm((voltage - expected)[both]) > 0.5 * np.linalg.norm(expected[both]) > 0:
             raise InputError(
                 source,
                 "contradicts R·I + K_E·ω of the wheel file by more than half; is a unit or a constant wrong?",
@@ -59,27 +58,27 @@ def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
     """
     if wheel.nominal is None or samples.friction_torque_Nm is None:
         return None
-    speed = np.abs(samples.speed_rad_s)
-    known = np.isfinite(speed) & np.isfinite(samples.friction_torque_Nm)
-    if not known.any():
+    known = np.isfinite(samples.speed_rad_s) & np.isfinite(samples.friction_torque_Nm)
+    speed, friction = np.abs(samples.speed_rad_s[known]), np.abs(samples.friction_torque_Nm[known])
+    if not speed.any():
         return None
-    moving = known & (speed > 0.1 * float(np.median(speed[known])))
-    if not moving.any():
-        return None
-    nominal = wheel.nominal.dry_torque_Nm + wheel.nominal.viscous_Nm_s_rad * speed[moving]
-    return float(np.median(np.abs(samples.friction_torque_Nm[moving]) / nominal))
+    moving = speed > 0.1 * np.median(speed)
+    nominal = wheel.nominal.dry_torque_Nm + wheel.nominal.viscous_Nm_s_rad * speed
+    return float(np.median((friction / nominal)[moving]))
 
 
-def unusual(samples: Samples, wheel: Wheel) -> str | None:
-    """Return in words what is unusual about a table that is not refused; None where nothing is."""
+def remarks(samples: Samples, wheel: Wheel) -> list[str]:
+    """Return in words what is unusual about a table that is not refused, and what becomes of channels at end stops."""
     ratio = friction_over_nominal(samples, wheel)
-    if (
-        ratio is None
-        or 1 / UNUSUAL_FACTOR < ratio < UNUSUAL_FACTOR
-        or not 1 / WRONG_UNIT_FACTOR < ratio < WRONG_UNIT_FACTOR
-    ):
-        return None
-    return f"friction is {ratio:.2g} times the wheel's nominal friction on the median; is it the right wheel file?"
+    words = [
+        f"{name} is at its end stop in {np.mean(stopped):.1%} of the samples; "
+        + ("left out, with those among them" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
+        for name, _, stopped in _saturated(samples)
+    ]
+    if ratio and UNUSUAL_FACTOR <= max(ratio, 1 / ratio) < WRONG_UNIT_FACTOR:
+        median = f"friction is {ratio:.2g} times the wheel's nominal friction on the median"
+        return [f"{median}; is it the right wheel file?", *words]
+    return words
 
 
 # ---- channels at the end of their range ------------------------------------------------------------------------------
@@ -87,7 +86,6 @@ def unusual(samples: Samples, wheel: Wheel) -> str | None:
 # all, commanded torques or coarse converters, are left as they are: there a repeated largest value shows nothing.
 
 
-CHANNELS: Final = ("friction_torque_Nm", "motor_current_A", "motor_torque_Nm")
 SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: too many to do without them
 FEWEST_AT_END: Final = 20  # samples: fewer change nothing
 LEAST_SHARE: Final = 0.005
@@ -110,16 +108,14 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
     known = np.isfinite(values)
     if np.count_nonzero(known) < FEWEST_AT_END:
         return stopped
-    ends = [values == np.max(values[known]), values == np.min(values[known])]
+    ends = [values == end(values[known]) for end in (np.max, np.min)]
     between = values[known & ~ends[0] & ~ends[1]]
     if between.size == 0:
         return known if speed is not None and np.unique(speed).size > DISTINCT_SHARE * speed.size else stopped
     if np.unique(between).size < DISTINCT_SHARE * between.size:
         return stopped
-    for end in ends:
-        if np.count_nonzero(end) >= max(FEWEST_AT_END, LEAST_SHARE * np.count_nonzero(known)):
-            stopped |= end
-    return stopped
+    fewest = max(FEWEST_AT_END, LEAST_SHARE * np.count_nonzero(known))
+    return np.asarray(np.any([end & (np.count_nonzero(end) >= fewest) for end in ends], axis=0))
 
 
 def without_end_stops(samples: Samples, source: str) -> Samples:
@@ -133,41 +129,27 @@ def without_end_stops(samples: Samples, source: str) -> Samples:
         If friction is at its end stop, or what it is derived from, in more than `SATURATED_SHARE` of the samples.
     """
     for name, values, stopped in _saturated(samples):
-        share = float(np.mean(stopped))
+        share, kept = float(np.mean(stopped)), None
         if share <= SATURATED_SHARE:
-            samples = replace(samples, **{name: np.where(stopped | _among(stopped), np.nan, values)})
+            # What lies where several neighbours are at the end stop, and is not, is there by its noise.
+            among = np.convolve(stopped, np.ones(NEIGHBOURS), "same") > 1.0
+            kept = np.where(stopped | among, np.nan, values)
         elif name == "friction_torque_Nm" or samples.friction_torque_Nm is None:
             words = f"is saturated: {share:.0%} of the values, at many speeds, are its largest or its smallest"
             raise InputError(source, words, name)
-        else:
-            absent: dict[str, Any] = {name: None}
-            samples = replace(samples, **absent)
+        changed: dict[str, Any] = {name: kept}
+        samples = replace(samples, **changed)
     return samples
-
-
-def _among(stopped: BoolArray) -> BoolArray:
-    """Return which samples lie where several neighbours are at the end stop: what is not is there by its noise."""
-    return np.convolve(stopped, np.ones(NEIGHBOURS), "same") > 1.0
-
-
-def end_stops_in_words(samples: Samples) -> list[str]:
-    """Return in words for each channel that reads its end stop how often it does, and what becomes of it."""
-    return [
-        f"{name} is at its end stop in {np.mean(stopped):.1%} of the samples; "
-        + ("left out, with those among them" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
-        for name, _, stopped in _saturated(samples)
-    ]
 
 
 def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:
     """Yield name, values and the samples at an end stop of each channel that has such."""
-    for name in CHANNELS:
+    for name in FRICTION_CHANNELS:
         values: FloatArray | None = getattr(samples, name)
-        if values is None:
-            continue
-        stopped = at_end_stop(values, samples.speed_rad_s if name == "friction_torque_Nm" else None)
-        if stopped.any():
-            yield name, values, stopped
+        if values is not None:
+            stopped = at_end_stop(values, samples.speed_rad_s if name == "friction_torque_Nm" else None)
+            if stopped.any():
+                yield name, values, stopped
 
 
 # ---- the inertia and the viscous friction that the channels show -----------------------------------------------------
@@ -230,27 +212,24 @@ def shown_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_
         missing = np.concatenate([[0], np.cumsum(np.isnan(halves))])
         return np.where(np.diff(missing[cuts]) > 0, np.nan, np.diff(sums[cuts]))
 
+    drag = [impulses(column) for column in (np.sign(speed_rad_s), speed_rad_s)]
     duration = np.full(cuts.size - 1, width * sample_period_s)
-    design = np.column_stack([np.diff(speed_rad_s[cuts]), impulses(np.sign(speed_rad_s)), impulses(speed_rad_s)])
-    design = np.column_stack([design, duration])
-    target = impulses(torque_Nm)
-    known = np.isfinite(target) & np.isfinite(design).all(axis=1)
-    if np.count_nonzero(known) < FEWEST_STRETCHES:
-        return None
-    design, target = design[known], target[known]
-    value, std = first_slope(design, target)
-    return Shown(value, std)
+    rows = np.column_stack([np.diff(speed_rad_s[cuts]), *drag, duration, impulses(torque_Nm)])
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    return Shown(*first_slope(rows[:, :-1], rows[:, -1])) if len(rows) >= FEWEST_STRETCHES else None
 
 
-def check_inertia(shown: Shown, inertia_kg_m2: float, source: str, torque_channel: str) -> None:
+def check_inertia(
+    speed_rad_s: FloatArray, torque_Nm: FloatArray, wheel: Wheel, source: str, torque_channel: str
+) -> None:
     """Refuse channels that show the wheel file's inertia in other units.
 
     Parameters
     ----------
-    shown
-        What speed and torque show.
-    inertia_kg_m2
-        Of the wheel file.
+    speed_rad_s, torque_Nm
+        As for `shown_inertia`.
+    wheel
+        Its inertia and sample period.
     source, torque_channel
         Names for messages: the record, and the channel that the torque came from.
 
@@ -259,19 +238,18 @@ def check_inertia(shown: Shown, inertia_kg_m2: float, source: str, torque_channe
     InputError
         Asks about the unit by name.
     """
-    units = [("speed_rad_s", unit, ratio) for ratio, unit in SPEED_UNITS]
-    units.append((torque_channel, "in mA" if torque_channel.endswith("_A") else "in mN m", MILLI))
-    for channel, unit, ratio in units:
-        if shown.is_about(ratio * inertia_kg_m2):
-            raise InputError(source, f"{in_words(shown, inertia_kg_m2)}; is it {unit}?", channel)
-
-
-def in_words(shown: Shown, inertia_kg_m2: float) -> str:
-    """Return what speed and torque show beside the wheel file's inertia [kg m²]."""
-    return (
-        f"speed and torque show an inertia of {shown.value:.4g} ± {shown.std:.1g} kg m²,"
-        f" {shown.value / inertia_kg_m2:.4g} times inertia_kg_m2 of the wheel file"
-    )
+    stated, shown = wheel.inertia_kg_m2, shown_inertia(speed_rad_s, torque_Nm, wheel.sample_period_s)
+    if stated is None or shown is None:
+        return
+    of_torque = (MILLI, "in mA" if torque_channel.endswith("_A") else "in mN m")
+    for ratio, unit in (*SPEED_UNITS, of_torque):
+        if shown.is_about(ratio * stated):
+            raise InputError(
+                source,
+                f"speed and torque show an inertia of {shown.value:.4g} ± {shown.std:.1g} kg m²,"
+                f" {shown.value / stated:.4g} times inertia_kg_m2 of the wheel file; is it {unit}?",
+                torque_channel if unit == of_torque[1] else "speed_rad_s",
+            )
 
 
 def slope_in_question(viscous: Shown, nominal_Nm_s_rad: float) -> str | None:

@@ -53,36 +53,25 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
     records = [record if _may_matter(record) else replace(record, steps=None) for record in records]
     if not any(record.torque_step_Nm > 0.0 for record in records):
         return records
-    uniform = _uniform(records)
     spread = [
         replace(record, friction_torque_Nm=record.friction_torque_Nm + record.torque_step_Nm * (u - 0.5))
-        for record, u in zip(records, uniform, strict=True)
+        for record, u in zip(records, _uniform(records), strict=True)
     ]
-    problem = make_problem(spread, wheel)
-    variance = problem.noise.std**2
-    kept = [
-        record
-        if is_coarse(record.torque_step_Nm, float(np.sqrt(max(variance - record.torque_step_Nm**2 / 6.0, 0.0))))
-        else replace(record, steps=None)
-        for record in records
-    ]
-    if not any(record.torque_step_Nm > 0.0 for record in kept):
+    variance = make_problem(spread, wheel).noise.std ** 2  # with that of two rounding errors in it
+    steps = [record.torque_step_Nm for record in records]
+    coarse = [step > COARSE * np.sqrt(max(variance - step**2 / 6.0, 0.0)) for step in steps]
+    kept = [record if of_one else replace(record, steps=None) for record, of_one in zip(records, coarse, strict=True)]
+    if not any(coarse):
         return kept
     problem = make_problem(kept, wheel)
     problem = replace(problem, z=problem.z_measured)
-    base = fit(problem)
-    return _drawn(problem, _expected(problem, base), fit)
+    return _drawn(problem, fit(problem), fit)
 
 
 def _may_matter(record: Record) -> bool:
     """Return whether a record's steps are not far finer than what neighbours differ by; that needs no model."""
     change = np.abs(np.diff(record.friction_torque_Nm[record.used]))
     return record.torque_step_Nm > 0.0 and change.size > 0 and float(np.median(change)) < FINE * record.torque_step_Nm
-
-
-def is_coarse(step: float, noise_std: float) -> bool:
-    """Return whether a step of the torque matters beside its noise [N m]."""
-    return step > COARSE * noise_std
 
 
 def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
@@ -99,7 +88,7 @@ def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -
     """
     if not any(record.torque_step_Nm > 0.0 for record in problem.records):
         return None
-    return _drawn(problem, _expected(problem, model), again)
+    return _drawn(problem, model, again)
 
 
 def _expected(problem: Problem, model: Fit) -> FloatArray:
@@ -112,15 +101,16 @@ def _uniform(records: Sequence[Record]) -> list[FloatArray]:
     return [rng.random(record.used.size) for record in records]
 
 
-def _drawn(problem: Problem, expected: FloatArray, again: Callable[[Problem], Fit]) -> list[Record]:
-    """Draw each sample of z within its step about what is expected, float64 (n,) [N m], and fit, in turns."""
+def _drawn(problem: Problem, fitted: Fit, again: Callable[[Problem], Fit]) -> list[Record]:
+    """Draw each sample of z within its step about what a model expects, and fit, in turns."""
     step = problem.gather([np.full(record.used.size, record.torque_step_Nm) for record in problem.records])
     uniform = problem.gather(_uniform(problem.records))
     read = problem.gather([_as_read(record) for record in problem.records]) * problem.sign
-    std, drawn = problem.noise.std, problem
+    expected, std = _expected(problem, fitted), problem.noise.std
     for _ in range(ROUNDS):
-        drawn = with_z(problem, _within(read, step, expected, std, uniform))
-        fitted = again(with_noise_of(drawn, drawn.z - expected))
+        z = _within(read, step, expected, std, uniform)
+        drawn = replace(problem, z=z, z_measured=z)
+        fitted = again(with_noise_of(drawn, z - expected))
         expected, last = _expected(drawn, fitted), std
         std = with_noise_of(drawn, fitted.residual).noise.std
         if abs(std - last) < SETTLED * last:
@@ -133,11 +123,6 @@ def _drawn(problem: Problem, expected: FloatArray, again: Callable[[Problem], Fi
     return records
 
 
-def with_z(problem: Problem, z: FloatArray) -> Problem:
-    """Return the problem with other friction, float64 (n,) [N m]."""
-    return replace(problem, z=z, z_measured=z)
-
-
 def _as_read(record: Record) -> FloatArray:
     return record.friction_torque_Nm if record.friction_as_read_Nm is None else record.friction_as_read_Nm
 
@@ -148,15 +133,13 @@ def _within(read: FloatArray, step: FloatArray, expected: FloatArray, std: float
     Always on the lower tail, where a probability keeps its digits.
     """
     scale = np.where(step > 0.0, np.maximum(std, FINEST_NOISE * step), 1.0)
-    upper = read < expected  # the step lies below the middle
-    near = np.where(upper, expected - read, read - expected) - 0.5 * step
+    near = np.abs(read - expected) - 0.5 * step
     high = -np.minimum(near / scale, FAR)
     low = high - step / scale
     probability = special.ndtr(low) + uniform * (special.ndtr(high) - special.ndtr(low))
     inside = np.clip(special.ndtri(probability), low, high) - high  # from the near end, ≤ 0
     away = near - inside * scale
-    drawn = np.where(upper, expected - away, expected + away)
-    return np.where(step > 0.0, drawn, read)
+    return np.where(step > 0.0, np.where(read < expected, expected - away, expected + away), read)
 
 
 # ---- rounding of the speed that passes for a mean effect -------------------------------------------------------------
@@ -165,16 +148,6 @@ def _within(read: FloatArray, step: FloatArray, expected: FloatArray, std: float
 # from it.
 
 
-FOLLOW_ACCELERATION: Final = frozenset(
-    {
-        "inertia_error",
-        "torque_constant_error",
-        "torque_constant_temperature",
-        "load_dependence",
-        "lubricant_lag",
-        "current_delay",
-    }
-)
 MISSING: Final = "a tachometer with finer steps: the speed stands on one reading for longer than the derivative looks"
 
 
@@ -183,7 +156,7 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
     if not any(_is_coarse(problem, index) for index in range(len(problem.records))):
         return found
     model = found.nested[-1]
-    follows = [term.effect.name in FOLLOW_ACCELERATION for term in model.terms]
+    follows = [term.effect.follows_acceleration for term in model.terms]
     if not any(follows):
         return found
     kept = model.terms[: follows.index(True)]  # what came after was judged beside a wrong name

@@ -16,18 +16,21 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import correlate1d
 
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import Steps, derived_friction, source_of_friction, steps_of
-from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, shown_inertia, without_end_stops
+from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, without_end_stops
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
+from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
+from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
-from rwa_monitor.wheel.torque_balance import motor_torque
+from rwa_monitor.wheel.torque_balance import half_width, motor_torque
 from rwa_monitor.wheel.wheel import Wheel
 
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
@@ -52,14 +55,10 @@ class Record:
         float64 (n,), measured resisting torque, NaN where unknown.
     used
         bool (n,), slots that enter the search: finite friction and speed, in motion.
-    rest_slots
-        Number of good slots left out as rest.
     friction_is_derived
         True where friction was derived from current and speed rather than given.
     speed_noise_rad_s
         Standard deviation of the speed channel's sample-to-sample noise.
-    speed_step_rad_s
-        Lattice on which the measured speed lies, 0 where there is none.
     accelerating_torque_Nm
         float64 (n,), motor torque less friction [N m]: the part of K_T·I that holds nothing of the friction that is
         to be explained. None where there is no motor torque.
@@ -82,10 +81,8 @@ class Record:
     channels: Channels
     friction_torque_Nm: FloatArray
     used: BoolArray
-    rest_slots: int
     friction_is_derived: bool
     speed_noise_rad_s: float
-    speed_step_rad_s: float
     accelerating_torque_Nm: FloatArray | None = None
     angle_drift_rad: FloatArray | None = None
     bent: BoolArray | None = None
@@ -135,7 +132,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     slot = _slots_of(samples, wheel, source)
     count = int(slot[-1]) + 1
     motion = _motion(samples, wheel, slot)
-    _check_inertia(samples, motion, wheel, source)
+    if motion.torque_Nm is not None:
+        of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
+        check_inertia(motion.speed_rad_s, motion.torque_Nm, wheel, source, of_torque)
     if delay is not None:
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
@@ -143,16 +142,15 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     bent: BoolArray | None = None
     if friction is None:
         known = derived_friction(speed, torque, wheel, source, motion.torque_step_Nm)
-        friction, hole, bent, corners = known.friction_Nm, known.half_width, known.bent, known.corners
+        friction, bent, corners = known.friction_Nm, known.bent, known.corners
+        hole = half_width(wheel.friction.derivative, wheel.sample_period_s)
     else:
         hole, corners = min(2, count // 8), 0
 
-    noise, step = _speed_noise_and_step(speed)
-    rest = _at_rest(speed, noise, step, wheel.window.dead_band_rad_s)
-    direction = np.sign(speed)
+    noise = _speed_noise(speed)
     channels = _channels(samples, motion, friction, slot, wheel, hole)
-    good = channels.good
-    moving = good & ~rest & (direction != 0)
+    good, direction = channels.good, channels.direction
+    moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan))
     used = moving & ~averaged
     return Record(
@@ -160,25 +158,24 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         channels=channels,
         friction_torque_Nm=friction,
         used=used,
-        rest_slots=int(np.count_nonzero(good & rest)),
         friction_is_derived=derived,
         speed_noise_rad_s=noise,
-        speed_step_rad_s=step,
         accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
-        left_out=_left_out(
-            measured,
-            samples,
-            {
-                "at corners of the speed, where derived friction is not known": corners,
-                "at rest": int(np.count_nonzero(good & ~moving)),
-                "averaged over a reversal of the speed": int(np.count_nonzero(moving & averaged)),
-            },
-            int(np.count_nonzero(used)),
-        ),
+        left_out=_left_out(measured, samples, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
     )
+
+
+def without_known_effects(record: Record, wheel: Wheel) -> Record:
+    """Subtract the torque of the effects that the wheel already has."""
+    effects = mean_effects(wheel)
+    if not effects:
+        return record
+    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
+    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
 
 
 def _channels(
@@ -219,16 +216,6 @@ def _measured_angle(angle: FloatArray | None, turned: FloatArray) -> FloatArray 
     return turned + _hold(angle - turned)
 
 
-def _check_inertia(samples: Samples, motion: alignment.Motion, wheel: Wheel, source: str) -> None:
-    """Ask about units where speed and torque show another inertia than the wheel's."""
-    if motion.torque_Nm is None or wheel.inertia_kg_m2 is None:
-        return
-    shown = shown_inertia(motion.speed_rad_s, motion.torque_Nm, wheel.sample_period_s)
-    if shown is not None:
-        of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
-        check_inertia(shown, wheel.inertia_kg_m2, source, of_torque)
-
-
 def left_out_in_words(records: Sequence[Record]) -> str:
     """Return in words how many samples of the records do not enter the search, and why; "" where all do."""
     total: Counter[str] = Counter()
@@ -237,20 +224,31 @@ def left_out_in_words(records: Sequence[Record]) -> str:
     return "left out: " + ", ".join(f"{count} {why}" for why, count in total.items()) if total else ""
 
 
-def _left_out(measured: Samples, without_stops: Samples, known_why: Mapping[str, int], used: int) -> dict[str, int]:
+def _left_out(
+    measured: Samples, without_stops: Samples, corners: int, at_rest: BoolArray, averaged: BoolArray, used: BoolArray
+) -> dict[str, int]:
     """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
     before, after = (
         np.isfinite(samples.speed_rad_s) & np.isfinite(source_of_friction(samples))
         for samples in (measured, without_stops)
     )
-    known = int(np.count_nonzero(after))
+    known_why = {
+        "at corners of the speed, where derived friction is not known": corners,
+        "at rest": _count(at_rest),
+        "averaged over a reversal of the speed": _count(averaged),
+    }
+    derived = _count(used) + sum(known_why.values())
     reasons = {
-        "without a value of speed or torque": int(np.count_nonzero(~before)),
-        "at the end stop of a channel, or among such": int(np.count_nonzero(before & ~after)),
+        "without a value of speed or torque": _count(~before),
+        "at the end stop of a channel, or among such": _count(before & ~after),
         **known_why,
-        "beside gaps and ends, where friction cannot be derived": known - used - sum(known_why.values()),
+        "beside gaps and ends, where friction cannot be derived": _count(after) - derived,
     }
     return {why: count for why, count in reasons.items() if count}
+
+
+def _count(samples: BoolArray) -> int:
+    return int(np.count_nonzero(samples))
 
 
 def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignment.Delay | None:
@@ -315,10 +313,9 @@ def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> F
     """
     j = np.arange(-(hole + reach), hole + reach + 1)
     outside = np.abs(j) > hole
-    taps = outside / outside.sum() if order == 0 else np.where(outside, j, 0) / np.sum(np.where(outside, j, 0) ** 2)
-    filled = _hold(values)
-    estimate = correlate1d(filled, taps.astype(np.float64), mode="nearest")
-    return np.asarray(estimate, dtype=np.float64)
+    basis = np.where(outside, j**order, 0).astype(np.float64)
+    estimate: FloatArray = correlate1d(_hold(values), basis / np.sum(basis**2), mode="nearest")
+    return estimate
 
 
 def _hold(values: FloatArray) -> FloatArray:
@@ -337,36 +334,27 @@ def _smooth_temperature(values: FloatArray | None) -> FloatArray | None:
     return _from_neighbours(values, 0, SMOOTHING_REACH, order=0)
 
 
-def _speed_noise_and_step(speed: FloatArray) -> tuple[float, float]:
-    """Return the speed channel's noise standard deviation and its lattice step (0 for none) [rad/s]."""
-    known = speed[np.isfinite(speed)]
-    if known.size < 5:
-        return 0.0, 0.0
+def _speed_noise(speed: FloatArray) -> float:
+    """Return the standard deviation of the speed channel's noise [rad/s]."""
     second = np.diff(speed, 2)  # of neighbours only: across a gap they hold the motion
-    second = second[np.isfinite(second)]
-    noise = float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0)) if second.size else 0.0  # var(v₀ - 2v₁ + v₂) = 6σ²
-    noise = min(noise, LARGEST_SPEED_NOISE * float(np.median(np.abs(known))))
-    levels = np.unique(known)
-    step = 0.0
-    if levels.size < known.size / 4 and levels.size > 1:
-        step = float(np.median(np.diff(levels)))
-    return noise, step
+    second = np.abs(second[np.isfinite(second)])
+    if second.size == 0:
+        return 0.0
+    noise = float(np.median(second) / 0.6745 / np.sqrt(6.0))  # var(v₀ - 2v₁ + v₂) = 6σ²
+    return min(noise, LARGEST_SPEED_NOISE * float(np.nanmedian(np.abs(speed))))
 
 
-def _at_rest(speed: FloatArray, noise: float, step: float, dead_band: float | None) -> BoolArray:
+def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolArray:
     """Find rest: a stay near zero in which the wheel goes nowhere and the sign means nothing."""
-    known = np.isfinite(speed)
-    band = max(REST_BAND_IN_SPEED_NOISE * noise, step, dead_band or 0.0)
-    near = known & (np.abs(np.nan_to_num(speed)) <= band)
-    rest = known & (np.abs(np.nan_to_num(speed)) <= REST_BAND_IN_SPEED_NOISE * noise)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(np.int8), [0]])))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - begin < MIN_REST_SLOTS:
-            continue
+    meaningless = REST_BAND_IN_SPEED_NOISE * noise
+    band = max(meaningless, quantisation_step(speed[np.isfinite(speed)]) or 0.0, dead_band or 0.0)
+    rest: BoolArray = np.abs(speed) <= meaningless
+    edges = np.flatnonzero(np.diff(np.abs(speed) <= band, prepend=False, append=False))
+    for begin, end in edges.reshape(-1, 2):
         stay = speed[begin:end]
-        changes = np.count_nonzero(np.diff(np.sign(stay)) != 0)
-        wandered = abs(float(np.mean(stay[-MIN_REST_SLOTS // 2 :]) - np.mean(stay[: MIN_REST_SLOTS // 2])))
-        if changes >= 3 and wandered < band:
+        half = MIN_REST_SLOTS // 2
+        changes = np.count_nonzero(np.diff(np.sign(stay)))
+        if stay.size >= MIN_REST_SLOTS and changes >= 3 and abs(np.mean(stay[-half:]) - np.mean(stay[:half])) < band:
             rest[begin:end] = True
     return rest
 
@@ -396,46 +384,36 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray) -> Boo
     drag_Nm
         float64 (n,), friction along the rotation; NaN where unknown.
     """
-    none = np.zeros(speed_rad_s.size, dtype=np.bool_)
+    averaged = np.zeros(speed_rad_s.size, dtype=np.bool_)
     sign = np.sign(speed_rad_s)
     turning = np.flatnonzero(sign[1:] * sign[:-1] < 0)
-    around = np.unique(np.clip(np.concatenate([turning, turning + 1]), 1, max(speed_rad_s.size - 2, 1)))
-    around = around[np.isfinite(drag_Nm[around])] if speed_rad_s.size > 2 else around[:0]
+    around = np.unique(np.clip(np.append(turning, turning + 1), 1, max(sign.size - 2, 1)))
+    around = around[np.isfinite(drag_Nm[around])]
     if around.size == 0:
-        return none
-    level = np.array([_level(drag_Nm, int(k)) for k in around])
-    along = {name: mean[around] * sign[around] for name, mean in _mean_signs(speed_rad_s).items()}
-    known = np.isfinite(level) & np.all([np.isfinite(share) for share in along.values()], axis=0)
-
-    def missed(share: FloatArray) -> float:
-        return float(np.sum(np.abs(drag_Nm[around] - level * share)[known]))
-
-    cost = {name: missed(share) for name, share in along.items()}
-    best = min(cost, key=lambda name: cost[name])
-    if not known.any() or cost[best] >= LEFT_SHARE * missed(np.ones(around.size)):
-        return none
-    none[around[np.nan_to_num(along[best], nan=1.0) < STRADDLES]] = True
-    return none
+        return averaged
+    # The dry friction around each: most samples there are whole ones.
+    near = sliding_window_view(np.pad(drag_Nm, LEVEL_REACH, constant_values=np.nan), 2 * LEVEL_REACH + 1)
+    level = np.nanmedian(near[around], axis=1)
+    along = _mean_signs(speed_rad_s)[:, around] * sign[around]
+    known = np.isfinite(along).all(axis=0)
+    shares = np.append(along, np.ones((1, around.size)), axis=0)  # the last is that of points
+    *missed, of_points = np.sum(np.abs(drag_Nm[around] - level * shares)[:, known], axis=1)
+    best = int(np.argmin(missed))
+    if known.any() and missed[best] < LEFT_SHARE * of_points:
+        averaged[around[along[best] < STRADDLES]] = True
+    return averaged
 
 
-def _level(drag_Nm: FloatArray, at: int) -> float:
-    """Return the dry friction around a sample [N m], NaN where it is not known: most samples there are whole ones."""
-    near = drag_Nm[max(at - LEVEL_REACH, 0) : at + LEVEL_REACH + 1]
-    near = near[np.isfinite(near)]
-    return float(np.median(near)) if near.size else np.nan
+def _mean_signs(speed_rad_s: FloatArray) -> FloatArray:
+    """Return the mean sign of a speed that is straight between samples, over intervals as they may lie, (3, n).
 
-
-def _mean_signs(speed_rad_s: FloatArray) -> dict[str, FloatArray]:
-    """Return the mean sign of a speed that is straight between samples, over each way an interval may lie, (n,)."""
+    They are centred on their samples, end with them, or begin with them; NaN where they reach beyond the record.
+    """
     middle = 0.5 * (speed_rad_s[1:] + speed_rad_s[:-1])
     first, last = (_mean_sign(speed_rad_s[:-1], middle), _mean_sign(middle, speed_rad_s[1:]))  # halves of an interval
-    before, after = np.append(np.nan, last), np.append(first, np.nan)  # of each sample
     whole = _mean_sign(speed_rad_s[:-1], speed_rad_s[1:])
-    return {
-        "centred": 0.5 * (before + after),
-        "ending": np.append(np.nan, whole),
-        "beginning": np.append(whole, np.nan),
-    }
+    centred = 0.5 * (np.append(np.nan, last) + np.append(first, np.nan))
+    return np.stack([centred, np.append(np.nan, whole), np.append(whole, np.nan)])
 
 
 def _mean_sign(begin: FloatArray, end: FloatArray) -> FloatArray:

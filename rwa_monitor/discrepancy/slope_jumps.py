@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.search import prune
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.kernels.segmentation import optimal_lines
 from rwa_monitor.samples import FloatArray, IntArray
@@ -76,7 +77,10 @@ def with_slope_jumps(
         # What was named may be what jumps of the slope look like.
         alone = _with_slopes(problem, simpler)
         best = best if alone is None else min(best, alone, key=lambda one: one.score)
-    if best is None or not _pays(problem, model, best):
+    if best is None or model.score - best.score < ACCEPT_GAIN:
+        return None
+    before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
+    if after <= before:
         return None
     others = fitting.refitted(best.terms[:-1], best, [best.fit.jumps])
     drifting = fitting.refitted((*others.terms, _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
@@ -87,31 +91,10 @@ def with_slope_jumps(
 
 def _with_slopes(problem: Problem, begin: Model) -> Model | None:
     """Return a model with free slopes, without the names that they make superfluous; None where the slope is one."""
-    term = _slopes(problem, begin)
+    term, fitting = _slopes(problem, begin), Fitting(problem, jumps=True)
     if term is None:
         return None
-    return _without_idle(problem, Fitting(problem, jumps=True).refitted((*begin.terms, term), begin))
-
-
-def _pays(problem: Problem, model: Model, best: Model) -> bool:
-    """Return whether a model with free slopes is better than another, on held-out blocks, too."""
-    if model.score - best.score < ACCEPT_GAIN or best.terms[-1].effect.name != ViscousJump.name:
-        return False
-    scores = [held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best)]
-    return scores[1] > scores[0]
-
-
-def _without_idle(problem: Problem, model: Model) -> Model:
-    """Drop the named effects that free slopes make superfluous."""
-    index = 0
-    while index < len(model.terms) - 1:
-        terms = tuple(term for i, term in enumerate(model.terms) if i != index)
-        reduced = Fitting(problem, jumps=True).refitted(terms, model, [model.fit.jumps])
-        if reduced.score - model.score < ACCEPT_GAIN:
-            model = reduced
-        else:
-            index += 1
-    return model
+    return prune(fitting, fitting.refitted((*begin.terms, term), begin), keep_last=True)
 
 
 def shared_strength(problem: Problem, model: Model, index: int) -> tuple[str, ParameterValue]:
@@ -145,10 +128,8 @@ def _slopes(problem: Problem, model: Model) -> Term | None:
 
 
 def _term(problem: Problem, places: Sequence[int]) -> Term:
-    edges = [*places, problem.size]
-    columns = np.zeros((problem.size, len(places)))
-    for j, begin in enumerate(places):
-        columns[begin : edges[j + 1], j] = problem.speed[begin : edges[j + 1]]
+    stretch = np.searchsorted(places, np.arange(problem.size), side="right")
+    columns = problem.speed[:, None] * (stretch[:, None] == np.arange(1, len(places) + 1))
     names = [f"change_{j + 1}_Nm_s_rad" for j in range(len(places))]
     parameters = tuple(Parameter(name, "N m s/rad", -np.inf, np.inf, 0.0, linear=True) for name in names)
     effect = type("SlopeJumps", (SlopeJumps,), {"parameters": parameters, "places": tuple(places)})
@@ -169,10 +150,8 @@ def _straight_lines(speed: FloatArray, values: FloatArray, width: int, penalty: 
     """Return the index at which each straight line over the speed begins, but the first, to a block's width."""
     x, z = speed - speed.mean(), values - values.mean()  # sums of squares then lose few digits
     edges = np.append(np.arange(0, x.size, width), x.size)
-    rows = np.stack([np.ones(x.size), x, z, x * x, x * z, z * z])
-    sums = np.zeros((rows.shape[0], edges.size))
-    sums[:, 1:] = np.cumsum(rows, axis=1)[:, edges[1:] - 1]
-    return edges[optimal_lines(sums, penalty)]
+    sums = np.cumsum([np.ones(x.size), x, z, x * x, x * z, z * z], axis=1)
+    return edges[optimal_lines(np.take(np.pad(sums, ((0, 0), (1, 0))), edges, axis=1), penalty)]
 
 
 def _placed(speed: FloatArray, values: FloatArray, found: IntArray, width: int) -> IntArray:
@@ -190,8 +169,8 @@ def _placed(speed: FloatArray, values: FloatArray, found: IntArray, width: int) 
 
 
 def _line(speed: FloatArray, values: FloatArray, side: slice, at: FloatArray) -> FloatArray:
-    x, z = speed[side] - speed[side].mean(), values[side] - values[side].mean()
-    slope = float(x @ z) / max(float(x @ x), 1e-300)
+    x = speed[side] - speed[side].mean()
+    slope = float(x @ values[side]) / max(float(x @ x), np.finfo(np.float64).tiny)
     return np.asarray(values[side].mean() + slope * (at - speed[side].mean()))
 
 
@@ -199,18 +178,14 @@ def _merged(speed: FloatArray, values: FloatArray, first: IntArray, price: float
     """Return where the slope changes: neighbours are merged while one slope for both costs less than a change does."""
     sums = [np.add.reduceat(one, first) for one in (np.ones(speed.size), speed, values, speed**2, speed * values)]
     n, x, z, xx, xz = sums
-    energy, moment = (xx - x * x / n).tolist(), (xz - x * z / n).tolist()
-    begins = first.tolist()
-    while len(begins) > 1:
-        costs = []
-        for i in range(len(begins) - 1):
-            both = energy[i] * energy[i + 1]
-            apart = moment[i] * energy[i + 1] - moment[i + 1] * energy[i]
-            costs.append(apart**2 / (both * (energy[i] + energy[i + 1])) if both > 0 else 0.0)
+    rest = np.stack([xx - x * x / n, xz - x * z / n])  # energy and moment of each
+    while first.size > 1:
+        (e0, m0), (e1, m1) = rest[:, :-1], rest[:, 1:]
+        both = e0 * e1
+        costs = np.where(both > 0, (m0 * e1 - m1 * e0) ** 2 / np.where(both > 0, both * (e0 + e1), 1.0), 0.0)
         i = int(np.argmin(costs))
         if costs[i] >= price:
             break
-        energy[i : i + 2] = [energy[i] + energy[i + 1]]
-        moment[i : i + 2] = [moment[i] + moment[i + 1]]
-        del begins[i + 1]
-    return tuple(begins[1:])
+        rest[:, i] += rest[:, i + 1]
+        rest, first = np.delete(rest, i + 1, axis=1), np.delete(first, i + 1)
+    return tuple(first[1:].tolist())

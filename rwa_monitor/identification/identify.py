@@ -18,11 +18,10 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit, criterion, fit, make_problem, remove_levels, segment_starts
 from rwa_monitor.discrepancy.bench import as_measured
-from rwa_monitor.discrepancy.known_effects import without_known_effects
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.plausible import Shown, first_slope, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.record import left_out_in_words, make_record
+from rwa_monitor.discrepancy.record import left_out_in_words, make_record, without_known_effects
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.duration_laws import LearnedLaw, learn_laws
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples

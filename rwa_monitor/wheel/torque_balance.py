@@ -121,6 +121,15 @@ def derivative_taps(derivative: Derivative, period_s: float) -> FloatArray:
     return offsets / (period_s * float(np.sum(offsets * offsets)))
 
 
+def weights_between(wheel: Wheel) -> FloatArray:
+    """Return the weights with which the wheel's derivative averages dω/dt: between slots 0 and 1, 1 and 2, …, (h,).
+
+    Σ c_j ω_{k+j} = Σ_i W_i a_{k+i+½}: what lies between slots i and i + 1 counts in each tap beyond it.
+    """
+    taps = derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
+    return np.ascontiguousarray(wheel.sample_period_s * np.cumsum(taps[: taps.size // 2 : -1])[::-1])
+
+
 def differentiate(speed_rad_s: FloatArray, derivative: Derivative, period_s: float) -> FloatArray:
     """Return dω/dt on the slot grid [rad/s²], float64 (n,); NaN where the stencil meets a missing sample or an end.
 
@@ -202,8 +211,7 @@ def rounding_error(
     period_s = wheel.sample_period_s
     taps = derivative_taps(wheel.friction.derivative, period_s)
     half = taps.size // 2
-    # Σ c_j ω_{k+j} = Σ_i W_i a_{k+i+½}: what lies between slots i and i + 1 counts in each tap beyond it.
-    weights = np.ascontiguousarray(period_s * np.cumsum(taps[:half:-1])[::-1])
+    weights = weights_between(wheel)
     error = np.zeros(speed_rad_s.size)
     kernels.rounding_error(
         speed_rad_s,

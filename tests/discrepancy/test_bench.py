@@ -12,13 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from rwa_monitor.batch.tasks import not_nominal
-from rwa_monitor.discrepancy.bench import (
-    MEAN_OF_A_TURN,
-    SCALED_ONLY,
-    as_measured,
-    is_even,
-    with_turns,
-)
+from rwa_monitor.discrepancy.bench import MEAN_OF_A_TURN, SCALED_ONLY, as_measured, is_even, with_turns
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.plausible import shown_inertia
@@ -39,21 +33,23 @@ def drag(speed: Array, windage: float) -> Array:
     return 0.02 + 0.002 * speed + windage * speed**2
 
 
-def turns(windage: float, seed: int = 0, rows: int = 400) -> tuple[Array, Array, float]:
-    """Return time, speed and inertia of a wheel that runs down from 20 to about 2 rad/s, one row a turn."""
-    fine, low, high, inertia = 50, 0.01, 100.0, 1.0
-    squares = np.zeros(rows * fine)
-    while high / low > 1.0001:
-        inertia = float(np.sqrt(low * high))
-        squares[0] = 400.0
-        for k in range(1, squares.size):
-            at = squares[k - 1]
-            squares[k] = max(at - 4 * np.pi / fine / inertia * (0.02 + 0.002 * at**0.5 + windage * at), 1e-6)
-        low, high = (low, inertia) if squares[-1] > 4.0 else (inertia, high)
-    speed = np.sqrt(squares)
-    time = np.append(0.0, np.cumsum(4 * np.pi / fine / (speed[1:] + speed[:-1])))
-    noise = 1e-4 * np.random.default_rng(seed).normal(size=rows)
-    return time[::fine], speed[::fine] * (1 + noise), inertia
+def passed(windage: float, angle: Array) -> tuple[Array, Array]:
+    """Return when and how fast a wheel of 1.8 kg m² that runs down from 20 rad/s passes angles, least first [rad]."""
+    run = solve_ivp(
+        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (1.8 * y[1])],
+        (min(angle[0], 0.0), angle[-1]),
+        [0.0, 20.0],
+        t_eval=angle,
+        rtol=1e-10,
+        atol=1e-12,
+    )
+    return run.y[0], run.y[1]
+
+
+def turns(windage: float) -> tuple[Array, Array]:
+    """Return time and speed of a wheel of 1.8 kg m² that runs down, one row a turn."""
+    time, speed = passed(windage, 2 * np.pi * np.arange(350))
+    return time, speed * (1 + 1e-4 * np.random.default_rng(0).normal(size=time.size))
 
 
 def run_down(windage: float, uneven: float = 0.0, period_s: float = 0.5, seed: int = 0) -> Samples:
@@ -68,16 +64,18 @@ def run_down(windage: float, uneven: float = 0.0, period_s: float = 0.5, seed: i
     return samples(time, speed + 1e-4 * rng.normal(size=count))
 
 
-def samples(time_s: Array, speed: Array, friction: Array | None = None) -> Samples:
-    return Samples((time_s * 1e9).astype(np.int64), speed, friction)
+def samples(time_s: Array, speed: Array, friction: Array | None = None, **channels: Array) -> Samples:
+    return Samples((time_s * 1e9).astype(np.int64), speed, friction, **channels)
 
 
 def bench(inertia: float | None = 5.0, period_s: float = 0.5) -> Wheel:
     return Wheel(name="bench", sample_period_s=period_s, inertia_kg_m2=inertia, friction=OFF)
 
 
-def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone() -> None:
-    search = find_discrepancy([("coast", run_down(WINDAGE))], bench())
+@pytest.mark.parametrize("uneven", [0.0, 0.1, 0.5])
+def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone(uneven: float) -> None:
+    assert names(find_discrepancy([("coast", run_down(0.0, uneven, 1.0))], bench(period_s=1.0))) == []
+    search = find_discrepancy([("coast", run_down(WINDAGE, uneven))], bench())
     assert names(search) == ["quadratic_drag"]
     strength = search.result.effects[0].parameters["strength_Nm_s2_rad2"]
     assert abs(strength.value - WINDAGE) < 4 * strength.std
@@ -125,14 +123,11 @@ def test_with_the_law_that_was_missing_the_wheel_is_learned() -> None:
 @pytest.mark.parametrize("rows", [40, 60, 84, 120, 175])
 @pytest.mark.parametrize("ladder", [False, True])
 def test_short_tables_name_windage(rows: int, ladder: bool) -> None:
-    rng = np.random.default_rng(rows)
     dwells = np.repeat(np.linspace(5.0, 100.0, 8), 22)[:: max(176 // rows, 1)]
-    speed: Array = np.asarray(dwells[:rows] if ladder else np.linspace(100.0, 5.0, rows), dtype=np.float64)
-    windage = 1e-6 * speed**2
-    plain = 2e-4 * (1.0 + speed / 100.0)
-    noise = 0.01 * float(np.mean(plain + windage)) * rng.normal(size=speed.size)
-    wheel = Wheel(name="short", sample_period_s=0.1)
-    time = 0.1 * np.arange(speed.size)
+    speed = dwells[:rows] if ladder else np.linspace(100.0, 5.0, rows)
+    windage, plain = 1e-6 * speed**2, 2e-4 * (1.0 + speed / 100.0)
+    noise = 0.01 * float(np.mean(plain + windage)) * np.random.default_rng(rows).normal(size=speed.size)
+    wheel, time = Wheel(name="short", sample_period_s=0.1), 0.1 * np.arange(speed.size)
     search = find_discrepancy([("short", samples(time, speed, plain + windage + noise))], wheel)
     assert names(search) == ["quadratic_drag"]
     assert search.result.effects[0].equivalent == ()
@@ -144,22 +139,16 @@ def test_short_tables_name_windage(rows: int, ladder: bool) -> None:
 @pytest.mark.parametrize("windage", [WINDAGE, 0.0])
 @pytest.mark.parametrize("given", [True, False])
 def test_a_row_a_turn_is_read_as_it_is(windage: float, given: bool) -> None:
-    time, speed, inertia = turns(windage)
+    time, speed = turns(windage)
     assert np.diff(time).max() > 5 * np.diff(time).min()
     friction = drag(speed, windage)
     friction = friction + 0.01 * friction.mean() * np.random.default_rng(1).normal(size=speed.size)
     table = samples(time, speed, friction if given else None)
-    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(inertia)
+    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(1.8)
     search = find_discrepancy([("turns", table)], wheel)
     assert names(search) == (["quadratic_drag"] if windage else [])
     assert search.result.unexplained is None
     assert ("coloured_noise" in dict(search.result.untested)) is not given
-
-
-@pytest.mark.parametrize("uneven", [0.1, 0.5])
-def test_uneven_steps_are_no_effect(uneven: float) -> None:
-    assert names(find_discrepancy([("coast", run_down(WINDAGE, uneven))], bench())) == ["quadratic_drag"]
-    assert names(find_discrepancy([("coast", run_down(0.0, uneven, 1.0))], bench(period_s=1.0))) == []
 
 
 def test_uneven_current_is_interpolated_and_it_is_said() -> None:
@@ -168,7 +157,7 @@ def test_uneven_current_is_interpolated_and_it_is_said() -> None:
     time[2000:] += 3.0  # nothing is filled in over a gap
     speed = 11.0 + 9.0 * np.sin(0.2 * time)
     torque = 0.5 * 1.8 * np.cos(0.2 * time) + drag(speed, WINDAGE)
-    table = Samples((time * 1e9).astype(np.int64), speed, motor_torque_Nm=torque + 1e-3 * rng.normal(size=3000))
+    table = samples(time, speed, motor_torque_Nm=torque + 1e-3 * rng.normal(size=3000))
     wheel = Wheel(name="on", sample_period_s=0.1, inertia_kg_m2=0.5)
     made = as_measured([("log", table)], wheel)
     (_, even), (note,) = made.recordings[0], made.notes
@@ -233,11 +222,12 @@ def test_an_uneven_angle_is_interpolated_over_the_end_of_a_turn() -> None:
     rng = np.random.default_rng(0)
     time = np.cumsum(0.1 * (1 + 0.3 * rng.uniform(-1, 1, 2000)))
     speed, angle = np.full(2000, 20.0), 20.0 * time
-    table = Samples(
-        (time * 1e9).astype(np.int64), speed, motor_torque_Nm=np.ones(2000), angle_rad=np.mod(angle, 2 * np.pi)
-    )
+    table = samples(time, speed, motor_torque_Nm=np.ones(2000), angle_rad=np.mod(angle, 2 * np.pi))
     ((_, even),) = as_measured([("log", table)], Wheel(name="on", sample_period_s=0.1)).recordings
     np.testing.assert_allclose(np.diff(even.angle_rad), 2.0, atol=1e-6)
+
+
+GEARED = Wheel(name="geared", sample_period_s=0.1, inertia_kg_m2=5.0, torque_constant_Nm_A=0.05, gear_ratio=24.0)
 
 
 def geared(efficiency: float = 1.0, offset_A: float = 0.0) -> Samples:
@@ -251,32 +241,29 @@ def geared(efficiency: float = 1.0, offset_A: float = 0.0) -> Samples:
     torque = 5.0 * slew + dry * np.sign(speed) + 0.05 * speed
     of_motor = torque / 24.0 * np.where(torque * speed > 0, 1 / efficiency, efficiency)
     current = of_motor / 0.05 + offset_A + 0.005 * rng.normal(size=time.size)
-    measured = speed + 1e-4 * rng.normal(size=time.size)
-    return Samples((time * 1e9).astype(np.int64), measured, motor_current_A=current)
+    return samples(time, speed + 1e-4 * rng.normal(size=time.size), motor_current_A=current)
 
 
 def test_behind_a_gear_inertia_friction_and_offset_are_the_wheels() -> None:
-    wheel = Wheel(name="geared", sample_period_s=0.1, inertia_kg_m2=5.0, torque_constant_Nm_A=0.05, gear_ratio=24.0)
     table = geared(offset_A=0.02)
-    search = find_discrepancy([("log", table)], wheel)
+    search = find_discrepancy([("log", table)], GEARED)
     assert names(search) == ["torque_bias"]
     bias = search.result.effects[0].parameters["strength_Nm"]
     assert abs(bias.value - 0.02 * 0.05 * 24.0) < 4 * bias.std
     assert search.extended.fit.coefficients[0] == pytest.approx(0.05, rel=0.01)
     assert search.extended.fit.level[[0, -1]] == pytest.approx([0.3, 0.5], rel=0.02)
-    per_ampere = torque_per_ampere(table.motor_current_A, table.speed_rad_s, wheel)
+    per_ampere = torque_per_ampere(table.motor_current_A, table.speed_rad_s, GEARED)
     shown = shown_inertia(table.speed_rad_s, per_ampere * table.motor_current_A, 0.1)
     assert shown.value == pytest.approx(5.0, rel=0.01)
 
 
 def test_the_loss_of_a_gear_is_none_of_the_wheels_friction() -> None:
-    wheel = Wheel(name="geared", sample_period_s=0.1, inertia_kg_m2=5.0, torque_constant_Nm_A=0.05, gear_ratio=24.0)
-    told = find_discrepancy([("log", geared(0.8))], wheel.model_copy(update={"gear_efficiency": 0.8}))
+    told = find_discrepancy([("log", geared(0.8))], GEARED.model_copy(update={"gear_efficiency": 0.8}))
     # The current's noise counts more at the wheel while that drives the motor: two widths, as of heavy tails.
     assert set(names(told)) <= {"heavy_tailed_noise"}
     assert told.result.unexplained is None
     assert told.extended.fit.level[[0, -1]] == pytest.approx([0.3, 0.5], rel=0.02)
-    assert "load_dependence" in names(find_discrepancy([("log", geared(0.8))], wheel))
+    assert "load_dependence" in names(find_discrepancy([("log", geared(0.8))], GEARED))
 
 
 def pulse_times(windage: float, per_turn: int) -> Array:
@@ -284,14 +271,7 @@ def pulse_times(windage: float, per_turn: int) -> Array:
     rng = np.random.default_rng(per_turn)
     marks = np.arange(per_turn) / per_turn + 0.02 / per_turn * rng.uniform(-1, 1, per_turn)
     angle = 2 * np.pi * (np.arange(350)[:, None] + marks).ravel()
-    run: Array = solve_ivp(
-        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (1.8 * y[1])],
-        (min(angle[0], 0.0), angle[-1]),
-        [0.0, 20.0],
-        t_eval=np.sort(np.append(angle, 2 * np.pi * 123.3)),
-        rtol=1e-10,
-        atol=1e-12,
-    ).y[0]
+    run, _ = passed(windage, np.sort(np.append(angle, 2 * np.pi * 123.3)))
     return np.delete(run, 57 * per_turn) + 1e-5 * rng.normal(size=run.size - 1)
 
 
@@ -333,8 +313,8 @@ def test_runs_down_in_one_table_hours_apart_are_recordings_of_their_own(uneven: 
 
 
 def test_what_is_made_even_stays_as_it_is() -> None:
-    time, speed, inertia = turns(WINDAGE)
-    once = as_measured([("turns", samples(time, speed))], bench(inertia))
+    time, speed = turns(WINDAGE)
+    once = as_measured([("turns", samples(time, speed))], bench(1.8))
     again = as_measured(once.recordings, once.wheel)
     assert again.wheel == once.wheel
     for name, values in once.recordings[0][1].channels():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -36,23 +37,13 @@ def test_without_friction_and_current_a_record_is_refused() -> None:
         make_record(replace(samples, friction_torque_Nm=None), WHEEL, "poor")
 
 
-def test_a_gap_is_left_out_and_keeps_its_slots() -> None:
+def test_gaps_and_values_that_are_not_finite_are_left_out_and_keep_their_slots() -> None:
     samples, _ = record(swing())
-    keep = np.ones(len(samples), dtype=bool)
-    keep[2000:2100] = False
-    made = make_record(samples[keep], WHEEL, "gap")
+    samples.friction_torque_Nm[100:110] = np.nan
+    made = make_record(samples[np.r_[:2000, 2100 : len(samples)]], WHEEL, "gap")
     assert made.used.size == len(samples)
-    assert not made.used[2000:2100].any()
-    assert made.used[1999]
-    assert made.used[2100]
-
-
-def test_values_that_are_not_finite_are_left_out() -> None:
-    samples, _ = record(swing())
-    friction = samples.friction_torque_Nm.copy()
-    friction[100:110] = np.nan
-    made = make_record(replace(samples, friction_torque_Nm=friction), WHEEL, "holes")
-    assert not made.used[100:110].any()
+    assert not made.used[np.r_[100:110, 2000:2100]].any()
+    assert made.used[[99, 110, 1999, 2100]].all()
 
 
 def test_rest_is_left_out_but_crossings_stay() -> None:
@@ -60,7 +51,7 @@ def test_rest_is_left_out_but_crossings_stay() -> None:
     speed[3000:3400] = 0.0
     made = make_record(record(speed)[0], WHEEL, "rest")
     assert not made.used[3010:3390].any()
-    assert made.rest_slots >= 380
+    assert made.left_out["at rest"] >= 380
     crossing = int(np.flatnonzero(np.diff(np.sign(swing())))[0])
     near = made.used[crossing - 40 : crossing + 40]
     # 250 rad/s in 600 s crosses zero at 2.6 rad/s²: five speed noises (0.05 rad/s) are passed within one slot.
@@ -72,8 +63,7 @@ def test_values_beyond_the_limits_are_a_wrong_unit() -> None:
     in_rpm = replace(samples, speed_rad_s=samples.speed_rad_s * 60 / (2 * np.pi))
     with pytest.raises(InputError, match="wrong unit"):
         make_record(in_rpm, WHEEL, "rpm")
-    unlimited = WHEEL.model_copy(update={"limits": Limits()})
-    make_record(in_rpm, unlimited, "rpm")
+    make_record(in_rpm, WHEEL.model_copy(update={"limits": Limits()}), "rpm")
 
 
 @pytest.mark.parametrize(("factor", "refused"), [(1.0, False), (1000.0, True), (0.001, True)])
@@ -82,10 +72,7 @@ def test_a_voltage_that_contradicts_the_speed_is_refused(factor: float, refused:
     samples = with_current(speed, np.sign(speed) * 1.6e-3)
     voltage = WHEEL.winding_resistance_ohm * samples.motor_current_A + WHEEL.back_emf_constant_V_s_rad * speed
     samples = replace(samples, motor_voltage_V=factor * voltage)
-    if refused:
-        with pytest.raises(InputError, match="contradicts"):
-            make_record(samples, WHEEL, "volts")
-    else:
+    with pytest.raises(InputError, match="contradicts") if refused else nullcontext():
         make_record(samples, WHEEL, "volts")
 
 
@@ -128,9 +115,7 @@ def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> Non
     speed = 200.0 + rng.normal(0, 0.01, 20_000)
     made = make_record(with_current(speed, np.full(speed.size, 1.6e-3)), WHEEL, "noise")
     friction = (made.friction_torque_Nm - 1.6e-3)[made.used]
-    for name in ("acceleration_rad_s2",):
-        channel = getattr(made.channels, name)[made.used]
-        correlation = np.corrcoef(friction, channel)[0, 1]
-        # Both series are smooth over some 20 slots, so that about 1000 values are independent: 4 σ is 0.13.
-        assert abs(correlation) < 4 / np.sqrt(friction.size / 20), name
+    correlation = np.corrcoef(friction, made.channels.acceleration_rad_s2[made.used])[0, 1]
+    # Both series are smooth over some 20 slots, so that about 1000 values are independent: 4 σ is 0.13.
+    assert abs(correlation) < 4 / np.sqrt(friction.size / 20)
     assert np.std(friction) > 0.1 * NOISE_NM

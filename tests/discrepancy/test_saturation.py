@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.plausible import at_end_stop
-from tests.discrepancy.simple import DRY_NM, WHEEL, record, swing
+from tests.discrepancy.simple import DRY_NM, record, search, swing
 
 
 @settings(max_examples=50, deadline=None)
@@ -44,6 +43,6 @@ def test_friction_at_its_end_stop_now_and_then_makes_no_effect() -> None:
     samples, _ = record(swing(4000), jumps=())
     limit = float(np.quantile(np.abs(samples.friction_torque_Nm), 0.9))
     clipped = np.clip(samples.friction_torque_Nm, -limit, limit)
-    result = find_discrepancy([("clipped", replace(samples, friction_torque_Nm=clipped))], WHEEL).result
+    result = search(replace(samples, friction_torque_Nm=clipped)).result
     assert [effect.name for effect in result.effects if effect.family == "mean"] == []
     assert limit > DRY_NM

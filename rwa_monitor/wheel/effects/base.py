@@ -142,7 +142,7 @@ class Effect:
     source: ClassVar[str]
     needs: ClassVar[frozenset[str]] = frozenset()  # optional channels: "motor_torque_Nm", "bearing_temperature_degC"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
-    # True where what it leaves follows the acceleration, so that a curve over that shows the same.
+    # True where it follows the acceleration, as a curve over that does, and coarse rounding of the speed.
     follows_acceleration: ClassVar[bool] = False
     # True where it changes with time alone, as a fault does that grows.
     changes_with_time: ClassVar[bool] = False

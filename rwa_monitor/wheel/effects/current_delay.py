@@ -25,6 +25,7 @@ class CurrentDelay(MeanEffect):
 
     name = "current_delay"
     title = "Current and speed misaligned in time"
+    follows_acceleration = True
     formula = r"\tau = d\, K_T\, \dot I, \qquad I_{\mathrm{measured}}(t) = I(t + d)"
     description = (
         "Current and speed are sampled, filtered or stamped at different times: the motor torque that enters the "

@@ -13,6 +13,7 @@ class InertiaError(MeanEffect):
 
     name = "inertia_error"
     title = "Wrong inertia"
+    follows_acceleration = True
     formula = r"\tau = \delta J\, \dot\omega, \qquad \delta J = J_{\mathrm{true}} - J_{\mathrm{assumed}}"
     description = (
         "Friction is K_T I − J dω/dt; where J is too small, a part of the accelerating torque is taken for friction. "

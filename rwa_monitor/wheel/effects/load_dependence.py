@@ -13,6 +13,7 @@ class LoadDependence(MeanEffect):
 
     name = "load_dependence"
     title = "Load dependence"
+    follows_acceleration = True
     formula = r"\tau = c\, |K_T I|\, \operatorname{sign}(\omega)"
     description = "The torque that is transmitted loads the bearings or the gear, and friction grows with load."
     signature = "Drag that grows with the motor torque, in acceleration and braking alike."

@@ -24,6 +24,7 @@ class LubricantLag(MeanEffect):
 
     name = "lubricant_lag"
     title = "Lubricant lag"
+    follows_acceleration = True
     formula = r"\tau = b\, (\omega - \omega_f), \qquad T_f\, \dot\omega_f = \omega - \omega_f"
     description = (
         "After a change of speed the lubricant needs time to redistribute and to reach its new temperature: the "

@@ -11,6 +11,7 @@ class TorqueConstantError(MeanEffect):
 
     name = "torque_constant_error"
     title = "Wrong torque constant"
+    follows_acceleration = True
     formula = r"\tau = \frac{\delta K_T}{K_T}\, K_T I, \qquad \delta K_T = K_{T,\mathrm{assumed}} - K_{T,\mathrm{true}}"
     description = (
         "Friction is K_T I − J dω/dt; where K_T is too large, a part of the motor torque that is not there reads as "

@@ -15,6 +15,7 @@ class TorqueConstantTemperature(MeanEffect):
 
     name = "torque_constant_temperature"
     title = "Torque constant falls with temperature"
+    follows_acceleration = True
     formula = (
         r"\tau = k\, (T - T_0)\, K_T I, \qquad T_0 = 20\,^\circ\mathrm{C}, \quad K_{T,\mathrm{true}} = K_T \left(1 - "
         r"k (T - T_0)\right)"
