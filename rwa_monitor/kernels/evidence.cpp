@@ -87,8 +87,10 @@ struct Window {
         : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
           floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
         announced.fill(FAR_AWAY);
-        block_sums = NewMatrix({blocks_before(a.x.size()), LAGS});
-        block_pairs = NewMatrix(block_sums.shape);
+        const int64_t blocks = blocks_before(a.x.size());
+        memory.reset(new double[2 * blocks * LAGS]);  // not touched before there are samples for it
+        block_sums = Matrix<double>(memory.get(), {blocks, LAGS});
+        block_pairs = Matrix<double>(memory.get() + blocks * LAGS, {blocks, LAGS});
     }
 
     // What Python learned of the first chunk: weight of the slope's prior, dead band, speed whose sign is certain.
@@ -235,7 +237,8 @@ struct Window {
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
-    NewMatrix block_sums, block_pairs;   // see `block_differences`
+    std::unique_ptr<double[]> memory;
+    Matrix<double> block_sums, block_pairs;  // see `block_differences`
     array<int64_t, STEP> announced;        // the last slots reported, in turns
     int64_t announcements = 0;
     tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
