@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 @click.argument("recordings", nargs=-1, required=True, type=FILE, metavar="RECORDING...")
 @click.option("--verify", is_flag=True, help="Compare with what the recording holds, to 1e-9 relative.")
 @click.option("--exact", is_flag=True, help="Demand equal bytes; means --verify.")
+@click.option("--long", is_flag=True, help="List every difference, not only their number per field.")
 @click.option("--publish", is_flag=True, help="Publish the recorded inputs on the bus instead.")
 @speed_option
 @bus_options
@@ -26,6 +27,7 @@ def command(
     recordings: tuple[Path, ...],
     verify: bool,
     exact: bool,
+    long: bool,
     publish: bool,
     speed: float,
     bus: BusOptions,
@@ -46,7 +48,7 @@ def command(
     with status_line("replaying") as progress:
         report = replay(paths, lambda done: progress(f"{done:,} messages"))
     if compare:
-        click.echo(report.short())
+        click.echo(report.long() if long else report.short())
     else:
         for topic, message in report.messages:
             click.echo(json.dumps({"topic": topic, "message": json.loads(message)}, ensure_ascii=False))

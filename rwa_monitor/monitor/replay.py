@@ -180,6 +180,10 @@ class Report:
             lines.append(f"  and {len(listed) - MAX_LISTED} more fields")
         return "\n".join(lines)
 
+    def long(self) -> str:
+        """Return the long report: every difference."""
+        return "\n".join((self._summary(), *(f"  {line}" for line in self.differences)))
+
     def _summary(self) -> str:
         what = ", ".join(f"{count} {name}" for name, count in sorted(self.compared.items())) or "nothing"
         files = counted(len(self.files), "file")
