@@ -69,14 +69,9 @@ class BaseLaw:
     at_bound: bool
     one_speed_rad_s: float | None = None
 
-    @property
-    def sum_Nm(self) -> float:
-        """Dry and viscous friction together, at the one speed [N m]; NaN where there are more."""
-        return (
-            float("nan")
-            if self.one_speed_rad_s is None
-            else (self.dry_Nm + self.viscous_Nm_s_rad * self.one_speed_rad_s)
-        )
+    def at(self, speed_rad_s: float) -> float:
+        """Return dry and viscous friction together at a speed [N m]."""
+        return self.dry_Nm + self.viscous_Nm_s_rad * speed_rad_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +86,9 @@ class Extension:
         What was done with the nominal friction of the file.
     before, after
         The base law fitted to these records without the effects and with them.
-    rmse_before_Nm, rmse_after_Nm
+    simulated
         Friction less that of the two wheel files at the record's own speed, the same segments in both, each at its own
-        level [N m].
+        level: what the effects gain or lose.
     rmse_simulated_Nm
         The same of the extended file with its own dry friction as the level; NaN without a nominal one [N m].
     is_a_loss
@@ -104,15 +99,9 @@ class Extension:
     treatment: Treatment
     before: BaseLaw
     after: BaseLaw
-    rmse_before_Nm: float
-    rmse_after_Nm: float
+    simulated: SimulatedGain
     rmse_simulated_Nm: float
     is_a_loss: bool = False
-
-    @property
-    def simulated(self) -> SimulatedGain:
-        """What the effects gain or lose when the wheel file is simulated, each segment at its own level."""
-        return SimulatedGain(self.rmse_before_Nm, self.rmse_after_Nm)
 
     @property
     def comment(self) -> str:
@@ -122,10 +111,10 @@ class Extension:
     def to_toml(self) -> str:
         """Write the wheel file, with the comment and a warning on top."""
         drifts = any(effect_class(block.name).changes_with_time for block in self.wheel.effect)
-        caution = f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION
-        caution = f"{CAUTION_SIMULATED}\n# {caution}" if self.simulated.is_a_loss else caution
-        caution = f"{CAUTION_LOSS}\n# {caution}" if self.is_a_loss else caution
-        return f"# In [nominal], {self.comment}.\n# {caution}\n{self.wheel.to_toml()}"
+        cautions = [CAUTION_LOSS] if self.is_a_loss else []
+        cautions += [CAUTION_SIMULATED] if self.simulated.is_a_loss else []
+        lines = [f"In [nominal], {self.comment}.", *cautions, f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION]
+        return "".join(f"# {line}\n" for line in lines) + self.wheel.to_toml()
 
 
 def extended_wheel(search: Search) -> Wheel:
@@ -157,8 +146,7 @@ def extend(search: Search) -> Extension:
         treatment,
         before,
         after,
-        _rmse(search, search.wheel, before),
-        _rmse(search, wheel, after),
+        SimulatedGain(_rmse(search, search.wheel, before), _rmse(search, wheel, after)),
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
         search.result.gain is not None and search.result.gain.is_a_loss,
     )
@@ -193,12 +181,14 @@ def laws_in_words(extension: Extension) -> list[str]:
         dry = f"dry {before.dry_Nm:.4g} → {after.dry_Nm:.4g} N m (lowest lasting level{impossible})"
         law = f"{dry}, viscous {_with_std(before)} → {_with_std(after)} N m s/rad"
     else:
+        speed = after.one_speed_rad_s
         law = (
-            f"{before.sum_Nm:.4g} → {after.sum_Nm:.4g} N m at {after.one_speed_rad_s:.4g} rad/s: how much of that is"
-            " dry and how much viscous is not known at one speed"
+            f"{before.at(speed):.4g} → {after.at(speed):.4g} N m at {speed:.4g} rad/s: how much of that is dry and how"
+            " much viscous is not known at one speed"
         )
-    check = f"RMSE {extension.rmse_before_Nm:.4g} → {extension.rmse_after_Nm:.4g} N m with the effects"
-    if extension.simulated.is_a_loss and extension.wheel.effect:
+    simulated = extension.simulated
+    check = f"RMSE {simulated.rmse_base_Nm:.4g} → {simulated.rmse_extended_Nm:.4g} N m with the effects"
+    if simulated.is_a_loss and extension.wheel.effect:
         check += " (does not hold when simulated)"
     if not extension.wheel.fss and np.isfinite(extension.rmse_simulated_Nm):
         check += f", at the file's own dry friction {extension.rmse_simulated_Nm:.4g} N m"
@@ -224,42 +214,29 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
         return None, "absent"
     if after.one_speed_rad_s is not None:
         return nominal, "one speed"
-    to_before = to_after = 0.0
-    for known, without, beside in (
-        (nominal.dry_torque_Nm, before.dry_Nm, after.dry_Nm),
-        (nominal.viscous_Nm_s_rad, before.viscous_Nm_s_rad, after.viscous_Nm_s_rad),
-    ):
-        unit = max(abs(known), 1e-300)
-        to_before += ((known - without) / unit) ** 2
-        to_after += ((known - beside) / unit) ** 2
-    if to_after <= to_before:
+    known = np.array([nominal.dry_torque_Nm, nominal.viscous_Nm_s_rad])
+    without, beside = (np.array([law.dry_Nm, law.viscous_Nm_s_rad]) for law in (before, after))
+    unit = np.maximum(np.abs(known), 1e-300)
+    if np.sum(((known - beside) / unit) ** 2) <= np.sum(((known - without) / unit) ** 2):
         return nominal, "kept"
-    dry = nominal.dry_torque_Nm + after.dry_Nm - before.dry_Nm
-    viscous = nominal.viscous_Nm_s_rad + after.viscous_Nm_s_rad - before.viscous_Nm_s_rad
-    shifted = {
-        "dry_torque_Nm": max(dry, LEAST_SHARE * nominal.dry_torque_Nm),
-        "viscous_Nm_s_rad": max(viscous, LEAST_SHARE * nominal.viscous_Nm_s_rad),
-    }
-    return nominal.model_copy(update=shifted), "shifted"
+    dry, viscous = np.maximum(known + beside - without, LEAST_SHARE * known).tolist()
+    return nominal.model_copy(update={"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}), "shifted"
 
 
 def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = None) -> float:
     """Return the RMS of friction less the wheel's law, at one dry level or each segment at its own [N m]."""
     problem = search.problem
+    # The records are free already of the effects that the wheel file had (`without_known_effects`).
+    added = wheel.model_copy(update={"effect": wheel.effect[len(search.wheel.effect) :]})
     viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else law.viscous_Nm_s_rad
     level = search.extended.fit.level if dry_Nm is None else np.full(problem.size, dry_Nm)
     torques = []
     for record, dry in zip(problem.records, problem.spread(level), strict=True):
         channels = replace(record.channels, dry_level_Nm=dry)
         torque = viscous * channels.speed_rad_s
-        for effect in mean_effects(_added(wheel, search.wheel)):
+        for effect in mean_effects(added):
             torque = torque + np.nan_to_num(effect.torque(channels)[0])
         torques.append(torque)
     rest: FloatArray = problem.z - problem.sign * problem.gather(torques)
     inner = remove_levels(rest, segment_starts(problem, search.extended.fit.jumps)) if dry_Nm is None else rest - dry_Nm
     return float(np.sqrt(np.mean(inner**2)))
-
-
-def _added(wheel: Wheel, known: Wheel) -> Wheel:
-    """Return the wheel without the effects that the records are free of already (`without_known_effects`)."""
-    return wheel.model_copy(update={"effect": wheel.effect[len(known.effect) :]})

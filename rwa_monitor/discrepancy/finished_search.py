@@ -82,18 +82,15 @@ def nested_models(search: Search) -> list[NestedModel]:
     blocks = [score.block_log_scores for score in search.scores]
     for i, (model, score) in enumerate(zip(search.mean.nested, search.scores, strict=True)):
         excess = float(np.sqrt(max(score.rmse_Nm**2 - noise**2, 0.0)))
+        name = "simulation as it is"
+        of_gain: tuple[float | None, float | None, float | None] = None, None, None
+        of_total: tuple[float, float | None] = 0.0, None
+        if i > 0:
+            gain, half = _with_interval(blocks[i] - blocks[i - 1])
+            name, of_gain = f"+ {model.names[-1]}", (gain, gain - half, gain + half)
+            of_total = _with_interval(blocks[i] - blocks[0])
         jumps = int(model.fit.jumps.size)
-        if i == 0:
-            name = "simulation as it is"
-            nested.append(NestedModel(name, score.rmse_Nm, excess, score.log_score, None, None, None, 0.0, None, jumps))
-            continue
-        gain, half = _with_interval(blocks[i] - blocks[i - 1])
-        total, total_half = _with_interval(blocks[i] - blocks[0])
-        name = f"+ {model.names[-1]}"
-        low, high = gain - half, gain + half
-        nested.append(
-            NestedModel(name, score.rmse_Nm, excess, score.log_score, gain, low, high, total, total_half, jumps)
-        )
+        nested.append(NestedModel(name, score.rmse_Nm, excess, score.log_score, *of_gain, *of_total, jumps))
     return nested
 
 

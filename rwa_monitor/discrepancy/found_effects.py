@@ -21,6 +21,7 @@ from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Effect, Family
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
 from rwa_monitor.wheel.effects.formula import BLOCK, Formula
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
@@ -39,17 +40,21 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
         parameters[ORDER] = with_other_orders(problem, model, index, parameters[ORDER])
     if term.effect.is_part_of_viscous and not problem.at_one_speed:
         parameters = _as_a_part_of(float(model.fit.coefficients[0]), parameters)
-    described_effect = FoundEffect(
-        found.name,
-        term.effect.family,
-        tuple(name for name in found.equivalent if name in CATALOGUE or name.startswith(f"{BLOCK} ")),
-        term.effect.separate_by,
-        parameters,
-        built_in_null_distribution().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
-        found.gain,
-        describe(term, model.strengths(index)) if issubclass(term.effect, Formula) else "",
+    effect = replace(
+        as_found(problem, term.effect, parameters, found.gain, "mean"),
+        equivalent=tuple(name for name in found.equivalent if name in CATALOGUE or name.startswith(f"{BLOCK} ")),
+        formula=describe(term, model.strengths(index)) if issubclass(term.effect, Formula) else "",
     )
-    return _with_unmeasured_cause(problem, described_effect, term.effect.unmeasured_cause)
+    return _with_unmeasured_cause(problem, effect, term.effect.unmeasured_cause)
+
+
+def as_found(
+    problem: Problem, effect: type[Effect], parameters: dict[str, ParameterValue], gain: float, searched_with: Family
+) -> FoundEffect:
+    """Return what is reported of an effect that gains so much among all of a family, without look-alikes."""
+    derived = problem.friction_is_derived
+    p_value = built_in_null_distribution().p_value(searched_with, gain, problem.log_size, derived=derived)
+    return FoundEffect(effect.name, effect.family, (), effect.separate_by, parameters, p_value, gain)
 
 
 def _as_a_part_of(viscous: float, parameters: dict[str, ParameterValue]) -> dict[str, ParameterValue]:
@@ -85,15 +90,7 @@ def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
     effect, period_s = CATALOGUE[DelayTerm.name], problem.records[0].channels.sample_period_s
     (parameter,) = effect.parameters
     value = ParameterValue(-delay.slots * period_s, delay.std_slots * period_s, parameter.unit)
-    return FoundEffect(
-        effect.name,
-        effect.family,
-        (),
-        effect.separate_by,
-        {parameter.name: value},
-        built_in_null_distribution().p_value("mean", delay.gain, problem.log_size, derived=problem.friction_is_derived),
-        delay.gain,
-    )
+    return as_found(problem, effect, {parameter.name: value}, delay.gain, "mean")
 
 
 # ---- Orders that a record of few turns cannot distinguish from the order of a ripple that was found ------------------

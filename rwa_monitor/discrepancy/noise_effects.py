@@ -10,15 +10,15 @@ import numpy as np
 from scipy import optimize
 from scipy.ndimage import binary_dilation
 
+from rwa_monitor.discrepancy.found_effects import as_found
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
-from rwa_monitor.discrepancy.models import Model
-from rwa_monitor.discrepancy.p_values import built_in_null_distribution
+from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Effect, LikelihoodFit, curvature_std
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, curvature_std
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, NOISE_EFFECTS
 from rwa_monitor.wheel.effects.speed_dependent_noise import OF_BAND, SpeedDependentNoise, spread_factor
@@ -28,7 +28,7 @@ FEW_OUTLIERS: Final = 12
 QUANTISED: Final = "tachometer_quantisation"
 COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"
-CAGE: Final = "cage_instability"
+CAGE: Final = CageInstability.name
 SPEED: Final = "speed_dependent_noise"
 CAGE_PREFERRED: Final = 0.5  # of the best gain
 LATER_SHARE: Final = 0.05  # of an accepted gain that the next must reach: no law of noise is exact
@@ -65,23 +65,22 @@ def noise_effects(
     by_law
         Whether what the law of the model's noise holds is judged by the score, and the rest on its innovations.
     """
-    views = [_view(problem, model, index) for index in range(len(problem.records))]
+    views = _views(problem, model)
     found: list[FoundEffect] = []
-    if any(_is_quantised(problem, index, view) for index, view in enumerate(views)):
+    if any(_is_quantised(view) for view in views):
         # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
-        quantised = [_fit_noise(problem, index, view, QUANTISED) for index, view in enumerate(views)]
-        return accepted(problem, {QUANTISED: quantised})
+        return accepted(problem, {QUANTISED: [_fit_noise(problem, view, QUANTISED) for view in views]})
     if in_band:
         views = [replace(view, good=view.good & ~band) for view, band in zip(views, in_band, strict=True)]
     if by_law:
         found, views = _of_law(problem, model), _whitened(problem, model, views)
     wall = ACCEPT_GAIN
-    with_tails: list[_View] = []  # from the moment that heavy tails are named: the residual with them
+    with_tails: Sequence[_View] = ()  # from the moment that heavy tails are named: the residual with them
     looks_for_cage = explained and not in_band
     judged = {QUANTISED, *([COLOURED] if by_law else []), *(effect.name for effect in found)}
     left = [name for name in NOISE_EFFECTS if name not in judged and (looks_for_cage or name != CAGE)]
     while left:
-        fits = {name: [_fit_noise(problem, i, view, name) for i, view in enumerate(views)] for name in left}
+        fits = {name: [_fit_noise(problem, view, name) for view in views] for name in left}
         if SPEED in left and with_tails:
             fits[SPEED] = [_speed_beside_tails(view) for view in with_tails]
         gains = {name: sum(fit.penalised_gain for fit in of) for name, of in fits.items()}
@@ -92,9 +91,8 @@ def noise_effects(
             break
         found += accepted(problem, {name: fits[name]})
         wall = max(wall, LATER_SHARE * gains[name])
-        with_tails = (
-            [_without(v, name, fit) for v, fit in zip(with_tails, fits[name], strict=True)] if with_tails else []
-        )
+        # While there are none, nothing is taken out of them.
+        with_tails = [_without(view, name, fit) for view, fit in zip(with_tails, fits[name], strict=False)]
         if name == HEAVY:
             with_tails = views
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
@@ -104,17 +102,16 @@ def noise_effects(
 
 def _of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     """Return the noise effects that the law of a model's noise holds, with what the score loses without each."""
-    law = model.law
-    assert law is not None, "the model is scored"
+    law = law_of(model)
     found = []
     if law.correlation > 0.0:
         phi = min(law.correlation, CATALOGUE[COLOURED].parameters[0].high)
-        gain = _gain_over(problem, model, replace(law, white=1.0, correlation=0.0), parameters=1)
+        gain = _gain_over(problem, model, replace(law, white=1.0, correlation=0.0))
         std = float(np.sqrt((1.0 - phi**2) / problem.size))
         of_colour = LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, problem.size)
         found += accepted(problem, {COLOURED: [of_colour]})
     if law.growth > 0.0:
-        gain = _gain_over(problem, model, replace(law, growth=0.0), parameters=1)
+        gain = _gain_over(problem, model, replace(law, growth=0.0))
         std = curvature_std(
             lambda growth: -0.5 * with_law(problem, model, replace(law, growth=growth)).score, law.growth, GROWTH_STEP
         )
@@ -126,24 +123,21 @@ def _of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     return found
 
 
-def _gain_over(problem: Problem, model: Model, plainer: NoiseLaw, parameters: int) -> float:
-    """Return the log-likelihood that a law of the noise gains over a plainer one; `accepted` charges for parameters."""
+def _gain_over(problem: Problem, model: Model, plainer: NoiseLaw) -> float:
+    """Return the log-likelihood that a law of the noise gains over one of a parameter less, for which nothing is paid.
+
+    `accepted` charges for it.
+    """
     lost = scored(problem, model, plainer, again=True).score - model.score
-    return max(0.5 * (lost + parameters * problem.log_size), 0.0)
+    return max(0.5 * (lost + problem.log_size), 0.0)
 
 
 def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_View]:
     """Return the views with the innovations of a model's noise in place of its residual."""
-    law = model.law
-    assert law is not None, "the model is scored"
+    law = law_of(model)
     residual = model.fit.residual + problem.z_measured - problem.z
     innovations = Series.of(problem).whitened(residual * problem.sign, law)[0][0]
-    white = []
-    for view, begin, end in zip(views, problem.starts[:-1], problem.starts[1:], strict=True):
-        values = np.full(view.residual.size, np.nan)
-        values[problem.slot[begin:end]] = innovations[begin:end]
-        white.append(replace(view, residual=values))
-    return white
+    return [replace(view, residual=values) for view, values in zip(views, on_slots(problem, innovations), strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,27 +147,47 @@ class _View:
     residual: FloatArray
     channels: Channels
     good: BoolArray
+    friction_is_derived: bool
+
+    @property
+    def usable(self) -> BoolArray:
+        """Slots that count and have a residual."""
+        return self.good & np.isfinite(self.residual)
 
 
-def _view(problem: Problem, model: Model, index: int) -> _View:
-    residual, good = residual_on_slots(problem, model, index)
-    return _View(residual, problem.records[index].channels, good)
+def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
+    """Return joined values on the slots of each record, NaN where none is used."""
+    spread = zip(problem.records, problem.spread(joined), strict=True)
+    return [np.where(record.used, values, np.nan) for record, values in spread]
 
 
-def is_quantised(problem: Problem, model: Model, index: int) -> bool:
+def _views(problem: Problem, model: Model) -> list[_View]:
+    """Return each record's residual along the rotation on its slots [N m], and which slots count."""
+    residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
+    views = []
+    for record, residual, begin, end in zip(
+        problem.records, residuals, problem.starts[:-1], problem.starts[1:], strict=True
+    ):
+        good = record.used if record.bent is None else record.used & ~record.bent
+        # A few far outliers are sojourns too short to be segmented; many are heavy tails.
+        outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
+        good = good & ~outlier if np.count_nonzero(outlier) <= FEW_OUTLIERS else good.copy()
+        for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
+            at = int(problem.slot[jump])
+            good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
+        views.append(_View(residual, record.channels, good, record.friction_is_derived))
+    return views
+
+
+def _is_quantised(view: _View) -> bool:
     """Return whether the residual of a record shows the rounding errors of a tachometer."""
-    return _is_quantised(problem, index, _view(problem, model, index))
-
-
-def _is_quantised(problem: Problem, index: int, view: _View) -> bool:
-    if not problem.records[index].friction_is_derived:
+    if not view.friction_is_derived:
         return False
-    fit = CATALOGUE[QUANTISED].fit(view.residual, view.channels, view.good)  # type: ignore[attr-defined]
-    return bool(fit.penalised_gain >= ACCEPT_GAIN)
+    return NOISE_EFFECTS[QUANTISED].fit(view.residual, view.channels, view.good).penalised_gain >= ACCEPT_GAIN
 
 
-def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> LikelihoodFit:
-    if name == COLOURED and problem.records[index].friction_is_derived:
+def _fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
+    if name == COLOURED and view.friction_is_derived:
         return coloured_beyond_filter(view.residual, view.good, problem.derivative_taps)
     if name == SPEED:
         twice = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
@@ -216,17 +230,14 @@ def _speed_beside_tails(view: _View) -> LikelihoodFit:
     turns (the EM of K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84, 1989).
     """
     effect, tails = NOISE_EFFECTS[SPEED], NOISE_EFFECTS[HEAVY]
-    speed, usable = np.abs(view.channels.speed_rad_s), view.good & np.isfinite(view.residual)
+    speed, usable = np.abs(view.channels.speed_rad_s), view.usable
     count = int(usable.sum())
     if count < MIN_WHITTLE:
         return effect.nothing_found(count)
     alone = tails.fit(view.residual, view.channels, view.good)
     fit, both, scaled, factor = effect.nothing_found(count), alone, view.residual, np.ones(speed.size)
     for _ in range(EM_ROUNDS):
-        nu = both.values["degrees_of_freedom"]
-        scale2 = float(np.mean(scaled[usable] ** 2)) * max(nu - 2, 0.05) / nu
-        weight = np.sqrt((nu + 1) / (nu + scaled**2 / max(scale2, 1e-300)))
-        fit = effect.fit(view.residual * weight, view.channels, view.good)
+        fit = effect.fit(view.residual * _tail_weight(scaled, usable, both), view.channels, view.good)
         factor = spread_factor(speed, fit.values)
         scaled = view.residual / factor
         both = tails.fit(scaled, view.channels, view.good)
@@ -237,6 +248,13 @@ def _speed_beside_tails(view: _View) -> LikelihoodFit:
     return replace(fit, log_likelihood_gain=max(gain, 0.0))
 
 
+def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) -> FloatArray:
+    """Return by what a residual of Student's law is multiplied to be Gaussian."""
+    nu = tails.values["degrees_of_freedom"]
+    scale2 = float(np.mean(residual[usable] ** 2)) * max(nu - 2, 0.05) / nu
+    return np.asarray(np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, 1e-300))), dtype=np.float64)
+
+
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
     """Return the residual with a noise effect taken out, as far as its likelihood knows it."""
     residual, good, values = view.residual.copy(), view.good, fit.values
@@ -245,10 +263,7 @@ def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
         residual[1:] -= values["ar_coefficient"] * view.residual[:-1]
         good = good & np.concatenate([[False], good[:-1]])
     elif name == HEAVY:
-        nu = values["degrees_of_freedom"]
-        usable = good & np.isfinite(residual)
-        scale2 = float(np.mean(residual[usable] ** 2)) * max(nu - 2, 0.05) / nu
-        residual *= np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, 1e-300)))
+        residual *= _tail_weight(residual, view.usable, fit)
     elif name == SPEED:
         residual /= spread_factor(speed, values)
     elif name == CAGE:
@@ -323,30 +338,9 @@ def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArra
 
 def largest_noise_gain(problem: Problem, model: Model) -> float:
     """Return the largest penalised gain of all noise effects on the residual of a model, whether accepted or not."""
-    views = [_view(problem, model, index) for index in range(len(problem.records))]
-    names = [name for name in NOISE_EFFECTS if name != QUANTISED or problem.records[0].friction_is_derived]
-    return max(sum(_fit_noise(problem, i, view, name).penalised_gain for i, view in enumerate(views)) for name in names)
-
-
-def residual_on_slots(problem: Problem, model: Model, index: int) -> tuple[FloatArray, BoolArray]:
-    """Return a record's residual along the rotation on its slots [N m], NaN elsewhere, and which slots count."""
-    record = problem.records[index]
-    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
-    slots = problem.slot[begin:end]
-    residual = np.full(record.used.size, np.nan)
-    measured = model.fit.residual[begin:end] + (problem.z_measured - problem.z)[begin:end]
-    residual[slots] = measured * problem.sign[begin:end]
-    good = record.used.copy()
-    if record.bent is not None:
-        good &= ~record.bent
-    # A few far outliers are sojourns too short to be segmented; many are heavy tails.
-    outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
-    if np.count_nonzero(outlier) <= FEW_OUTLIERS:
-        good &= ~outlier
-    for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
-        at = int(problem.slot[jump])
-        good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
-    return residual, good
+    views = _views(problem, model)
+    names = [name for name in NOISE_EFFECTS if name != QUANTISED or views[0].friction_is_derived]
+    return max(sum(_fit_noise(problem, view, name).penalised_gain for view in views) for name in names)
 
 
 def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
@@ -358,25 +352,13 @@ def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[Fou
             continue
         effect = CATALOGUE[name]
         best = max(of_records, key=lambda fit: fit.penalised_gain)
-        found.append(_describe(effect, best, gain, problem))
+        parameters = {
+            p.name: ParameterValue.of(float(best.values[p.name]), float(best.std[p.name]), p.unit, p.low, p.high)
+            for p in effect.parameters
+            if p.name not in best.undetermined  # what the data do not determine is not printed
+        }
+        found.append(as_found(problem, effect, parameters, gain, effect.family))
     return sorted(found, key=lambda entry: -entry.delta_deviance)
-
-
-def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, problem: Problem) -> FoundEffect:
-    parameters = {
-        parameter.name: ParameterValue.of(
-            float(fit.values[parameter.name]),
-            float(fit.std[parameter.name]),
-            parameter.unit,
-            parameter.low,
-            parameter.high,
-        )
-        for parameter in effect.parameters
-        if parameter.name not in fit.undetermined  # what the data do not determine is not printed
-    }
-    derived = problem.friction_is_derived
-    p_value = built_in_null_distribution().p_value(effect.family, gain, problem.log_size, derived=derived)
-    return FoundEffect(effect.name, effect.family, (), effect.separate_by, parameters, p_value, gain)
 
 
 # ---- bursts of a cage: found after the first search, then left out of the second, which they would mislead -----------
@@ -414,33 +396,27 @@ class CageBursts:
 
 def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
     """Return the bursts of a cage that a model's residual shows, or None."""
-    if any(is_quantised(problem, model, index) for index in range(len(problem.records))):
+    if any(_is_quantised(view) for view in _views(problem, model)):
         return None  # rounding errors come and go with the acceleration
     fits, bursts, bands = [], [], []
-    for index, record in enumerate(problem.records):
-        fitted, on = _fit(problem, model, index)
-        speed = np.abs(record.channels.speed_rad_s)
-        off_centre = np.abs(speed - fitted.values["band_speed_rad_s"])
+    for record, (fitted, on) in zip(problem.records, _fit_bursts(problem, model), strict=True):
+        off_centre = np.abs(np.abs(record.channels.speed_rad_s) - fitted.values["band_speed_rad_s"])
         inside = off_centre < BAND_MARGIN * fitted.values["band_half_width_rad_s"]
-        if fitted.penalised_gain <= 0.0:
-            on, inside = np.zeros_like(on), np.zeros_like(on)
+        shown = fitted.penalised_gain > 0.0
         fits.append(fitted)
-        bursts.append(binary_dilation(on, iterations=MARGIN) if on.any() else on)
-        bands.append(inside)
-    found = accepted(problem, {CageInstability.name: fits})
+        bursts.append(binary_dilation(on, iterations=MARGIN) & shown)
+        bands.append(inside & shown)
+    found = accepted(problem, {CAGE: fits})
     return CageBursts(found[0], tuple(bursts), tuple(bands)) if found else None
 
 
 def largest_burst_gain(problem: Problem, model: Model) -> float:
     """Return the penalised gain of bursts over all records, whether accepted or not."""
-    return sum(_fit(problem, model, index)[0].penalised_gain for index in range(len(problem.records)))
+    return sum(fitted.penalised_gain for fitted, _ in _fit_bursts(problem, model))
 
 
-def _fit(problem: Problem, model: Model, index: int) -> tuple[LikelihoodFit, BoolArray]:
-    """Fit bursts to what a record holds beside slope and effects: levels stay in, since they may be bursts."""
-    _, good = residual_on_slots(problem, model, index)
-    record, begin, end = problem.records[index], int(problem.starts[index]), int(problem.starts[index + 1])
-    along = (model.fit.level + model.fit.residual + problem.z_measured - problem.z)[begin:end]
-    left = np.full(record.used.size, np.nan)
-    left[problem.slot[begin:end]] = along * problem.sign[begin:end]
-    return CageInstability.fit_bursts(left, record.channels, good)
+def _fit_bursts(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
+    """Fit bursts to what each record holds beside slope and effects: levels stay in, since they may be bursts."""
+    left = model.fit.level + model.fit.residual + problem.z_measured - problem.z
+    views = zip(on_slots(problem, left * problem.sign), _views(problem, model), strict=True)
+    return [CageInstability.fit_bursts(along, view.channels, view.good) for along, view in views]

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import pkgutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
@@ -101,23 +101,16 @@ class NullTable:
         of_family = self.families[family, derived]
         sizes = [nulls.log_size for nulls in of_family]
         logs = [np.log(nulls.p_value(gain + log_size)) for nulls in of_family]
-        single = float(np.exp(np.interp(log_size, sizes, logs)))
-        return float(-np.expm1(FAMILIES * np.log1p(-min(single, 1 - 1e-16))))
+        return _of_any_family(float(np.exp(np.interp(log_size, sizes, logs))))
 
     def floor(self, family: Family, *, derived: bool) -> float:
         """Return the smallest p-value that the table gives; what is as small is "at most" that."""
-        single = max(nulls.floor for nulls in self.families[family, derived])
-        return float(-np.expm1(FAMILIES * np.log1p(-single)))
+        return _of_any_family(max(nulls.floor for nulls in self.families[family, derived]))
 
 
-def table_from(rows: Sequence[Mapping[str, object]]) -> NullTable:
-    """Return the table of rows {family, derived, log_size, statistics}."""
-    families: dict[tuple[Family, bool], list[Nulls]] = {}
-    for row in sorted(rows, key=lambda row: float(str(row["log_size"]))):
-        statistics = np.sort(np.asarray(row["statistics"], dtype=np.float64))
-        key = (row["family"], bool(row["derived"]))
-        families.setdefault(key, []).append(Nulls(float(str(row["log_size"])), statistics))  # type: ignore[arg-type]
-    return NullTable({family: tuple(entries) for family, entries in families.items()})
+def _of_any_family(p_value: float) -> float:
+    """Return the probability that any of the families gives as small a p-value."""
+    return float(-np.expm1(FAMILIES * np.log1p(-min(p_value, 1 - 1e-16))))
 
 
 @cache
@@ -132,7 +125,12 @@ def built_in_null_distribution() -> NullTable:
     text = pkgutil.get_data("rwa_monitor.discrepancy", TABLE_FILE)
     if text is None:
         raise InputError(TABLE_FILE, "is missing from the installed package")
-    return table_from(json.loads(text)["nulls"])
+    families: dict[tuple[Family, bool], tuple[Nulls, ...]] = {}
+    for row in sorted(json.loads(text)["nulls"], key=lambda row: float(row["log_size"])):
+        nulls = Nulls(float(row["log_size"]), np.sort(np.asarray(row["statistics"], dtype=np.float64)))
+        key = row["family"], bool(row["derived"])
+        families[key] = (*families.get(key, ()), nulls)
+    return NullTable(families)
 
 
 # ---- p-values by simulation ------------------------------------------------------------------------------------------
@@ -152,14 +150,12 @@ def with_bootstrap(search: Search, draws: int, progress: Progress) -> Search:
     """
     rng = np.random.default_rng(SEED)
     found = {entry.name: entry.gain for entry in search.mean.found}
-    effects = []
-    for effect in search.result.effects:
-        if effect.name not in found:
-            effects.append(effect)
-            continue
-        gains = _null_gains(search, effect.name, draws, rng, progress)
-        p_value = (1 + int(np.count_nonzero(gains >= found[effect.name]))) / (1 + draws)
-        effects.append(replace(effect, p_value=p_value))
+    effects = list(search.result.effects)
+    for i, effect in enumerate(effects):
+        if effect.name in found:
+            gains = _null_gains(search, effect.name, draws, rng, progress)
+            reached = int(np.count_nonzero(gains >= found[effect.name]))
+            effects[i] = replace(effect, p_value=(1 + reached) / (1 + draws))
     return replace(search, result=replace(search.result, effects=tuple(effects)))
 
 

@@ -7,7 +7,7 @@ imitation leaves, over 2σ², is the expected difference of log-likelihood.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -115,12 +115,10 @@ def rank_manoeuvres(
     wheel
         For sample period and limits.
     """
-    top = float(problem.speed.max())
-    worth: dict[Manoeuvre, dict[Pair, float]] = {}
-    for manoeuvre in MANOEUVRES:
-        flown = _fly(problem, model, manoeuvre, top, wheel)
-        if flown is not None:
-            worth[manoeuvre] = _separations(problem, model, *flown, alternatives)
+    worth = {
+        manoeuvre: _separations(problem, model, laid_out, level, alternatives)
+        for manoeuvre, laid_out, level in _flown(problem, model, wheel)
+    }
     pairs = {pair for of_pairs in worth.values() for pair in of_pairs}
     # What no manoeuvre separates, as two that are one from these channels, says nothing of which is the best.
     separable = {pair for pair in pairs if any(one.get(pair, 0.0) >= UNINFORMATIVE for one in worth.values())}
@@ -153,14 +151,9 @@ def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], w
     Each at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can show. The separation is
     that of the effect that shows least among those that show at all.
     """
-    top = float(problem.speed.max())
     size = UNTESTED_SHARE * float(np.sqrt(np.mean(problem.z**2)))
     planned = []
-    for manoeuvre in MANOEUVRES:
-        flown = _fly(problem, model, manoeuvre, top, wheel)
-        if flown is None:
-            continue
-        laid_out, level = flown
+    for manoeuvre, laid_out, level in _flown(problem, model, wheel):
         shown = []
         for name in untested:
             effect = MEAN_EFFECTS[name]
@@ -178,18 +171,17 @@ def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], w
     return sorted(planned, key=lambda entry: (-len(entry.shows), -entry.separation))
 
 
-def _fly(
-    problem: Problem, model: Model, manoeuvre: Manoeuvre, top: float, wheel: Wheel
-) -> tuple[Problem, FloatArray] | None:
-    """Return a manoeuvre laid out and its dry level, float64 (n,) [N m]; None where it waits for what never comes."""
-    typical_jump = _typical_jump(model, wheel)
-    if manoeuvre.jump_at is not None and typical_jump == 0:
-        return None  # nothing shows that this friction jumps
-    laid_out = _lay_out(problem, manoeuvre, top, wheel)
-    level = np.full(laid_out.size, float(np.median(model.fit.level)))
-    if manoeuvre.jump_at is not None:
-        level[int(manoeuvre.jump_at * laid_out.size) :] += typical_jump
-    return laid_out, level
+def _flown(problem: Problem, model: Model, wheel: Wheel) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
+    """Yield each manoeuvre, laid out, with its dry level, float64 (n,) [N m]; none that waits for what never comes."""
+    top, jump = float(problem.speed.max()), _typical_jump(model, wheel)
+    for manoeuvre in MANOEUVRES:
+        if manoeuvre.jump_at is not None and jump == 0:
+            continue  # nothing shows that this friction jumps
+        laid_out = _lay_out(problem, manoeuvre, top, wheel)
+        level = np.full(laid_out.size, float(np.median(model.fit.level)))
+        if manoeuvre.jump_at is not None:
+            level[int(manoeuvre.jump_at * laid_out.size) :] += jump
+        yield manoeuvre, laid_out, level
 
 
 def _typical_jump(model: Model, wheel: Wheel) -> float:

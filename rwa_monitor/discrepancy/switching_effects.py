@@ -18,7 +18,7 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evidence
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.models import Model
-from rwa_monitor.discrepancy.noise_effects import accepted
+from rwa_monitor.discrepancy.noise_effects import accepted, on_slots
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.samples import FloatArray, IntArray
@@ -112,10 +112,8 @@ def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dic
 def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidence:
     """Return what the diagnosis sees of the friction that the model's effects leave to the base law."""
     record = problem.records[index]
-    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
     base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.speed
-    torque = np.full(record.used.size, np.nan)
-    torque[problem.slot[begin:end]] = (base * problem.sign)[begin:end]
+    torque = on_slots(problem, base * problem.sign)[index]
     window = WindowAccumulator(plain, slots=record.used.size)
     window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))
     return window.close()
@@ -194,16 +192,10 @@ def _mean_length(attributed: _Attributed, configuration: int) -> float | None:
 
 
 def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: float) -> LikelihoodFit:
-    nominal, period = attributed.wheel.nominal, evidence.channels.sample_period_s
-    assert nominal is not None
-    sizes = nominal.dry_torque_Nm * _sizes_of_extra(attributed)
+    sizes = attributed.wheel.torque_unit_Nm * _sizes_of_extra(attributed)
     count = max(sizes.size, 1)
-    rest, active = (law.mean() * period for law in attributed.wheel.fss[-1].durations)
-    values = {
-        "strength_Nm": float(np.median(sizes)) if sizes.size else 0.0,
-        "rest_s": rest,
-        "active_s": active,
-    }
+    rest, active = (law.mean() * evidence.channels.sample_period_s for law in attributed.wheel.fss[-1].durations)
+    values = {"strength_Nm": float(np.median(sizes)) if sizes.size else 0.0, "rest_s": rest, "active_s": active}
     # The mean of a memoryless law has a standard deviation of itself over the root of the count, half of the jumps.
     of_means = float(np.sqrt(2.0 / count))
     std = {
@@ -292,7 +284,6 @@ def _speed_fit(evidence: SwitchingEvidence, base: _Attributed, other: _Attribute
 
 
 def _jumps(attributed: _Attributed) -> Jumps:
-    nominal = attributed.wheel.nominal
-    assert nominal is not None
     kept: IntArray = np.flatnonzero(attributed.assignment.direction)
-    return Jumps(attributed.assignment.index[kept], nominal.dry_torque_Nm * attributed.assignment.jump[kept])
+    sizes = attributed.wheel.torque_unit_Nm * attributed.assignment.jump[kept]
+    return Jumps(attributed.assignment.index[kept], sizes)

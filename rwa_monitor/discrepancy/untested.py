@@ -69,6 +69,12 @@ class Detectable:
         """Return the strength with its unit, to the two digits that it is known to at most."""
         return f"{self.strength:.2g} {self.unit}".rstrip(" -")
 
+    def would_show(self) -> str:
+        """Return from which strength on it would show, and how much of friction that is."""
+        there = f", {self.peak_share:.0%} of what there is where it acts" if self.share <= TOO_LARGE else ""
+        strength = f"{self.parameter} = {self.in_words()}"
+        return f"here it would show only from {strength} on, {self.share:.0%} of all friction{there}"
+
 
 def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[Detectable]:
     """Return for each effect that the data have the channels for, and the model lacks, what strength would show."""
@@ -101,22 +107,6 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
     return found
 
 
-def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[tuple[str, str]]:
-    """Return the effects that would show only beyond any likely strength, with that strength and what would help."""
-    separate_by = {effect.name: effect.separate_by for effect in effects}
-    return [
-        (
-            entry.name,
-            f"{as_a_part(separate_by[entry.name])}; here it would show only from {entry.parameter} = "
-            + entry.in_words()
-            + f" on, {entry.share:.0%} of all friction"
-            + (f", {entry.peak_share:.0%} of what there is where it acts" if entry.share <= TOO_LARGE else ""),
-        )
-        for entry in detectable_strengths(problem, model, effects)
-        if entry.too_weak and np.isfinite(entry.strength)
-    ]
-
-
 def not_testable(
     problem: Problem, effects: Sequence[type[MeanEffect]], untested: Sequence[tuple[str, str]]
 ) -> set[str]:
@@ -138,22 +128,6 @@ def as_a_part(sentence: str) -> str:
     return sentence[:1].lower() + sentence[1:].rstrip(".")
 
 
-def untested_others(problem: Problem, model: Model, wheel: Wheel) -> list[tuple[str, str]]:
-    """Return the noise and switching effects that these records cannot test, with what is missing."""
-    missing = []
-    if not all(record.friction_is_derived for record in problem.records):
-        missing.append(("tachometer_quantisation", FRICTION_NOT_DERIVED))
-    jumps = int(model.fit.jumps.size)
-    few = f"a longer record: {jumps} jumps, and a law of durations asks for {FEWEST_SOJOURNS} sojourns or more"
-    if not wheel.fss:
-        missing.append(("wrong_duration_law", NO_SYSTEMS))
-    elif jumps < FEWEST_SOJOURNS:
-        missing.append(("wrong_duration_law", few))
-    if jumps < FEWEST_SOJOURNS:
-        missing.append(("speed_triggered_jumps", few))
-    return missing
-
-
 def untested(
     problem: Problem,
     found: SearchResult,
@@ -173,7 +147,21 @@ def untested(
     """
     model = found.nested[-1]
     missing = [entry for entry in found.untestable if entry[0] in CATALOGUE]
-    missing += [*too_weak_to_show(problem, model, tried), *untested_others(problem, model, wheel)]
+    missing += [
+        (entry.name, f"{as_a_part(CATALOGUE[entry.name].separate_by)}; {entry.would_show()}")
+        for entry in detectable_strengths(problem, model, tried)
+        if entry.too_weak and np.isfinite(entry.strength)
+    ]
+    if not all(record.friction_is_derived for record in problem.records):
+        missing.append(("tachometer_quantisation", FRICTION_NOT_DERIVED))
+    jumps = int(model.fit.jumps.size)
+    few = f"a longer record: {jumps} jumps, and a law of durations asks for {FEWEST_SOJOURNS} sojourns or more"
+    if not wheel.fss:
+        missing.append(("wrong_duration_law", NO_SYSTEMS))
+    elif jumps < FEWEST_SOJOURNS:
+        missing.append(("wrong_duration_law", few))
+    if jumps < FEWEST_SOJOURNS:
+        missing.append(("speed_triggered_jumps", few))
     named = {name for effect in mean for name in (effect.name, *effect.equivalent)}
     listed: dict[str, str] = {}
     for name, what in missing:

@@ -64,9 +64,9 @@ def test_a_file_learned_with_the_effect_in_it_gives_back_what_the_effect_takes_o
     assert abs(extension.wheel.nominal.viscous_Nm_s_rad - VISCOUS) < 0.4 * (learned.nominal.viscous_Nm_s_rad - VISCOUS)
     # Simulated on the record's own speed it leaves hardly more than noise; the file as it was leaves more.
     gain = search.result.gain
-    assert extension.rmse_after_Nm == pytest.approx(left_by(search, extension.wheel), rel=1e-9)
-    assert extension.rmse_after_Nm < 1.05 * gain.rmse_extended_Nm
-    assert extension.rmse_before_Nm > extension.rmse_after_Nm
+    assert extension.simulated.rmse_extended_Nm == pytest.approx(left_by(search, extension.wheel), rel=1e-9)
+    assert extension.simulated.rmse_extended_Nm < 1.05 * gain.rmse_extended_Nm
+    assert extension.simulated.rmse_base_Nm > extension.simulated.rmse_extended_Nm
     assert any("learned with the effects in them" in line for line in laws_in_words(extension))
 
 
