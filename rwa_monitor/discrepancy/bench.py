@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples, SlotGrid
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 from rwa_monitor.wheel.torque_balance import friction_torque, inertia_of, without_motor
@@ -254,7 +254,7 @@ def _period_s(recordings: Sequence[Samples], wheel: Wheel) -> float:
 
 def _in_slots(samples: Samples, wheel: Wheel) -> Samples:
     """Return the first row of each slot."""
-    slot = SlotGrid(int(samples.time_ns[0]), wheel.period_ns).slot_of(samples.time_ns)
+    slot = np.rint((samples.time_ns - samples.time_ns[0]) / wheel.period_ns)
     return samples[np.unique(slot, return_index=True)[1]]
 
 

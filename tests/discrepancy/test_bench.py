@@ -33,23 +33,21 @@ def drag(speed: Array, windage: float) -> Array:
     return 0.02 + 0.002 * speed + windage * speed**2
 
 
-def passed(windage: float, angle: Array) -> tuple[Array, Array]:
-    """Return when and how fast a wheel of 1.8 kg m² that runs down from 20 rad/s passes angles, least first [rad]."""
-    run = solve_ivp(
-        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (1.8 * y[1])],
-        (min(angle[0], 0.0), angle[-1]),
-        [0.0, 20.0],
-        t_eval=angle,
-        rtol=1e-10,
-        atol=1e-12,
-    )
-    return run.y[0], run.y[1]
-
-
-def turns(windage: float) -> tuple[Array, Array]:
-    """Return time and speed of a wheel of 1.8 kg m² that runs down, one row a turn."""
-    time, speed = passed(windage, 2 * np.pi * np.arange(350))
-    return time, speed * (1 + 1e-4 * np.random.default_rng(0).normal(size=time.size))
+def turns(windage: float, seed: int = 0, rows: int = 400) -> tuple[Array, Array, float]:
+    """Return time, speed and inertia of a wheel that runs down from 20 to about 2 rad/s, one row a turn."""
+    fine, low, high, inertia = 50, 0.01, 100.0, 1.0
+    squares = np.zeros(rows * fine)
+    while high / low > 1.0001:
+        inertia = float(np.sqrt(low * high))
+        squares[0] = 400.0
+        for k in range(1, squares.size):
+            at = squares[k - 1]
+            squares[k] = max(at - 4 * np.pi / fine / inertia * (0.02 + 0.002 * at**0.5 + windage * at), 1e-6)
+        low, high = (low, inertia) if squares[-1] > 4.0 else (inertia, high)
+    speed = np.sqrt(squares)
+    time = np.append(0.0, np.cumsum(4 * np.pi / fine / (speed[1:] + speed[:-1])))
+    noise = 1e-4 * np.random.default_rng(seed).normal(size=rows)
+    return time[::fine], speed[::fine] * (1 + noise), inertia
 
 
 def run_down(windage: float, uneven: float = 0.0, period_s: float = 0.5, seed: int = 0) -> Samples:
@@ -139,12 +137,12 @@ def test_short_tables_name_windage(rows: int, ladder: bool) -> None:
 @pytest.mark.parametrize("windage", [WINDAGE, 0.0])
 @pytest.mark.parametrize("given", [True, False])
 def test_a_row_a_turn_is_read_as_it_is(windage: float, given: bool) -> None:
-    time, speed = turns(windage)
+    time, speed, inertia = turns(windage)
     assert np.diff(time).max() > 5 * np.diff(time).min()
     friction = drag(speed, windage)
     friction = friction + 0.01 * friction.mean() * np.random.default_rng(1).normal(size=speed.size)
     table = samples(time, speed, friction if given else None)
-    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(1.8)
+    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(inertia)
     search = find_discrepancy([("turns", table)], wheel)
     assert names(search) == (["quadratic_drag"] if windage else [])
     assert search.result.unexplained is None
@@ -271,7 +269,14 @@ def pulse_times(windage: float, per_turn: int) -> Array:
     rng = np.random.default_rng(per_turn)
     marks = np.arange(per_turn) / per_turn + 0.02 / per_turn * rng.uniform(-1, 1, per_turn)
     angle = 2 * np.pi * (np.arange(350)[:, None] + marks).ravel()
-    run, _ = passed(windage, np.sort(np.append(angle, 2 * np.pi * 123.3)))
+    run: Array = solve_ivp(
+        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (1.8 * y[1])],
+        (min(angle[0], 0.0), angle[-1]),
+        [0.0, 20.0],
+        t_eval=np.sort(np.append(angle, 2 * np.pi * 123.3)),
+        rtol=1e-10,
+        atol=1e-12,
+    ).y[0]
     return np.delete(run, 57 * per_turn) + 1e-5 * rng.normal(size=run.size - 1)
 
 
@@ -313,8 +318,8 @@ def test_runs_down_in_one_table_hours_apart_are_recordings_of_their_own(uneven: 
 
 
 def test_what_is_made_even_stays_as_it_is() -> None:
-    time, speed = turns(WINDAGE)
-    once = as_measured([("turns", samples(time, speed))], bench(1.8))
+    time, speed, inertia = turns(WINDAGE)
+    once = as_measured([("turns", samples(time, speed))], bench(inertia))
     again = as_measured(once.recordings, once.wheel)
     assert again.wheel == once.wheel
     for name, values in once.recordings[0][1].channels():
