@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.catalogue import effect_class, mean_effects, to_block
+from rwa_monitor.wheel.effects.catalogue import build, effect_class, mean_effects, to_block
 from rwa_monitor.wheel.effects.current_delay import CurrentDelay
 from rwa_monitor.wheel.wheel import Nominal, Wheel
 
@@ -110,7 +110,7 @@ class Extension:
 
     def to_toml(self) -> str:
         """Write the wheel file, with the comment and a warning on top."""
-        drifts = any(effect_class(block.name).changes_with_time for block in self.wheel.effect)
+        drifts = any(build(block).changes_with_time for block in self.wheel.effect)
         cautions = [CAUTION_LOSS] if self.is_a_loss else []
         cautions += [CAUTION_SIMULATED] if self.simulated.is_a_loss else []
         lines = [f"In [nominal], {self.comment}.", *cautions, f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION]

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
@@ -88,6 +89,8 @@ def test_a_ripple_of_a_second_order_is_a_ripple_too() -> None:
     assert first.name == "torque_ripple"
     assert second.formula
     assert "torque_ripple" in second.equivalent
+    extended = extend(found)  # a formula is an effect of the wheel file, too
+    assert Wheel.from_toml(extended.to_toml(), "extended_wheel.toml") == extended.wheel
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
