@@ -1,4 +1,4 @@
-"""The course of a friction coefficient from window to window: whether it grows, and when it will reach a limit.
+"""The history of a friction coefficient from window to window: whether it grows, and when it will reach a limit.
 
 The model: constant up to an unknown time, from there on a steady slope. Around it lie the estimates' own errors; a
 scatter that these do not know and that carries over from one window to the next (temperature, lubricant), AR(1) with
@@ -111,7 +111,7 @@ class Lines:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """What many windows show of the course of one coefficient.
+    """What many windows show of the history of one coefficient.
 
     Attributes
     ----------

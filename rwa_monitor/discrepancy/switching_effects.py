@@ -272,7 +272,7 @@ def _best_law(plain: Wheel, attributed: _Attributed, system: int) -> tuple[_Law 
 def _speed_fit(evidence: SwitchingEvidence, base: _Attributed, other: _Attributed, of_laws: float) -> LikelihoodFit:
     """Fit a rate that depends on speed or temperature: the known laws, on the rate's own clock.
 
-    On the attribution that the known laws give and on the one that free laws give. The latter knows nothing of the
+    On the attribution that the known laws give and on the one that free laws give. The latter uses nothing of the
     clock: its likelihood less what the free laws gain for these sojourns, and what the clock gains for them instead.
     """
     fits = []
