@@ -179,7 +179,7 @@ def run_length_section(curves: RunLengths, pictures: str) -> str:
         "Left: lines as the first rows of the table (solid, dashed, dotted, dash-dotted), colours for W_b; the second "
         "row also by the law that GLR has (thick, pale), and simulated (points with 95 % intervals). Right: the second "
         "row, for several sizes of the jump. The black line is the paper's aim, 1e6.",
-        "The paper asks for W_b (f̃_v - f_v)² ≪ 1. What an error of the prior's slope does at w = "
+        "The paper requires W_b (f̃_v - f_v)² ≪ 1. What an error of the prior's slope does at w = "
         f"{PAPER_WINDOW} and the same thresholds, by the law that GLR has, the error's sign the worse one: run length, "
         "and jumps of 3 σ missed.",
         table(["change of ω/ω_nominal per sample", "f̃_v - f_v", *header[1:]], errors),
@@ -300,7 +300,7 @@ def _matrix_section(found: PaperBenchmark) -> str:
         "oracle B": found.result.accuracy["oracle B"],
     }
     confused = (
-        "The paper sees fss_1 as fss_2 in 14 % of the windows, which neither method does here. Why is open: the sizes "
+        "The paper has fss_1 as fss_2 in 14 % of the windows, which neither method does here. Why is open: the sizes "
         "of its systems and anomalies are not given."
     )
     return section("Anomalies diagnosed", confused, *(matrix_table(one, name) for name, one in accuracies.items()))

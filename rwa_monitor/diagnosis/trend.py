@@ -4,7 +4,7 @@ The model: constant up to an unknown time, from there on a steady slope. Around 
 scatter that these do not know and that carries over from one window to the next (temperature, lubricant), AR(1) with
 unknown size and memory; and now and then a gross error, as when a whole jump was counted to the wrong part. The first
 two enter by their covariance, on a grid of sizes and memories that the restricted likelihood of the data weighs; so a
-scatter with a memory, which looks like a trend, makes the test and the interval as unsure as they should be. Gross
+autocorrelated scatter, which looks like a trend, makes the test and the interval as unsure as they should be. Gross
 errors are toned down first, by Student's t.
 
 Without a trend, the largest standardised slope over all beginnings exceeds c with a probability of at most

@@ -27,7 +27,7 @@ BENT: Final = 2.0  # standard deviations of the friction from which the bias mus
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
 CORNER: Final = 10.0  # standard deviations of the friction from which a bias must be known to AGREED_TO around it
 AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials agree on a smooth bend
-UNCERTAIN: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
+UNCERTAIN: Final = 4.0  # standard deviations of the friction between two estimates: one of them has a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
 # Half-width of a filter for dω/dt from which corners are seen whole; and what is no corner, like a ripple of the

@@ -297,7 +297,7 @@ def _is_possible(model: Model) -> bool:
 def _explains(model: Model, current: Model) -> bool:
     """Return whether a model with as many jumps leaves no more than the current one does.
 
-    Beside noise that remembers for long, only what neighbouring samples differ by is likely or not: a law may fit that
+    Beside noise of long correlation, only what neighbouring samples differ by is likely or not: a law may fit that
     and predict a slow friction that is not there.
     """
     return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= WORSE * current.fit.rss
