@@ -200,7 +200,7 @@ speed = 300.0
 ```
 
 The same from the environment: `RWA_MONITOR_RUN_RECORD`, `RWA_MONITOR_SIMULATE_PUBLISH_SPEED`. What may be given several
-times is a list in the file, and parted by spaces in the environment: `RWA_MONITOR_RUN_CONNECT="tls/a:7447 tls/b:7447"`.
+times is a list in the file, and split by spaces in the environment: `RWA_MONITOR_RUN_CONNECT="tls/a:7447 tls/b:7447"`.
 The command line goes before the environment, the environment before the file, and the file before the default.
 
 `--settings S.toml` or `RWA_MONITOR_SETTINGS` names the file.

@@ -353,7 +353,7 @@ SHAPE_SHOWN_BY: Final = (
         "dwell at one speed for ten of its periods or more, then at half that speed: is it time or the angle?",
     ),
     (
-        "heat of the motion",
+        "self-heating",
         "record the bearing's temperature; or hold top speed until the drag settles, then sweep slowly",
     ),
     (
