@@ -24,7 +24,7 @@ PYTEST_ARGS ?=
 .NOTPARALLEL:
 
 .PHONY: help
-help: ## says what there is
+help: ## lists what there is
 	@grep -hE '^[a-z_-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z_-]+):.*## /\1\t/' | sort | while IFS=$$'\t' read -r name words; do printf '  make %-18s %s\n' "$$name" "$$words"; done
 
 
@@ -154,7 +154,7 @@ model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minut
 nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from anew (NULLS_ARGS="--workers 4"; some minutes)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.nulls -o rwa_monitor/discrepancy/nulls.json $(NULLS_ARGS)
 
-# The tables are not part of the project; docs/measured.md says where they come from.
+# The tables are not part of the project; docs/measured.md states where they come from.
 .PHONY: measured
 measured: $(VENV)/.installed-dev ## judges measured friction (MEASURED=DIR); writes docs/measured.md
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.measured "$(MEASURED)" -o docs/measured.md

@@ -1,4 +1,4 @@
-"""What other work ran on the machine beside a benchmark, so that its page can say so."""
+"""What other work ran on the machine beside a benchmark, so that its page can state it."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def play_monitors(endpoint: str, wheels: int, rate: float, diagnoses_per_s: floa
             session.put(
                 f"rwa/sat/{name}/diagnosis", diagnosis(0, severity=1.0 if n % 7 == 0 else None, wheel=name).to_json()
             )
-        begin, sent, told = time.monotonic(), 0, 0
+        begin, sent, diagnosed = time.monotonic(), 0, 0
         print("playing", flush=True)
         while True:
             due = int((time.monotonic() - begin) * wheels * rate)
@@ -115,13 +115,13 @@ def play_monitors(endpoint: str, wheels: int, rate: float, diagnoses_per_s: floa
                 )
                 session.put(f"rwa/sat/{wheel}/status", now.to_json())
             sent = max(sent, due)
-            for k in range(told, int((time.monotonic() - begin) * diagnoses_per_s)):
+            for k in range(diagnosed, int((time.monotonic() - begin) * diagnoses_per_s)):
                 wheel = names[k * 31 % wheels]
                 bad = 0.5 + (k % 5) if k % 4 == 0 else None
                 session.put(
                     f"rwa/sat/{wheel}/diagnosis", diagnosis(1 + k // wheels, severity=bad, wheel=wheel).to_json()
                 )
-                told = k + 1
+                diagnosed = k + 1
             time.sleep(0.01)
 
 

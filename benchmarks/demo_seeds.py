@@ -22,7 +22,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.demo_satellite import WINDOW_SECONDS, Satellite, same, samples_key, simulate_satellite
 
 TARGET = 0.9  # share of seeds whose first name is right: 18 of 20
-WINDOWS = 5  # told at most: 30 s of the demo
+WINDOWS = 5  # reported at most: 30 s of the demo
 
 
 @dataclass(frozen=True)

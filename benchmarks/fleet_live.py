@@ -59,7 +59,7 @@ main()
 
 @dataclass
 class Wheel:
-    """What was sent of one wheel, and what the monitor says it got."""
+    """What was sent of one wheel, and what the monitor reports as received."""
 
     publisher: SamplesPublisher
     put_s: list[float] = field(default_factory=list)
@@ -174,8 +174,8 @@ def measure(wheels: int, seconds: float, filled: int = 0) -> Measured:
             monitor.wait(60)
 
 
-def _listen(talk: IO[str], monitoring: Event) -> None:
-    for line in talk:
+def _listen(log: IO[str], monitoring: Event) -> None:
+    for line in log:
         if ": monitoring " in line:
             monitoring.set()
 
@@ -256,7 +256,7 @@ def to_markdown(found: list[Measured], full: Measured) -> str:
         f"Wanted: 1,000 wheels at {RATE_HZ} Hz with a lag under a second.\n{verdict}\n\n"
         f"A message of {RATE_HZ} samples a second from each wheel, over {found[0].seconds:.0f} s after settling.\n"
         f"On: {describe_machine()['processor']}; load of the machine {load}.\n"
-        "The last column tells how many processors other work kept busy meanwhile."
+        "The last column gives how many processors other work kept busy meanwhile."
     )
     brought = (
         f"was brought over, {full.file_MB:,.0f} MB in {full.rotation_s:.0f} s"
@@ -280,7 +280,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0)
     add_output_option(parser)
     options = parser.parse_args()
-    # Those before last 30 s of settling and as long as told; this one until the rotation has ended in any case.
+    # Those before last 30 s of settling and as long as given; this one until the rotation has ended in any case.
     full = measure(options.full_wheels, max(options.seconds, 120.0), FULL_SLOTS)
     put_out(to_markdown([measure(wheels, options.seconds) for wheels in options.wheels], full), options.output)
 

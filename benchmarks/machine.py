@@ -38,7 +38,7 @@ def describe_machine() -> dict[str, str]:
         try:
             described[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            continue  # the page says what is missing
+            continue  # the page states what is missing
     return described
 
 

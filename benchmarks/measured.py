@@ -1,4 +1,4 @@
-"""What the search says of measured friction: `python -m benchmarks.measured DIR -o docs/measured.md`.
+"""What the search finds in measured friction: `python -m benchmarks.measured DIR -o docs/measured.md`.
 
 DIR holds the six joints of a Stäubli TX40 (see `SOURCE`); the tables themselves are not part of this project. For each
 joint: the basic law beside the published parameters, what the search finds, and what that gains on the second half of
@@ -47,13 +47,13 @@ PUBLISHED: Final = {
 NEAR_ZERO: Final = (0.02, 0.1)  # rad/s: beyond rest, where Stribeck friction would be largest
 FAR: Final = (1.0, 3.0)  # rad/s
 REVERSAL_S: Final = 0.05  # s about a change of sign: the friction came through a low-pass of 50 Hz
-MEMORY_S: Final = 0.5  # s that residuals may remember; 0.25 to 1 s change the offsets' errors by a quarter at most
+MEMORY_S: Final = 0.5  # s over which residuals may correlate; 0.25 to 1 s change offsets' errors by a quarter at most
 
 ABOUT: Final = """\
 1,760 samples at 200 Hz a joint; samples at rest are left out. The tables are not part of this project;
 `make measured MEASURED=DIR` writes this page from them, and `RWA_MEASURED_DATA` lets the tests look at them."""
 ERRORS: Final = (
-    "Dry, viscous and offset by least squares, ± one standard error that allows for residuals which remember up to "
+    "Dry, viscous and offset by least squares, ± one standard error that allows for residuals correlated over up to "
     f"{MEMORY_S:g} s (Newey and West)."
 )
 GAINS: Final = """\
@@ -61,7 +61,7 @@ Each from the basic law to the extended one. Held-out blocks: strengths fitted o
 Second half: found and fitted on the first half, nothing fitted on the second; the level is the first half's mean."""
 STRIBECK: Final = """\
 - **Stribeck friction: no net rise seen in fast reversals, the quasi-static one not tested.** At
-  {near_zero[0]:g}–{near_zero[1]:g} rad/s the drag lies below what the basic law says, compared with
+  {near_zero[0]:g}–{near_zero[1]:g} rad/s the drag lies below what the basic law gives, compared with
   {far[0]:g}–{far[1]:g} rad/s (N m, by joint: {near}).
   But these are {fewest} to {most} samples a joint, and {least:.0%} to {largest:.0%} of them lie within
   {reversal_ms:.0f} ms of a change of sign, in friction that came through a low-pass of 50 Hz: a rise that needs time to
@@ -69,16 +69,17 @@ STRIBECK: Final = """\
   friction is neither found nor excluded. What these data show, and the search names, is drag concave in the speed."""
 OFFSET: Final = """\
 - **Offsets** of the first table are named as `torque_bias` on joint 2 only, in one set with `coulomb_asymmetry`, from
-  which one level cannot tell it. Two reasons. Residuals of the basic law remember: with independent samples its
-  errors would be {low:.1f} to {high:.1f} times smaller, and offsets of two standard errors would pass for seven (joints
-  1, 4 and 6). And an offset may stand in for what that law lacks. The next table adds `torque_bias` to the basic law
-  and to the law that was found, levels and jumps found afresh each time: beside the effects found it gains less than
-  the {accept:.0f} that are asked for: neither named nor excluded. On joint 1 one jump of the level within
-  the first second takes its place (0.26 N m would remain without a jump), so that an offset is not excluded there."""
+  which one level cannot separate it. Two reasons. Residuals of the basic law are autocorrelated: with independent
+  samples its errors would be {low:.1f} to {high:.1f} times smaller, and offsets of two standard errors would pass for
+  seven (joints 1, 4 and 6). And an offset may stand in for what that law lacks. The next table adds `torque_bias` to
+  the basic law and to the law that was found, levels and jumps found afresh each time: beside the effects found it
+  gains less than the {accept:.0f} that are asked for: neither named nor excluded. On joint 1 one jump of the level
+  within the first second takes its place (0.26 N m would remain without a jump), so that an offset is not excluded
+  there."""
 COLOUR: Final = """\
 - **Coloured noise.** Where the last column of the second table is large, a slow wave and noise look alike. One
   likelihood decides, with the noise as an autoregression that is fitted anew under every candidate: effects that change
-  faster than the noise forgets are told from it (joint 3)."""
+  faster than the noise's correlation time are separated from it (joint 3)."""
 OFFSET_HEAD: Final = (
     "joint",
     "offset over its error",
@@ -89,7 +90,7 @@ OFFSET_HEAD: Final = (
 )
 JOINT_6: Final = """\
 - **Joint 6** is coupled to joint 5, whose speed its table does not hold. A level that wanders stands for what is
-  missing, and the report says that no effect explains it; effects named beside it may be stand-ins."""
+  missing, and the report states that no effect explains it; effects named beside it may be stand-ins."""
 ONE_RECORD: Final = "- One record a joint: what holds for both halves may still be this motion's."
 LOAD: Final = """\
 Friction on the motor torque as measured is friction on itself: the measured torque holds the friction that is to be
@@ -142,7 +143,7 @@ class Load:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """All that is said of one joint."""
+    """All that is reported of one joint."""
 
     number: int
     basic: BasicLaw
@@ -168,7 +169,7 @@ def judge_joint(folder: Path, number: int) -> Joint:
 
 
 def basic_law(search: Search) -> BasicLaw:
-    """Fit dry and viscous friction and an offset by least squares; errors allow for residuals that remember."""
+    """Fit dry and viscous friction and an offset by least squares; errors allow for autocorrelated residuals."""
     problem = search.problem
     period = search.wheel.sample_period_s
     design = np.column_stack([np.ones(problem.size), problem.speed, problem.sign])
@@ -191,7 +192,7 @@ def basic_law(search: Search) -> BasicLaw:
 
 
 def _covariance_of_scores(scores: FloatArray, lags: int) -> FloatArray:
-    """Return the covariance of the sum of scores that remember `lags` samples, float64 (p, p).
+    """Return the covariance of the sum of scores correlated over `lags` samples, float64 (p, p).
 
     Bartlett weights: W. K. Newey, K. D. West, A simple, positive semi-definite, heteroskedasticity and
     autocorrelation consistent covariance matrix, Econometrica 55(3), 1987.
@@ -218,7 +219,7 @@ def second_half(samples: Samples, wheel: Wheel) -> SecondHalf:
     """Search the first half of a record and predict the second with what was found."""
     half = len(samples) // 2
     search = find_discrepancy([("first half", samples[slice(0, half)])], wheel)
-    problem = prepare([make_record(samples, wheel, "whole")], wheel)  # what remembers goes on: the angle, a lag
+    problem = prepare([make_record(samples, wheel, "whole")], wheel)  # what has a state goes on: the angle, a lag
     second = problem.slot >= half
 
     def rmse(model: Model) -> float:
@@ -261,7 +262,7 @@ def to_markdown(joints: Sequence[Joint]) -> str:
         section("The basic law beside the published parameters", ERRORS, _basic_table(joints)),
         section(
             "What it lacks",
-            "Strongest first; in brackets what the data cannot tell from it.",
+            "Strongest first; in brackets what the data cannot separate from it.",
             table(
                 [
                     "joint",

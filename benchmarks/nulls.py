@@ -1,4 +1,4 @@
-"""Makes the table of nulls: `make nulls`, or `python -m benchmarks.nulls -o FILE`.
+"""Makes the table of null distributions: `make nulls`, or `python -m benchmarks.nulls -o FILE`.
 
 Null records lack nothing: the built-in wheel with its switching systems (livelier by four, so that short records
 have jumps too), moved in every way, with noise of every law, friction given or derived. On each
@@ -105,7 +105,7 @@ def make_table(records: int, lengths: tuple[int, ...], workers: int) -> dict[str
 
 def main() -> None:
     """Write the table to the file that is asked for."""
-    parser = argparse.ArgumentParser(description="Makes the table of nulls that p-values are taken from.")
+    parser = argparse.ArgumentParser(description="Makes the table of null distributions that p-values are taken from.")
     parser.add_argument("-o", "--output", type=Path, required=True, help="file to write")
     parser.add_argument("--records", type=int, default=RECORDS, help="for each length, motion and noise")
     parser.add_argument("--lengths", type=int, nargs="+", default=LENGTHS, help="samples")

@@ -280,7 +280,7 @@ may touch: `docker/rwa-monitor.service`.
 ## What it leaves out
 
 `run`, `replay`, `diagnose` of CSV, `doctor` and whatever else needs only these packages work as everywhere. Not there,
-and so named by the command that wants it:
+and so named by the command that needs it:
 
 - the compiler and what builds the kernels (CMake, Ninja, nanobind, scikit-build-core): the wheel holds them compiled;
 - scikit-learn, for `train`; joblib, for many recordings side by side; Jinja2, for the pages of `discrepancy`;

@@ -1,7 +1,7 @@
 """Makes the reference recordings in `replay/`: small, complete, and each with something that must happen in it.
 
 The monitor itself makes them, with everything but a bus: simulated telemetry in, a recording out, under clocks that
-count messages, so that the same code gives the same bytes. `manifest.json` says what each must give when replayed.
+count messages, so that the same code gives the same bytes. `manifest.json` states what each must give when replayed.
 Renew them after a change that is meant to change diagnoses:
 
     make references            (python -m benchmarks.references replay)
@@ -181,7 +181,7 @@ REFERENCES: Final = (
 
 
 class SilentBus(MonitorBus):
-    """A bus on which nobody speaks and nobody listens: it has no session."""
+    """A bus without publishers and subscribers: it has no session."""
 
     def __init__(self) -> None:
         self.inbox = Inbox()
@@ -255,7 +255,7 @@ def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *,
 
 
 def summary(folder: Path) -> dict[str, Any]:
-    """Return what a reference holds, as the manifest says it."""
+    """Return what a reference holds, as the manifest states it."""
     files: dict[str, str] = {}
     diagnoses: list[Diagnosis] = []
     statuses: list[Status] = []
@@ -304,7 +304,7 @@ def renew(folder: Path) -> Iterator[tuple[Reference, dict[str, Any]]]:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Renew the references in a folder (`replay` unless told); exit code 1 if something did not happen in one."""
+    """Renew the references in a folder (`replay` by default); exit code 1 if something did not happen in one."""
     failed = False
     for reference, seen in renew(Path(arguments[0]) if arguments else Path("replay")):
         absent = missing(reference, seen)

@@ -2,8 +2,8 @@
 
 A fleet of wheels fills windows of 80,000 slots as fast as one `rwa-monitor run` takes them, over TCP on loopback. When
 they are nearly full the monitor is ended by SIGKILL, and in the next window by SIGTERM; the fleet goes on meanwhile,
-and a new monitor goes on from the recordings. Told are the time until it monitors, its largest memory, the longest time
-in which it said nothing, and whether all windows are what `diagnose` says of the same samples.
+and a new monitor goes on from the recordings. Reported are the time until it monitors, its largest memory, the longest
+time in which it logged nothing, and whether all windows are what `diagnose` prints for the same samples.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ BATCH: Final = 256  # samples of a message
 SLOTS: Final = 80_000  # of a window
 FULL: Final = 0.95  # of a window, when the monitor is ended
 OUTAGE_MESSAGES: Final = 4  # that each wheel sends while no monitor is there: two minutes at 8 Hz
-AHEAD: Final = 8  # messages of each wheel that are sent before the monitor has told that it has taken them
+AHEAD: Final = 8  # messages of each wheel that are sent before the monitor has reported that it has taken them
 HISTORY: Final = 64  # messages that each publisher keeps
 WINDOWS: Final = 2
 SEED: Final = 50_001
@@ -76,7 +76,7 @@ def fleet_process(endpoint: str, wheels: int, orders: Connection) -> None:
 
 
 @dataclass
-class Heard:
+class Received:
     """What the monitors published: samples taken of each wheel, and the diagnoses of each."""
 
     taken: dict[str, int] = field(default_factory=dict)
@@ -107,7 +107,7 @@ class Start:
 
 
 class Monitor:
-    """A `rwa-monitor run`, what it says and when."""
+    """A `rwa-monitor run`, what it logs and when."""
 
     def __init__(self, endpoint: str, folder: Path, what: str) -> None:
         self.start = Start(what)
@@ -158,7 +158,7 @@ class Monitor:
 
 
 def expected_windows() -> list[Diagnosis]:
-    """Return what `diagnose` says of the full windows."""
+    """Return what `diagnose` prints for the full windows."""
     events = diagnose_samples(telemetry(), built_in_wheel(), built_in_model())
     whole = [event for event in events if not event.partial]
     return [
@@ -176,7 +176,7 @@ def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
     fleet = context.Process(target=fleet_process, args=(endpoint, wheels, fleets_end), daemon=True)
     fleet.start()
     orders.recv()
-    heard, starts, sent = Heard(), [], 0
+    received, starts, sent = Received(), [], 0
 
     def send(stop: int, monitor: Monitor | None = None) -> None:
         """Let all wheels send up to message `stop`; with a monitor no faster than it takes them."""
@@ -190,11 +190,11 @@ def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
                 monitor.wait_until(all_taken, "it had taken all")
 
     def all_taken() -> bool:
-        return len(heard.taken) == wheels and min(heard.taken.values()) >= sent * BATCH
+        return len(received.taken) == wheels and min(received.taken.values()) >= sent * BATCH
 
     with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
         for kind in ("status", "diagnosis"):
-            session.declare_subscriber(f"rwa/fleet/*/{kind}", heard.take)
+            session.declare_subscriber(f"rwa/fleet/*/{kind}", received.take)
         for number, (what, how) in enumerate(
             (
                 ("the first, with nothing recorded", signal.SIGKILL),
@@ -202,7 +202,7 @@ def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
                 ("after SIGTERM", signal.SIGTERM),
             )
         ):
-            heard.taken.clear()
+            received.taken.clear()
             monitor = Monitor(endpoint, folder, what)
             monitor.monitoring.wait(PATIENCE_S)
             monitor.start.caught_up_s = monitor.wait_until(all_taken if sent else lambda: True, "it had caught up")
@@ -218,7 +218,7 @@ def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
     right = 0
     for wheel in range(wheels):
         wanted = {_as_of(window, f"wheel_{wheel}") for window in expected}
-        right += len(wanted & heard.diagnoses.get(f"rwa/fleet/wheel_{wheel}/diagnosis", set()))
+        right += len(wanted & received.diagnoses.get(f"rwa/fleet/wheel_{wheel}/diagnosis", set()))
     return starts, wheels * len(expected), right
 
 
@@ -262,7 +262,7 @@ ended: by SIGKILL, and in the next window by SIGTERM. Each wheel sends {OUTAGE_M
 while no monitor is there, {OUTAGE_MESSAGES * BATCH / 8:.0f} s at 8 Hz, and keeps its last {HISTORY}. All wheels send
 the same samples (seed {SEED}), as fast as the monitor takes them; so all windows close at once.
 
-**{right:,} of {expected:,} windows are byte for byte what `diagnose` says of the samples.**
+**{right:,} of {expected:,} windows are byte for byte what `diagnose` prints for the samples.**
 
 {table(head, rows)}
 
@@ -270,10 +270,10 @@ On: {describe_machine()["processor"]}; load of the machine {load}; other work ke
 meanwhile.
 
 A monitor goes on from the checkpoints in its last recording, and takes the inputs after them once more; where it ended
-while the wheels were brought over from the recording before, those in that one, too. It reads and forgets them one by
+while the wheels were brought over from the recording before, those in that one, too. It reads and releases them one by
 one, so that it needs the memory of its open windows (2.7 MB a wheel) and some
 200 MB. A recording grows to twice what it begins with, so that the inputs may take longer than the checkpoints. Every
-five seconds it says how far it is, and systemd is told to wait. The messages that all publishers have kept come again
+five seconds it logs how far it is, and has systemd wait. The messages that all publishers have kept come again
 at each start: they pass through the inbox. What is missing before them is asked for of 32 publishers at a time, and of
 no further one while more than 128 MB of answers lie here, so that a fleet's histories do not lie in memory at once.""",
     )

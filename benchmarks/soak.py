@@ -1,7 +1,7 @@
 """Ten minutes at 100,000 samples a second into one `rwa-monitor run`, over TCP: `make soak`; writes docs/soak.md.
 
 Publishers in a process of their own send as fast as is asked, reliably: one that cannot keep up is slowed down, and
-that is told. Memory, lag and losses are those that the monitor's own `status` and the system say.
+that is reported. Memory, lag and losses are those of the monitor's own `status` and the system.
 
 What the monitor keeps for late subscribers fills with the windows that were closed, of which these minutes have few. So
 a second monitor gets short windows: what it keeps is full after half of its time, and then its memory stays.
@@ -39,7 +39,7 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 BATCH = 256  # samples of a message
 PERIOD_NS = 125_000_000
-SLOTS = 80_000  # of the record that each wheel repeats over and over, and of a window unless said otherwise
+SLOTS = 80_000  # of the record that each wheel repeats over and over, and of a window unless stated otherwise
 SHORT_SLOTS = 2_000  # of a window of the second monitor
 SHORT_WHEELS = 20
 SHORT_SHARE = 0.3  # of the rate: as much diagnosis as one core can do
@@ -67,7 +67,7 @@ class Case:
 
 
 @dataclass
-class Heard:
+class Received:
     """What the monitor published: the last status of each wheel, and sizes of what it keeps for late subscribers."""
 
     status: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -82,7 +82,7 @@ class Heard:
             self.kept[key].append(len(payload))
 
     def kept_MB(self) -> tuple[float, float]:
-        """Return how much the monitor keeps of what was heard, and how much it would when full of the like."""
+        """Return how much the monitor keeps of what was received, and how much it would when full of the like."""
         sizes = [list(of_key) for of_key in list(self.kept.values())]
         full = sum(OUTPUT_HISTORY * float(np.mean(of_key)) for of_key in sizes)
         return sum(map(sum, sizes)) / 1e6, full / 1e6
@@ -164,11 +164,11 @@ def _soak(case: Case, folder: Path) -> tuple[list[Reading], int]:
     (folder / "wheel.toml").write_text(case.wheel.to_toml())
     command = [sys.executable, "-m", "rwa_monitor", "run", "-l", endpoint, "--record", str(folder / "recordings")]
     command += ["--record-limit", "1", "--wheel", str(folder / "wheel.toml")]
-    heard = Heard()
-    with (folder / "talk.log").open("w") as log, subprocess.Popen(command, stderr=log) as monitor:
+    received = Received()
+    with (folder / "monitor.log").open("w") as log, subprocess.Popen(command, stderr=log) as monitor:
         try:
-            while "monitoring" not in (folder / "talk.log").read_text():
-                assert monitor.poll() is None, (folder / "talk.log").read_text()
+            while "monitoring" not in (folder / "monitor.log").read_text():
+                assert monitor.poll() is None, (folder / "monitor.log").read_text()
                 Event().wait(0.1)
             context = get_context("spawn")
             sent = context.Value("q", 0, lock=False)
@@ -179,14 +179,14 @@ def _soak(case: Case, folder: Path) -> tuple[list[Reading], int]:
                 for kind in ("status", "diagnosis", "changepoints", "discrepancy"):
                     session.declare_subscriber(
                         f"rwa/soak/*/{kind}",
-                        lambda sample: heard.take(str(sample.key_expr), sample.payload.to_bytes()),
+                        lambda sample: received.take(str(sample.key_expr), sample.payload.to_bytes()),
                     )
                 publisher.start()
                 readings = []
                 begin_s = time.monotonic()
                 while publisher.is_alive():
                     publisher.join(READING_S)
-                    readings.append(_reading(monitor.pid, sent.value, heard, folder, begin_s))
+                    readings.append(_reading(monitor.pid, sent.value, received, folder, begin_s))
                     if readings[-1].at_s > case.seconds and _at_rest(readings):
                         done.set()
             monitor.send_signal(signal.SIGTERM)
@@ -197,20 +197,20 @@ def _soak(case: Case, folder: Path) -> tuple[list[Reading], int]:
 
 
 def _at_rest(readings: list[Reading]) -> bool:
-    """Tell whether all has arrived, or nothing has for a minute."""
+    """Return whether all has arrived, or nothing has for a minute."""
     last = readings[-1]
     before = [reading for reading in readings if reading.at_s < last.at_s - GIVE_UP_S]
     # Publishers begin later than the clock here: they are at their end when they have sent no more since the last look.
     return last.received == last.sent == readings[-2].sent or bool(before and before[-1].received == last.received)
 
 
-def _reading(pid: int, sent: int, heard: Heard, folder: Path, begin_s: float) -> Reading:
+def _reading(pid: int, sent: int, received: Received, folder: Path, begin_s: float) -> Reading:
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    latest = list(heard.status.values())
+    latest = list(received.status.values())
     return Reading(
         at_s=time.monotonic() - begin_s,
         resident_MB=int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 1e6,
-        kept_MB=heard.kept_MB(),
+        kept_MB=received.kept_MB(),
         windows=sum(s["windows"] for s in latest),
         sent=sent,
         received=sum(s["samples_received"] for s in latest),

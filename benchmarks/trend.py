@@ -127,7 +127,7 @@ def to_markdown(found: list[Life], command: str) -> str:
         "each, simulated and diagnosed window by window with the state carried on. In one wheel of five nothing "
         "grows; in the others base dry friction, viscous friction or one switching system's, linearly from a "
         f"random time to the end. A trend is looked for after every window from the {MIN_WINDOWS}th, and announced "
-        f"where p < {SIGNIFICANCE:g} (`rwa_monitor/diagnosis/trend.py` says how). Brackets: 95 % intervals."
+        f"where p < {SIGNIFICANCE:g} (`rwa_monitor/diagnosis/trend.py` describes how). Brackets: 95 % intervals."
     )
     return page(
         "Trends over windows",

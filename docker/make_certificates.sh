@@ -5,10 +5,10 @@
 #   docker/make_certificates.sh [--days N] [--host NAME]... [--owner UID:GID] FOLDER [NAME]...
 #
 #   FOLDER          made anew; nothing in it is ever overwritten
-#   NAME            the common name, by which access_control in router.json5 knows who is who;
-#                   unless told those of compose.yaml: monitor_1 monitor_2 dashboard simulated.wheel_1
+#   NAME            the common name, by which access_control in router.json5 distinguishes them;
+#                   by default those of compose.yaml: monitor_1 monitor_2 dashboard simulated.wheel_1
 #                   simulated.wheel_2. "router" is always made.
-#   --days N        how long the certificates are valid; 30 unless told. The authority lives as long.
+#   --days N        how long the certificates are valid; 30 by default. The authority lives as long.
 #   --host NAME     a further name or IPv4 address under which the router is reached
 #   --owner UID:GID who may read the private keys (needs root); 10001:10001 is the user of the image
 #

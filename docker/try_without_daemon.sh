@@ -5,9 +5,9 @@
 # database. Commands, users, health checks, limits and mounts are read from compose.yaml. Root, and Debian's packages
 # buildah, podman, runc, debootstrap and python3-yaml (or PYTHON with PyYAML).
 #
-#   docker/try_without_daemon.sh [SECONDS]      how long the monitors run; 60 unless told, in which two windows close
+#   docker/try_without_daemon.sh [SECONDS]      how long the monitors run; 60 by default, in which two windows close
 #
-# Everything it makes lies in one scratch folder (SCRATCH, a temporary one unless told) and is removed at the end; with
+# Everything it makes lies in one scratch folder (SCRATCH, a temporary one by default) and is removed at the end; with
 # KEEP=1 the base and the image stay in SCRATCH and are used again.
 set -euo pipefail
 
@@ -92,7 +92,7 @@ user="$(run --rm --network none --entrypoint id rwa-monitor -u)"
 run --rm --network none --read-only --cap-drop all rwa-monitor --help >/dev/null || fail "rwa-monitor --help"
 say "built; runs as user $user; --help answers"
 
-# ---- what compose.yaml says of a service, one word a line ------------------------------------------------------------
+# ---- what compose.yaml has of a service, one word a line ------------------------------------------------------------
 # So that what is tried is what is shipped. Volumes with a name are folders in the scratch folder, and so are certificates
 # and secrets.
 compose() { # command|health|options SERVICE
@@ -122,7 +122,7 @@ print("\n".join(words))
 END
 }
 
-start() { # SERVICE IMAGE [ENTRYPOINT ARGUMENT...]; without them what compose.yaml says
+start() { # SERVICE IMAGE [ENTRYPOINT ARGUMENT...]; without them what compose.yaml has
   local name="$1" image="$2" options arguments entrypoint=()
   mapfile -t options < <(compose options "$name" | sed "s#^--volume=docker/#--volume=$PWD/docker/#" | grep -v "$unlimited")
   ((${#options[@]})) || fail "no options for $name in docker/compose.yaml (PyYAML missing?)"
@@ -232,7 +232,7 @@ kept="$(pod exec rwa-database sh -c 'PGPASSWORD="$(cat /run/secrets/database_pas
 pod exec rwa-database psql -h 127.0.0.1 -U rwa -w -c "SELECT 1" >/dev/null 2>&1 && fail "the database asks for no password"
 say "the page shows both wheels; windows in the database: ${kept//$'\n'/, }"
 
-# ---- health checks that tell: a monitor that stands still, a database that is gone ------------------------------------
+# ---- health checks detect a monitor that stands still, a database that is gone ------------------------------------
 pod kill --signal STOP rwa-monitor_1 >/dev/null
 pod stop --time 10 rwa-database >/dev/null 2>&1
 ill monitor_1 40

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import rwa_monitor as rwa
 
-# 1. "Measured" data of a wheel with an effect that nobody told the model of. The manoeuvre matters: this one sweeps the
-#    whole speed range both ways and dwells, so that causes can be told apart.
+# 1. "Measured" data of a wheel with an effect that the model lacks. The manoeuvre matters: this one sweeps the
+#    whole speed range both ways and dwells, so that causes can be separated.
 truth = rwa.Scenario.from_toml(
     """
     [scenario]
@@ -19,7 +19,7 @@ truth = rwa.Scenario.from_toml(
     name = "viscous_asymmetry"
     parameters = { strength_Nm_s_rad = 4.0e-7 }
     """,
-    "what nobody knows",
+    "hidden",
 )
 wheel = rwa.read_wheel()
 measured = rwa.simulate(truth, wheel, seed=11).samples
@@ -29,7 +29,7 @@ search = rwa.find_discrepancy(measured, wheel)
 result = search.result
 print(f"\nverdict: the model is {result.verdict}")
 for effect in result.effects:
-    print(f"cause: {effect.name}, p = {effect.p_value:.1e}, cannot be told from: {', '.join(effect.equivalent) or '-'}")
+    print(f"cause: {effect.name}, p = {effect.p_value:.1e}, equivalent to: {', '.join(effect.equivalent) or '-'}")
     for name, parameter in effect.parameters.items():
         print(f"  {name} = {parameter.value:.4g} ± {parameter.std or 0.0:.1g} {parameter.unit}")
 

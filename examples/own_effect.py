@@ -13,7 +13,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shap
 from rwa_monitor.wheel.effects.catalogue import register
 
 
-# 1. The class. Metadata say what it is and what it is confused with; `column` is the formula at unit strength.
+# 1. The class. Metadata state what it is and what it is confused with; `column` is the formula at unit strength.
 @register
 class GreasePlateau(MeanEffect):
     """Drag of a stiff grease that shears off: it grows with the speed and levels off."""

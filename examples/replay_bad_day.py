@@ -2,7 +2,7 @@
 
     python examples/replay_bad_day.py [RECORDING]
 
-Takes the reference recording of the checkout unless it is told another file or folder.
+Takes the reference recording of the checkout unless it is given another file or folder.
 """
 
 import sys
@@ -15,7 +15,7 @@ from rwa_monitor.monitor.telemetry_files import read_telemetry
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "replay" / "bad_day"
 
-# 1. The chain of files that the recorder wrote; each knows the one before it.
+# 1. The chain of files that the recorder wrote; each names the one before it.
 files = sorted(folder.glob("*.mcap")) if folder.is_dir() else [folder]
 print(f"{folder.name}: {', '.join(file.name for file in files)}")
 

@@ -31,7 +31,7 @@ GROUND: Final = "0.6"
 
 
 def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -> Figure:
-    """Draw one window as the diagnosis sees it: speed; friction with its jumps; what each switching system did.
+    """Draw one window as the diagnosis takes it: speed; friction with its jumps; what each switching system did.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The public interface says the same as the command, and no more than it promises."""
+"""The public interface gives the same as the command, and no more than it promises."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pictures show what the diagnosis says: what is drawn is read back from the figures."""
+"""The pictures show what the diagnosis states: what is drawn is read back from the figures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How times and counts are told to a person."""
+"""How times and counts are written for a person."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ LICENCES
 )" >"$scratch/licences.txt" || { cat "$scratch/licences.txt" >&2; exit 1; }
 say "licences of $(($(wc -l <"$scratch/licences.txt") - 1)) packages allow it"
 
-# ---- use: from a folder that knows nothing of the checkout ---------------------------------------------------------------
+# ---- use: from a folder without the checkout ---------------------------------------------------------------
 cd "$scratch"
 unset PYTHONPATH
 export PATH="$scratch/env/bin:$PATH"

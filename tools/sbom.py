@@ -66,7 +66,7 @@ def bill_of_materials(lock: Path = ROOT / "requirements.txt") -> Bom:
 
 
 def _generated(*arguments: str) -> Bom:
-    """Return what the generator of CycloneDX says."""
+    """Return what the generator of CycloneDX prints."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bom.json"
         options = ("--output-reproducible", "--no-validate", "--sv", SCHEMA.to_version(), "-o", str(file))

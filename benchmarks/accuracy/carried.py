@@ -1,8 +1,8 @@
 """What earlier windows of a wheel are worth: the last window of a record with and without the state carried to it.
 
-Judged by the built-in model, which knows none of these wheels. Three courses of an anomaly: one that was there all
-the time, one that begins with the last window (so that ten healthy windows went before), and the slow growth of the
-recipe `fleet`.
+Judged by the built-in model, which was trained on none of these wheels. Three histories of an anomaly: one that was
+there all the time, one that begins with the last window (so that ten healthy windows went before), and the slow
+growth of the recipe `fleet`.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class LawsResult:
     anomalies
         Their names.
     wheels, refused, misread
-        Wheels in all; those for which `identify` says that there is too little data; those whose systems come out with
+        Wheels in all; those for which `identify` reports too little data; those whose systems come out with
         another number of configurations. Windows of the last two are not among those judged.
     truth, with_true, with_identified
         bool (windows, anomalies).
@@ -57,7 +57,7 @@ class LawsResult:
 
 @dataclass(frozen=True, slots=True)
 class _Wheel:
-    """What came of one wheel; `failed` says why there is nothing, else it is empty."""
+    """What came of one wheel; `failed` states why there is nothing, else it is empty."""
 
     failed: str
     rows: list[tuple[list[bool], list[bool], list[bool]]]
@@ -83,15 +83,15 @@ class _Task:
             found = identify([(one.name, one.telemetry.samples) for one in recordings], wheel)
         except InputError:
             return _Wheel("refused", [], none, none)
-        told = _with_laws(wheel, found.wheel)
-        if told is None:
+        learned = _with_laws(wheel, found.wheel)
+        if learned is None:
             return _Wheel("misread", [], none, none)
         rows, jumps_true, jumps_identified = [], none, none
         for k in range(WINDOWS):
             window = self._window(wheel, k)
             truth = window.telemetry.truth
             seen = []
-            for laws in (wheel, told):
+            for laws in (wheel, learned):
                 active, jumps = _diagnose(window.telemetry.samples, laws, model, window)
                 seen.append(active)
                 if laws is wheel:

@@ -1,10 +1,10 @@
-"""What the best method could know: features from the truth, to tell a method's errors from what the data cannot show.
+"""What the best method could know: features from the truth, to separate a method's errors from what data cannot show.
 
-Oracle A knows the true components and configurations. Oracle B knows when each system jumped, and estimates the rest
-from the samples: friction, and where a system shows fewer configurations than it has, which of them these are.
+Oracle A is given the true components and configurations. Oracle B is given when each system jumped, and estimates the
+rest from the samples: friction, and where a system shows fewer configurations than it has, which of them these are.
 
-Oracle C is one of changepoints: it is told that there is a jump, and the noise; where exactly, and which system made
-it, it has to find out. No search that knows laws, noise and slope can place and assign more.
+Oracle C is one of changepoints: it is given that there is a jump, and the noise; where exactly, and which system made
+it, it has to find out. No search that is given laws, noise and slope can place and assign more.
 """
 
 from __future__ import annotations

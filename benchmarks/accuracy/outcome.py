@@ -62,7 +62,7 @@ class Outcome:
     labels
         By anomaly: whether it is there.
     features
-        By method (joint, paper) and oracle ("oracle A" knows the components, "oracle B" the jumps).
+        By method (joint, paper) and oracle ("oracle A" is given the components, "oracle B" the jumps).
     jumps
         By method, and of "oracle C".
     """

@@ -42,8 +42,8 @@ CHANGED_AFTER_RESULTS: Final = (
     "What was changed after looking at results, and on which seed: the viscous severity of `paper`, from ×1.10 to "
     "×1.12, after viscous was detected in 97.8 % of its windows and fss_1 of `mild` in 98.45 % (seed 4711); the "
     "weighing of several switching paths, which counted the sizes of the jumps twice and called dry "
-    "friction anomalous in 0.99 % of the nominal windows (seed 61803); and oracle B, which was told the "
-    "configurations besides what its definition says. These two seeds and 27182 are used up by that, 101 and 777 by "
+    "friction anomalous in 0.99 % of the nominal windows (seed 61803); and oracle B, which was given the "
+    "configurations besides what its definition states. These two seeds and 27182 are used up by that, 101 and 777 by "
     "development."
 )
 _SEVERITIES: Final = {
@@ -79,9 +79,9 @@ def to_markdown(benchmark: Benchmark, command: str) -> str:
         "them apart: look at `hard`. "
         "Rates are means over the splits with the 95 % interval (Wilson) of so many windows judged once.\n\n"
         "What an oracle misses, one window does not show:\n\n"
-        "- oracle A knows all components and configurations;\n"
-        "- oracle B knows when each switching system jumped, and estimates the rest, configurations too;\n"
-        "- oracle C, of changepoints, is told that there is a jump, the noise and the laws; where exactly it is and "
+        "- oracle A is given all components and configurations;\n"
+        "- oracle B is given when each switching system jumped, and estimates the rest, configurations too;\n"
+        "- oracle C, of changepoints, is given that there is a jump, the noise and the laws; where exactly it is and "
         "which system made it, it has to find out.\n\n" + CHANGED_AFTER_RESULTS
     )
     return page(
@@ -270,7 +270,7 @@ def _laws_section(benchmark: Benchmark) -> list[str]:
     text = (
         f"Seed {benchmark.recipes[0].seed + LAWS_SEED}: {laws.wheels} wheels, each "
         f"identified from {RECORDINGS} healthy windows; "
-        f"for {laws.refused} `identify` says that there is too little data, and {laws.misread} come out with other "
+        f"for {laws.refused} `identify` reports that there is too little data, and {laws.misread} come out with other "
         f"systems. Of the others {laws.truth.shape[0]} windows of the recipe `mild`, judged by the built-in model. "
         "Visible jumps "
         f"right in place and system: {percent(right[0])} with the true laws, {percent(right[1])} with those identified."

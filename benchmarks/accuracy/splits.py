@@ -113,7 +113,7 @@ def judge_windows(
         seen = outcome.features[features]
         if method == "paper":
             judgement = classify_as_paper(seen, models, names)
-            # The paper's answer is the sign of the decision, whatever the calibration says.
+            # The paper's answer is the sign of the decision, whatever the calibration gives.
             rows.append([_on_side(entry.probability, active=entry.active) for entry in judgement.anomalies])
             open_ones.append(False)
         else:
@@ -206,8 +206,8 @@ def _shares(diagnosed: BoolArray, rows: FloatArray, statuses: int) -> FloatArray
 
 def _risk(probability: FloatArray, truth: BoolArray) -> FloatArray:
     """Return the share of windows with an error among the surest, float64 (coverages,)."""
-    doubt = np.minimum(probability, 1.0 - probability).max(axis=1)
-    wrong = ((probability > 0.5) != truth).any(axis=1)[np.argsort(doubt, kind="stable")]
+    uncertainty = np.minimum(probability, 1.0 - probability).max(axis=1)
+    wrong = ((probability > 0.5) != truth).any(axis=1)[np.argsort(uncertainty, kind="stable")]
     return np.array([float(wrong[: max(round(coverage * wrong.size), 1)].mean()) for coverage in COVERAGES])
 
 

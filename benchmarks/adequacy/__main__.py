@@ -1,4 +1,4 @@
-"""The check at a window's close: how much of what the friction model lacks it sees, and how often it is wrong.
+"""The check at a window's close: how much of what the friction model lacks it detects, and how often it is wrong.
 
     python -m benchmarks.adequacy [--seed N] [--seeds N] [--nominal N] [--processes N] [-o FILE]
 
@@ -66,11 +66,11 @@ FALSE_ALARMS = """\
 Windows that lack nothing. Nominal ones are drawn like the recipe's, without its anomalies."""
 SHORTER = """\
 The thresholds are those of windows of 80,000 samples. A shorter window has fewer intervals between jumps, fewer
-crossings of zero and fewer blocks to compare, so that the check sees less and keeps silent. One window a trial, all
-effects and motions that can show them, wheels of recipe `paper`."""
+crossings of zero and fewer blocks to compare, so that the check detects less and reports nothing. One window a trial,
+all effects and motions that can show them, wheels of recipe `paper`."""
 SHORTER_REMARK = """\
 `model_adequate` of a short window is no finding that nothing is missing. The search (`rwa-monitor discrepancy`) reads
-the samples and sees more: it names effects in measured records of 1,760 samples in which this check is silent
+the samples and detects more: it names effects in measured records of 1,760 samples in which this check has none
 ([measured.md](measured.md))."""
 MISSING = """\
 One window, one effect on one motion, all 17 × 4 that can be shown. The standard deviations hold what the missing effect
@@ -210,7 +210,7 @@ def main() -> int:
     text = page(
         "Does the friction model fit? The check at every window close",
         MADE.format(seed=options.seed, seeds=options.seeds, nominal=options.nominal),
-        section("What it sees", SEEN, detection),
+        section("What it detects", SEEN, detection),
         section("False alarms", FALSE_ALARMS, alarms),
         section("Shorter windows", SHORTER, short, SHORTER_REMARK),
         section("What a missing effect does to the diagnosis", MISSING, diagnosis_table(jobs, diagnosed)),

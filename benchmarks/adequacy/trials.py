@@ -1,4 +1,4 @@
-"""How well the check at a window's close sees what the friction model lacks, and what that does to the diagnosis.
+"""How well the check at a window's close detects what the friction model lacks, and what that does to the diagnosis.
 
 A trial hides one effect in a few windows of a wheel of recipe `paper`, at a strength that is the RMS of its part
 orthogonal to sign, speed and true levels (`strength.py`), in standard deviations of the noise, over all

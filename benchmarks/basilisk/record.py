@@ -1,6 +1,6 @@
 """A wheel record made by an outside simulator: Basilisk's reaction wheel with friction, written as a sample table.
 
-Runs in an environment of its own that holds Basilisk (`bsk`); it knows nothing of rwa_monitor. See `make outside`.
+Runs in an environment of its own that holds Basilisk (`bsk`); it uses nothing of rwa_monitor. See `make outside`.
 
     python record.py crossing|rest OUT.csv OUT.toml
 

@@ -39,7 +39,7 @@ METHODS: Final[tuple[Method, ...]] = ("paper", "joint")
 PAPER_EXCESS_RMSE: Final = 0.0025  # with changepoints, normalised
 PAPER_ERROR: Final = 0.08  # to which the paper's errors follow the Gaussian, normalised
 MORE_BEYOND: Final = 1.05  # times as many samples beyond it as with the true changepoints
-ENOUGH: Final = 100  # windows, below which rates say too little to be called missed
+ENOUGH: Final = 100  # windows, below which rates show too little to be called missed
 PEERS: Final = (skchange_fpop, skchange_moving_window, ruptures_window, ruptures_pelt)
 QUICK_PEERS: Final = (skchange_fpop, skchange_moving_window)
 

@@ -20,7 +20,7 @@ from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState
 
 HARD: Final = "paper, hard laws"  # name of the features of the paper's method as printed
-ORACLE: Final = "oracle"  # knows when jumps are
+ORACLE: Final = "oracle"  # is given when jumps are
 ERROR_STEP: Final = 0.002  # of the histogram of absolute errors, normalised; the paper's figure ends at about 0.3
 ERROR_BINS: Final = 151  # the last holds what is beyond
 

@@ -68,11 +68,11 @@ def to_markdown(found: PaperBenchmark, command: str, pictures: str) -> str:
         "26 changepoints a window of its data, and severities of the anomalies that we chose; it gives none. Where "
         "`joint` and the oracle both reach 100 %, the recipe is too easy to set them apart: docs/benchmark.md has "
         "`hard`, where they part. Brackets hold 95 % intervals.\n\n"
-        "`paper` is the paper's method as far as it can be run, `joint` the default of this program. Oracle B knows "
+        "`paper` is the paper's method as far as it can be run, `joint` the default of this program. Oracle B is given "
         "when each system jumped and estimates the rest.\n\n"
         f"**The paper's method is flattered here.** Its hard duration laws allow no sequence of jumps at all in "
         f"{impossible} of the {size.windows} windows ({with_interval(impossible / size.windows, size.windows)}): a "
-        "missed jump, or one found twice, makes every sequence impossible, and the paper does not say what happens "
+        "missed jump, or one found twice, makes every sequence impossible, and the paper does not state what happens "
         "then. `paper` gives impossible durations a price where there is no other way; `paper, hard laws` leaves all "
         "jumps of such a window to no system, as the printed algorithm would. Both stand side by side."
     )
@@ -130,9 +130,9 @@ def _summary(found: PaperBenchmark) -> str:
     rows.append(["samples with an error beyond 0.08", "1e-3", beyond["paper"], NONE, beyond["joint"], beyond[ORACLE]])
     counts = {m: np.array([one.work[m].candidates - one.work[m].rejected for one in found.examined]) for m in METHODS}
     visible = result.jumps["joint"].visible / result.windows
-    said = {m: f"{counts[m].mean():.1f} ± {counts[m].std():.1f}" for m in METHODS}
+    each = {m: f"{counts[m].mean():.1f} ± {counts[m].std():.1f}" for m in METHODS}
     rows.append(
-        ["changepoints per window", "26 ± 10", said["paper"], NONE, said["joint"], f"{visible:.1f} visible jumps"]
+        ["changepoints per window", "26 ± 10", each["paper"], NONE, each["joint"], f"{visible:.1f} visible jumps"]
     )
     right = {m: percent(result.jumps[m].attributed / result.jumps[m].visible) for m in METHODS}
     rows.append(["visible jumps right in place and system", NOT_GIVEN, right["paper"], NONE, right["joint"], NONE])
@@ -168,10 +168,10 @@ def run_length_section(curves: RunLengths, pictures: str) -> str:
     return section(
         "Average run length at 0.1 % missed jumps",
         f"Samples between false alarms at w = {PAPER_WINDOW}, for a jump of 3 σ. It depends on how the speed moves, "
-        "which the paper does not say. The acceleration of the second row is **fitted**: it is the one that gives the "
-        "paper's figure for W_b = 1e-8; the figure for 1e-4 then comes out, too. The first four rows are the paper's "
-        "closed form, χ². It leaves out that a prior is one more observation, without noise: where it weighs about as "
-        "much as the ramp, the statistic varies less than χ². At W_b = 1e-8 its standard deviation is "
+        "which the paper does not state. The acceleration of the second row is **fitted**: it is the one that gives "
+        "the paper's figure for W_b = 1e-8; the figure for 1e-4 then comes out, too. The first four rows are the "
+        "paper's closed form, χ². It leaves out that a prior is one more observation, without noise: where it weighs "
+        "about as much as the ramp, the statistic varies less than χ². At W_b = 1e-8 its standard deviation is "
         f"{law_of(PAPER_WINDOW, PAPER_WEIGHTS[0], fitted).std:.2f} of that, so that the run is 50 times as "
         "long as χ² has it. The law with that variance and the simulation agree.",
         table(header, [*rows, true, simulated, paper]),
@@ -179,7 +179,7 @@ def run_length_section(curves: RunLengths, pictures: str) -> str:
         "Left: lines as the first rows of the table (solid, dashed, dotted, dash-dotted), colours for W_b; the second "
         "row also by the law that GLR has (thick, pale), and simulated (points with 95 % intervals). Right: the second "
         "row, for several sizes of the jump. The black line is the paper's aim, 1e6.",
-        "The paper asks for W_b (f̃_v - f_v)² ≪ 1. What an error of the prior's slope does at w = "
+        "The paper requires W_b (f̃_v - f_v)² ≪ 1. What an error of the prior's slope does at w = "
         f"{PAPER_WINDOW} and the same thresholds, by the law that GLR has, the error's sign the worse one: run length, "
         "and jumps of 3 σ missed.",
         table(["change of ω/ω_nominal per sample", "f̃_v - f_v", *header[1:]], errors),
@@ -283,10 +283,10 @@ def _work_section(found: PaperBenchmark, pictures: str) -> str:
     return section(
         "Work of the assignment",
         "States expanded by number of candidates; the paper's iterations are 116.6 on "
-        "average and exponential at worst. What it counts as one it does not say: here each extension of a path by a "
+        "average and exponential at worst. What it counts as one it does not state: here each extension of a path by a "
         "jump of a system, or by a rejection, is one, and those of a second pass, where hard laws allow no path, count "
         "as well. Method `joint` keeps the best of all paths with the same future (errata 8), "
-        "in compiled code, and says when it had to prune.",
+        "in compiled code, and reports when it had to prune.",
         table(header, rows),
         _picture(pictures, "work", "States expanded over the number of candidates"),
     )
@@ -300,7 +300,7 @@ def _matrix_section(found: PaperBenchmark) -> str:
         "oracle B": found.result.accuracy["oracle B"],
     }
     confused = (
-        "The paper sees fss_1 as fss_2 in 14 % of the windows, which neither method does here. Why is open: the sizes "
+        "The paper has fss_1 as fss_2 in 14 % of the windows, which neither method does here. Why is open: the sizes "
         "of its systems and anomalies are not given."
     )
     return section("Anomalies diagnosed", confused, *(matrix_table(one, name) for name, one in accuracies.items()))
@@ -335,7 +335,7 @@ def _time_section(found: PaperBenchmark, pictures: str) -> str:
 def _detector_section(found: PaperBenchmark) -> str:
     introduction = (
         "The same windows for all, one after the other in one process. A "
-        "visible jump counts as found within 5 samples. The other packages are told the true viscous slope and the "
+        "visible jump counts as found within 5 samples. The other packages are given the true viscous slope and the "
         "true noise, over all of its colour, and search friction less viscous friction; ours get the samples. `joint` "
         "has its candidates first, then what its assignment keeps of them."
     )
@@ -360,7 +360,7 @@ def _detector_table(detected: tuple[Detected, ...]) -> str:
         ]
         for one in detected
     ]
-    return table(["detector", "is told", "visible jumps found", "false per window", "time of a window"], rows)
+    return table(["detector", "is given", "visible jumps found", "false per window", "time of a window"], rows)
 
 
 def _second_source(found: PaperBenchmark) -> str:
@@ -371,8 +371,8 @@ def _second_source(found: PaperBenchmark) -> str:
     header = ["recipe", "visible jumps", "our candidates miss", "FPOP finds of these", "our false", "false of both"]
     return section(
         "FPOP as a second source of candidates",
-        "FPOP with a shared slope that it fits can at best find what FPOP finds when it is told the true slope and the "
-        "true noise. That best case, skchange's FPOP, beside our candidates:",
+        "FPOP with a shared slope that it fits can at best find what FPOP finds when it is given the true slope and "
+        "the true noise. That best case, skchange's FPOP, beside our candidates:",
         table(header, rows),
         _verdict(found),
         level=3,

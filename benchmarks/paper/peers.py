@@ -40,7 +40,7 @@ class Detected:
     name
         Of the detector.
     given
-        What it was told beforehand.
+        What it was given beforehand.
     visible, found
         True jumps that can be seen, and those with a changepoint within 5 samples.
     false

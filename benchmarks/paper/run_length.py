@@ -1,6 +1,6 @@
 """The paper's figure of the average run length (ARL) at 0.1 % missed jumps, in closed form, for a stated ω(t).
 
-The paper does not say how the speed moved (errata 3), and the information λ of a jump depends on it: within 2w samples
+The paper does not give how the speed moved (errata 3), and the information λ of a jump depends on it: within 2w samples
 a step and a ramp of the speed are alike. So each curve belongs to a steady acceleration: normalised speed per sample.
 """
 
@@ -23,7 +23,7 @@ PAPER_RUN_LENGTHS: Final = {1e-8: 1e4, 1e-4: 1e10}  # read by the paper's text o
 NOISE_STD: Final = 0.024  # σ of the paper's data, normalised (errata, figures of the paper)
 SLOPE_ERRORS: Final = (0.0, 0.03, 0.1, 0.3, 1.0, 3.0)  # f̃_v - f_v, normalised: f_v is about 1
 SIMULATED_AT: Final = (10, 20, 40)  # w [slots] of the simulated points in the picture
-LONGEST_RUN: Final = 1e18  # samples; beyond, an ARL says nothing but "never"
+LONGEST_RUN: Final = 1e18  # samples; beyond, an ARL means nothing but "never"
 
 
 @dataclass(frozen=True, slots=True)

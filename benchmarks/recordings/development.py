@@ -99,7 +99,7 @@ def flywheel(source: str, out: Path) -> None:
 def track(events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Times and counts of whole turns.
 
-    the event next to where the last turns say it must come; all others are phantoms.
+    the event next to where the last turns predict it; all others are phantoms.
 
     Both sensors saw both magnets: the events of drum and wheel are mixed. From each place where five periods follow
     each other, each a little longer, a chain is followed; the one with most turns below 42 rad/s is the drum.

@@ -246,10 +246,10 @@ def mill(mirrors: Path, out: Path) -> None:
 def ak80(mirrors: Path, out: Path) -> None:
     """From neurobionics/TMotorCANControl (GPL-3.0): a T-Motor AK80-9 with its gear on a bench with a torque sensor.
 
-    Turned to and fro by another motor while it holds steps of torque, 100 Hz: friction = its torque as it tells it
+    Turned to and fro by another motor while it holds steps of torque, 100 Hz: friction = its torque as it reports it
     (from the current) + that of the sensor (which has the other sign); means of 4 rows at steady speed. `loaded`:
     system_id_test_opposing_motor_2; `fast`: system_id_test_1 (up to 5 rad/s); `compensated`:
-    system_id_torque_compensation_worked (it tells its torque by a model that has the torque constant and the friction
+    system_id_torque_compensation_worked (it reports its torque by a model that has the torque constant and the friction
     of those fitted). `ak80_idle`: a ladder of slow speeds without load, 200 Hz, current i_q, K_T = 0.095 · 9 N m/A.
     """
     for name, file in (
@@ -285,7 +285,7 @@ def ak80(mirrors: Path, out: Path) -> None:
 def ripple_bench(mirrors: Path, out: Path) -> None:
     """From Otteri/torque-ripple-data: a motor of 6 kW (MS4887) turned at 60 rpm against a torque transducer, 1 kHz.
 
-    Torque as logged (its unit is not told), at 0, 50 and 80 % load, compensation off; the speed, held to 0.1 % on the
+    Torque as logged (its unit is not given), at 0, 50 and 80 % load, compensation off; the speed, held to 0.1 % on the
     mean (the lines of the torque lie at whole Hz), is taken as 60 rpm: it was logged in other runs. Means of 50 rows
     (that takes out a strong line of 60 a turn).
     """

@@ -359,7 +359,7 @@ SIXTH: dict[str, Expected] = {
 
 
 def is_right(expected: Expected, sets: Iterable[set[str]]) -> bool:
-    """Say whether sets of look-alikes, one for each effect that is named, are what was expected."""
+    """Return whether sets of look-alikes, one for each effect that is named, are what was expected."""
     sets = list(sets)
     if not sets:
         return expected.nothing

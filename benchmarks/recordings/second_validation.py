@@ -39,7 +39,7 @@ def satellite(mirrors: Path, out: Path) -> None:
 
     A model satellite on a shaft running down, rate gyro (MPU6050, 42 Hz) at 100 Hz in degrees/s. J = body 221.3 +
     reaction wheel 53.8 kg mm² (parameter_calcs.py), without the wheel 221.3. The shaft is vertical (`vertical…`) or
-    level (`level…`). The files in old-data tell twice the rate (gyro range): where the shaft is level gravity turns
+    level (`level…`). The files in old-data give twice the rate (gyro range): where the shaft is level gravity turns
     in the accelerometers 0.50 times an integrated turn (fit of its sine: 3 % left at 0.50, > 15 % at 0.48 and 0.52),
     so the three are halved. From five rows after the fastest to 3 °/s.
     """
@@ -69,7 +69,7 @@ def small_propeller(mirrors: Path, out: Path) -> None:
     """From bhabas/sar_simulation.
 
     `motor_decay_N`: coreless motor with propeller of a Crazyflie after its last command, optical speed at 20 Hz on a
-    lattice of 46–62 rad/s; J of motor and propeller is not given: 1e-7 kg m² (scales everything alike).
+    grid of 46–62 rad/s; J of motor and propeller is not given: 1e-7 kg m² (scales everything alike).
     `micro_ladder_2` (tared by the reading at rest before each sweep) and `micro_steps`: RCbenchmark stand, torque of
     the cell, optical speed; other logs than in the first set.
     """
@@ -280,7 +280,7 @@ def damiao(mirrors: Path, out: Path) -> None:
     """From YIZHIXIAOCANGSHU/Friction-Identification-for-Manipulators_usb2fdcan.
 
     Geared servo motors (1: DM8009, 3: DM4340, 5 and 7: DM4310) turning freely: ladders of dwells and ramps in both
-    directions, 48 Hz, torque from current on a lattice, all that comes after the breakaway test. J as identified
+    directions, 48 Hz, torque from quantised current, all that comes after the breakaway test. J as identified
     there (ramps, mean of three repeats; errors of 50 % and more are possible). Motor 3: rows whose speed is at the
     end of its scale (5.67 rad/s) dropped.
     """
@@ -329,7 +329,7 @@ def spin_module(mirrors: Path, out: Path) -> None:
     """From three groups of students: ARGreat, rowanmle11, ethanfrick1962 (ASEN 3801, lab 3).
 
     ASEN 3801 lab 3 (three student groups, other files and other units than in the first set): a current for five
-    seconds, then none. `wheel_*`: reaction wheel, K_T 33.5 mN m/A, every second row, for the drive tells each value
+    seconds, then none. `wheel_*`: reaction wheel, K_T 33.5 mN m/A, every second row, for the drive sends each value
     twice; `base_10mNm`: the whole module turned by its own motor, K_T 25.5 mN m/A, sign turned. J = K_T ΔI / Δ(dω/dt)
     where the current ends (0.8 s on each side): wheel 1.07e-4 kg m² (median of 11 runs of both groups, 1.03–1.09),
     base 5.4e-3 (median of 8 runs, 4.1–7.7e-3: a torque that follows the angle disturbs it).
@@ -434,7 +434,7 @@ def bench(mirrors: Path, out: Path) -> None:
     """From karthikurs/actuator-dynamometer.
 
     Two frameless brushless motors (no gear, g = 1) face to face with a torque sensor between them; one drives in
-    steps of speed, the other idles. `bench_drag_*`: what the sensor tells while motor 1 drives = drag of the idle
+    steps of speed, the other idles. `bench_drag_*`: what the sensor reads while motor 1 drives = drag of the idle
     motor 2, tared by the reading at rest of the same file, means of 20 rows (0.2 s), speed of motor 2 with the sign
     of motor 1; `_up` turns one way, `_down` the other (two recordings, same day). `bench_current`: torque of the
     driving motor 1 from its current (K_T of its calibration), both drags in it, means of 20 rows. `bench_loaded`: 22

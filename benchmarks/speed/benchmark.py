@@ -115,8 +115,8 @@ def window_section(times: WindowTimes, hard: HardWindow) -> Section:
         text=(
             f"{times.close.size} windows of recipe `{RECIPE}`; every fifth also by the paper's method in plain numpy "
             "and Python, and by skchange's FPOP, which finds changepoints only. The hard window has "
-            f"{hard.candidates} candidates and {hard.systems} switching systems that nothing tells apart: the search "
-            + ("says that it pruned." if hard.pruned else "is exact.")
+            f"{hard.candidates} candidates and {hard.systems} switching systems that nothing distinguishes: the search "
+            + ("reports that it pruned." if hard.pruned else "is exact.")
         ),
         targets=(
             at_most(
@@ -136,7 +136,7 @@ def window_section(times: WindowTimes, hard: HardWindow) -> Section:
                 hard.seconds / median,
                 100.0,
                 f"{MILLI * hard.seconds:.0f} ms, {hard.states} states, "
-                + ("pruned and says so" if hard.pruned else "exact"),
+                + ("pruned and reports it" if hard.pruned else "exact"),
             ),
             at_most(
                 "whole window / changepoints alone by skchange FPOP",
@@ -194,7 +194,7 @@ def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
 
 
 def pipe_section(bare: list[live.PipeRate], ours: list[live.PipeRate]) -> Section:
-    """Hold the way from the bus to the recording against a pipe that does not think."""
+    """Hold the way from the bus to the recording against a pipe that computes nothing."""
     # The best of each: only others' work on the machine makes a run slower.
     rates = [max(one.rate for one in found) for found in (bare, ours)]
     by_the_clock = [max(one.recorded / one.seconds for one in found) for found in (bare, ours)]

@@ -238,8 +238,8 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     )
     begin, busy = 0.0, 0.0
     with open_session(options.bus) as session, closing(MonitorBus(session, Inbox())) as bus:
-        said: list[str] = []
-        monitor = Monitor(options, bus, recorder, said.append, clock)
+        logged: list[str] = []
+        monitor = Monitor(options, bus, recorder, logged.append, clock)
         monitor.begin(RecoveredState())
         bus.subscribe(options.wheels)
         bus.offer_health()
@@ -263,7 +263,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     account["refused"] = sum(one.topic.endswith(f"/{REFUSED}") for one in found)
     account["parts of the recording not readable"] = sum(len(recording.problems) for recording in recordings)
     words = [f"{count} {what}" for what, count in account.items() if count]
-    words += [line for line in said if "refused" in line]
+    words += [line for line in logged if "refused" in line]
     return PipeRate(messages * BATCH, sum(len(one.time_ns) for one in inputs), seconds, busy_s, ", ".join(words))
 
 
@@ -293,7 +293,7 @@ class Memory:
 
 
 def memory_of(window: Window, wheels: int, *, all_channels: bool) -> Memory | None:
-    """Measure in a process of its own; None where the system does not tell a process's resident memory."""
+    """Measure in a process of its own; None where the system does not report a process's resident memory."""
     if not RESIDENT.exists():
         return None
     size = window.speed_rad_s.size - BATCH  # the window stays open

@@ -1,4 +1,4 @@
-"""Others that find changepoints, called as their documentation says; each is optional and may be missing.
+"""Others that find changepoints, called as their documentation states; each is optional and may be missing.
 
 They get what they need and cannot find themselves: friction less viscous friction of the right slope, over the noise's
 standard deviation, so that what is left is a change of the mean in white noise of variance one.
@@ -21,7 +21,7 @@ HALF_WIDTH: Final = 50  # samples, the paper's w
 
 
 class MissingPeerError(Exception):
-    """A package to compare with is not installed; the message says which and how to get it."""
+    """A package to compare with is not installed; the message names it and how to get it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -118,7 +118,7 @@ class HardWindow:
     states
         Partial assignments that the search looked at.
     pruned
-        Whether the search says that it left some out.
+        Whether the search reports that it left some out.
     """
 
     candidates: int
@@ -152,7 +152,7 @@ def time_hard_window(wheel: Wheel, model: Model, seed: int, repeats: int = REPEA
 
 
 def hard_window(wheel: Wheel, rng: np.random.Generator, jumps: int = HARD_JUMPS, systems: int = HARD_SYSTEMS) -> Window:
-    """Make a window in which nothing but the number of jumps tells the switching systems apart.
+    """Make a window in which nothing but the number of jumps distinguishes the switching systems.
 
     Parameters
     ----------

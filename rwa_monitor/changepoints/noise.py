@@ -36,7 +36,7 @@ from rwa_monitor.kernels.noise import (
 from rwa_monitor.samples import FloatArray, IntArray
 
 NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
-_TRIED: Final = 3 * LAGS // 4  # lags at which the noise may remember
+_TRIED: Final = 3 * LAGS // 4  # lags at which the noise may be correlated
 _LEAST_VARIANCE: Final = SMALLEST_STD * SMALLEST_STD
 _LEAST_COLOUR: Final = 0.1  # correlation of neighbours below which noise counts as white
 _AR_TOLERANCE: Final = 0.15  # of ρ(2) = ρ(1)²: a few standard errors in a long window

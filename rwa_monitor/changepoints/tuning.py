@@ -1,7 +1,7 @@
 """Window, prior weight and threshold of the wGLR for a wanted rate of misses and false alarms (paper, section V-A).
 
 In closed form, for white noise at constant speed: with halves of w samples GLR/σ² is the square of a normal variable of
-variance 1, whose mean at a jump Δ is √λ, λ = (Δ/σ)² · w/2, and elsewhere 0. The check by simulation knows a steady
+variance 1, whose mean at a jump Δ is √λ, λ = (Δ/σ)² · w/2, and elsewhere 0. The check by simulation assumes a steady
 acceleration too, which costs information (errata 3): within a window a step and a ramp of the speed are alike.
 """
 

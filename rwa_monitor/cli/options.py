@@ -160,7 +160,7 @@ bus_options = as_one(
     click.option(
         "--no-multicast-scouting",
         is_flag=True,
-        help="Do not look for others by multicast: so it is anyway, unless -c says otherwise.",
+        help="Do not look for others by multicast: so it is anyway, unless -c sets otherwise.",
     ),
 )
 

@@ -9,7 +9,7 @@ as the switching systems make them. What it leaves out shows in one of these, ea
   zero while the wheel passes through;
 * **ripple**: friction repeats with the wheel's angle;
 * **jumps**: a smooth effect is cut into steps, so that there are too many jumps, or jumps that no system made;
-* **persistence**: what is left of neighbouring blocks of samples agrees over longer than the noise remembers.
+* **persistence**: what is left of neighbouring blocks of samples agrees over longer than the noise is correlated.
 
 The search of the discrepancy room names the cause from the samples; here only a suspicion is raised.
 

@@ -1,10 +1,10 @@
-"""The course of a friction coefficient from window to window: whether it grows, and when it will reach a limit.
+"""The history of a friction coefficient from window to window: whether it grows, and when it will reach a limit.
 
 The model: constant up to an unknown time, from there on a steady slope. Around it lie the estimates' own errors; a
 scatter that these do not know and that carries over from one window to the next (temperature, lubricant), AR(1) with
 unknown size and memory; and now and then a gross error, as when a whole jump was counted to the wrong part. The first
 two enter by their covariance, on a grid of sizes and memories that the restricted likelihood of the data weighs; so a
-scatter with a memory, which looks like a trend, makes the test and the interval as unsure as they should be. Gross
+autocorrelated scatter, which looks like a trend, makes the test and the interval as unsure as they should be. Gross
 errors are toned down first, by Student's t.
 
 Without a trend, the largest standardised slope over all beginnings exceeds c with a probability of at most
@@ -111,7 +111,7 @@ class Lines:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """What many windows show of the course of one coefficient.
+    """What many windows show of the history of one coefficient.
 
     Attributes
     ----------

@@ -211,7 +211,7 @@ def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel, c
     Parameters
     ----------
     effects
-        That are asked about.
+        To be tested.
     wheel
         Whether its motor is off, and how its speed is measured.
     channels

@@ -27,7 +27,7 @@ BENT: Final = 2.0  # standard deviations of the friction from which the bias mus
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
 CORNER: Final = 10.0  # standard deviations of the friction from which a bias must be known to AGREED_TO around it
 AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials agree on a smooth bend
-UNCERTAIN: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
+UNCERTAIN: Final = 4.0  # standard deviations of the friction between two estimates: one of them has a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
 # Half-width of a filter for dω/dt from which corners are seen whole; and what is no corner, like a ripple of the
@@ -89,7 +89,7 @@ def derived_friction(
     uncertainty = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
     friction = friction + bias
     sigma = spread_of_differences(friction, 2 * hole + 1, torque_step) / np.sqrt(2.0)
-    # What a step of torque makes of it is no bend that a polynomial knows.
+    # What a step of torque makes of it is no bend that a polynomial follows.
     rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)
     known = np.abs(friction[np.isfinite(friction)])
     typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.median(known)) if known.size else 0.0
@@ -145,7 +145,7 @@ def _bias_taps(wheel: Wheel, reach: int) -> FloatArray:
 def spread_of_differences(values: FloatArray, lag: int, step: float) -> float:
     """Return the standard deviation of the noise in differences, from their median; infinite where none is known.
 
-    On a lattice most differences are nothing, or one step: it is no less than that of two rounding errors.
+    With quantised readings most differences are nothing, or one step: it is no less than that of two rounding errors.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def spread_of_differences(values: FloatArray, lag: int, step: float) -> float:
     return max(float(np.median(known)) / 0.6745, step * RMS_OF_TWO_ROUNDINGS) if known.size else np.inf
 
 
-# ---- steps in which the torque was read that friction comes from: the lattice of an analogue-to-digital converter ---
+# ---- steps in which the torque was read that friction comes from: quantisation by an analogue-to-digital converter ---
 
 
 FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be estimated
@@ -189,16 +189,16 @@ def _source(samples: Samples) -> Source | None:
 
 
 def steps_of(samples: Samples, wheel: Wheel) -> Steps | None:
-    """Return the steps of the channel that friction comes from; None where its readings lie on no lattice.
+    """Return the steps of the channel that friction comes from; None where its readings are not quantised.
 
-    A table written with seven digits is on a lattice too: whether a step is of any consequence is for the caller to
+    A table written with seven digits is quantised too: whether a step is of any consequence is for the caller to
     see.
     """
     name, values = _source(samples), source_of_friction(samples)
     readings = np.unique(values[np.isfinite(values)])
     if name is None or not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
         return None
-    # A converter's zero need not be zero: differences are on the lattice.
+    # A converter's zero need not be zero: differences are on the grid.
     step = quantisation_step(readings - readings[0])
     if step is None:
         return None

@@ -34,7 +34,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
 from rwa_monitor.wheel.wheel import Wheel
 
-SPEED_BLOCKS: Final = 5  # ranges of speed, of which the search sees three
+SPEED_BLOCKS: Final = 5  # ranges of speed, of which the search is given three
 MORE_SAMPLES: Final = f"{FEWEST_FOR_JUMPS} samples or more"
 
 

@@ -3,7 +3,7 @@
 A candidate is screened with the noise and the jumps of the model that it extends; of those that come first, shapes,
 noise and jumps are fitted in turn. Friction of small wheels jumps, and a missing smooth effect is paid for by dozens of
 false jumps: so a candidate starts from several sets of jumps, and jumps are dear at first. Friction of larger machines
-is often smooth, beside noise that remembers: there the noise must not be taken from what the base law leaves, and slow
+is often smooth, beside autocorrelated noise: there the noise must not be taken from what the base law leaves, and slow
 noise must not be cut into jumps.
 """
 
@@ -297,7 +297,7 @@ def _is_possible(model: Model) -> bool:
 def _explains(model: Model, current: Model) -> bool:
     """Return whether a model with as many jumps leaves no more than the current one does.
 
-    Beside noise that remembers for long, only what neighbouring samples differ by is likely or not: a law may fit that
+    Beside noise of long correlation, only what neighbouring samples differ by is likely or not: a law may fit that
     and predict a slow friction that is not there.
     """
     return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= WORSE * current.fit.rss

@@ -25,7 +25,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 Score = Callable[["NoiseLaw"], float]
 
 ACCEPT_GAIN: Final = 25.0  # by which a hypothesis must lower the score: no false name in 24 null records (effects.md)
-FEWEST_MEMORIES: Final = 20.0  # in the data: noise that forgets itself less often is a level that wanders
+FEWEST_MEMORIES: Final = 20.0  # in the data: noise with fewer correlation times is a level that wanders
 ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some per cent
 STRETCHES: Final = 10
 ROUNDS: Final = 4  # of coefficients and noise in turn
@@ -36,7 +36,7 @@ SMALLEST: Final = 1e-300  # of what is divided by
 # memory of up to a thousand samples, growth by a factor of a hundred, levels a thousand noises apart.
 WIDEST_SHARE: Final = 8.0
 LONGEST_MEMORY: Final = 7.0
-LONG_MEMORY: Final = 0.95  # φ: noise that takes some sixty samples to forget itself can pass for a law of a slow motion
+LONG_MEMORY: Final = 0.95  # φ: noise that is correlated over some sixty samples can pass for a law of a slow motion
 LARGEST_GROWTH: Final = 4.6
 LARGEST_SPREAD: Final = 14.0
 LEVELS_APART: Final = 100.0  # the spread of levels that a fit starts from

@@ -256,7 +256,7 @@ def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) 
 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
-    """Return the residual with a noise effect taken out, as far as its likelihood knows it."""
+    """Return the residual with a noise effect taken out, as far as its likelihood determines it."""
     residual, good, values = view.residual.copy(), view.good, fit.values
     speed = np.abs(view.channels.speed_rad_s)
     if name == COLOURED:

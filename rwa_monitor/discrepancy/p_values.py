@@ -1,4 +1,4 @@
-"""p-values from a table of nulls: what the best of all candidates gains on records that lack nothing.
+"""p-values from a table of null distributions: what the best of all candidates gains on records that lack nothing.
 
 Each family (mean effects with the jump terms, noise effects, switching effects) has the largest gain over all its
 candidates on simulated records without any effect, so that a p-value counts the whole search and not the one test that
@@ -146,7 +146,7 @@ SEED: Final = 20260126  # fixed: the same record gives the same p-values
 def with_bootstrap(search: Search, draws: int, progress: Progress) -> Search:
     """Return the search with the p-values of its mean effects from `draws` simulated records each.
 
-    p = (1 + records that gain as much) / (1 + records): never zero, and honest about B.
+    p = (1 + records that gain as much) / (1 + records): never zero, whatever B.
     """
     rng = np.random.default_rng(SEED)
     found = {entry.name: entry.gain for entry in search.mean.found}

@@ -120,7 +120,7 @@ def rank_manoeuvres(
         for manoeuvre, laid_out, level in _flown(problem, model, wheel)
     }
     pairs = {pair for of_pairs in worth.values() for pair in of_pairs}
-    # What no manoeuvre separates, as two that are one from these channels, says nothing of which is the best.
+    # What no manoeuvre separates, as two that are one from these channels, shows nothing of which is the best.
     separable = {pair for pair in pairs if any(one.get(pair, 0.0) >= UNINFORMATIVE for one in worth.values())}
     planned = []
     for manoeuvre, of_pairs in worth.items():
@@ -353,7 +353,7 @@ SHAPE_SHOWN_BY: Final = (
         "dwell at one speed for ten of its periods or more, then at half that speed: is it time or the angle?",
     ),
     (
-        "heat of the motion",
+        "self-heating",
         "record the bearing's temperature; or hold top speed until the drag settles, then sweep slowly",
     ),
     (

@@ -162,11 +162,9 @@ def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:
 FEWEST_STRETCHES: Final = 20
 STRETCHES: Final = 200  # of a record
 LEAST_SLOTS: Final = 8  # of a stretch
-SAME_WITHIN: Final = (
-    0.05  # of a ratio of units: ten for 9.55 is an inertia with its point misplaced, asked about as well
-)
+SAME_WITHIN: Final = 0.05  # of a ratio of units: ten for 9.55 is an inertia with its point misplaced, reported as well
 STANDARD_ERRORS: Final = 3.0
-KNOWN_WITHIN: Final = 0.1  # of what is shown, STANDARD_ERRORS of it: what is known less well asks nothing
+KNOWN_WITHIN: Final = 0.1  # of what is shown, STANDARD_ERRORS of it: what is known less well raises no question
 RPM: Final = 30.0 / np.pi  # revolutions a minute in one rad/s
 DEGREES: Final = 180.0 / np.pi  # in a radian
 # Inertia shown over that of the wheel file, by what the column of the speed holds.
@@ -236,7 +234,7 @@ def check_inertia(
     Raises
     ------
     InputError
-        Asks about the unit by name.
+        Names the unit in question.
     """
     stated, shown = wheel.inertia_kg_m2, shown_inertia(speed_rad_s, torque_Nm, wheel.sample_period_s)
     if stated is None or shown is None:

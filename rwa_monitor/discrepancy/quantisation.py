@@ -1,8 +1,8 @@
-"""Torque that was read on a lattice: its rounding is undone as far as a model of the record allows.
+"""Torque that was read in steps: its rounding is undone as far as a model of the record allows.
 
 Rounding to steps of several standard deviations is no noise: where the torque rests, the error rests with it, and where
 the torque moves, mean and spread of the error follow it (B. Widrow, I. Kollár, Quantization Noise, 2008, chapter 4).
-Levels, laws of speed and a cage would be read out of that; and a median of differences on a lattice is nothing, or a
+Levels, laws of speed and a cage would be read out of that; and a median of quantised differences is nothing, or a
 step. But the reading shows between which two values the torque was. So each sample is drawn from the normal law about
 a model, as far as it lies within the step that was read: where the model is right that is the unrounded record's own
 law, and nothing has to be known of rounding by what comes after (data augmentation: M. A. Tanner, W. H. Wong, JASA 82,
@@ -32,7 +32,7 @@ from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
 COARSE: Final = 0.5  # standard deviations of the noise: finer steps are of no consequence
-FINE: Final = 4.0  # steps between neighbours, on the median: a lattice far below any noise or motion
+FINE: Final = 4.0  # steps between neighbours, on the median: steps far below any noise or motion
 FINEST_NOISE: Final = 0.05  # of a step: less noise than that hardly ever shows
 ROUNDS: Final = 24  # of model and draws in turn, at most
 SETTLED: Final = 0.005  # change of the standard deviation

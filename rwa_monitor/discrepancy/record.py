@@ -1,6 +1,6 @@
 """Records for the search: measured telemetry on the slot grid, with regressors that share no noise with the friction.
 
-The search sees every good sample, also inside the dead band (a dead band hides what lives near zero speed); only rest,
+The search uses every good sample, also inside the dead band (a dead band hides what lives near zero speed); only rest,
 where the sign of ω chatters, is left out as a state of its own.
 
 Raw dω/dt and current contain the very noise that is in a friction derived from them. All motion

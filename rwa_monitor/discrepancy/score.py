@@ -29,7 +29,7 @@ from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
-SCREENED: Final = 20_000  # means of samples, of which screening looks at no more
+SCREENED: Final = 20_000  # means of samples, of which screening uses no more
 LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
 TINY: Final = 1e-100  # of what is divided by
 BASE_PARAMETERS: Final = 2  # dry and viscous friction

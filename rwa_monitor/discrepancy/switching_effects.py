@@ -102,7 +102,7 @@ def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dic
     if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
         gathered = _gather(problem, model, plain, index)
         if len(gathered.candidates) > DOUBTFUL * found.size + FEW_MORE:
-            # What the one sees as a jump the other takes for noise: fast slews that the derivative does not follow.
+            # What the one takes for a jump the other takes for noise: fast slews that the derivative does not follow.
             return nothing
         if len(gathered.candidates):
             return nothing | _compare(evidence, gathered, plain)
@@ -110,7 +110,7 @@ def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dic
 
 
 def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidence:
-    """Return what the diagnosis sees of the friction that the model's effects leave to the base law."""
+    """Return what the diagnosis is given of the friction that the model's effects leave to the base law."""
     record = problem.records[index]
     base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.speed
     torque = on_slots(problem, base * problem.sign)[index]
@@ -272,7 +272,7 @@ def _best_law(plain: Wheel, attributed: _Attributed, system: int) -> tuple[_Law 
 def _speed_fit(evidence: SwitchingEvidence, base: _Attributed, other: _Attributed, of_laws: float) -> LikelihoodFit:
     """Fit a rate that depends on speed or temperature: the known laws, on the rate's own clock.
 
-    On the attribution that the known laws give and on the one that free laws give. The latter knows nothing of the
+    On the attribution that the known laws give and on the one that free laws give. The latter uses nothing of the
     clock: its likelihood less what the free laws gain for these sojourns, and what the clock gains for them instead.
     """
     fits = []

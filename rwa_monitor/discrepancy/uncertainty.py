@@ -222,7 +222,7 @@ def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) ->
 
 
 def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
-    """Return the variance of the coefficients by a residual that remembers over a stretch of samples, float64 (p,).
+    """Return the variance of the coefficients by a residual that is correlated over a stretch of samples, float64 (p,).
 
     The products of the scores influence · residual over all lags, weighted by a triangle as wide as a stretch: that is
     the mean square of the sums over all windows of that width, over the width. A fit leaves less than there was:

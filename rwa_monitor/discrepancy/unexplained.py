@@ -129,7 +129,7 @@ def wandering(problem: Problem, model: Model) -> Unexplained | None:
     """Return the slow drag that small steps of the level follow, or the noise would have to be: neither is a cause.
 
     A switching system jumps, it does not creep: steps that are worth many times their price are jumps, and where most
-    are not, the level wanders. And noise forgets: that of the catalogue (autocorrelation up to 0.95 from slot to slot)
+    are not, the level wanders. Noise decorrelates: that of the catalogue (autocorrelation up to 0.95 from slot to slot)
     within some sixty slots. What lasts longer is drag, and no effect explains it.
     """
     strong = strong_jumps(problem, model.fit).size

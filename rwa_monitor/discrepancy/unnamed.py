@@ -72,7 +72,7 @@ class HeatOfMotion(UnnamedEffect):
     """
 
     name = "heat_of_the_motion"
-    signature = "a viscous drag that follows the heat of the motion"
+    signature = "a viscous drag that follows viscous self-heating"
     separate_by = "The bearing's temperature."
     named_with_channel = ViscosityTemperature.name
     parameters = (
@@ -84,7 +84,7 @@ class HeatOfMotion(UnnamedEffect):
 
     @classmethod
     def may_show(cls, problem: Problem) -> bool:
-        """Return whether heat of the motion may hide: no temperature, speeds that differ, and time to warm up."""
+        """Return whether viscous self-heating may hide: no temperature, speeds that differ, and time to warm up."""
         channels = [record.channels for record in problem.records]
         unknown = all(one.bearing_temperature_degC is None for one in channels)
         lasting = LONGEST_LAG_SHARE * max(map(duration, channels)) > FASTEST_S

@@ -90,7 +90,7 @@ class Checkpoint(Hashed):
     epoch_origin_ns, slots, screened, channels
         The ring buffer, how far it is validated, and the memory of the validation: speed, torque, derived friction.
     angle_rad, last_speed_rad_s, memories
-        What the wheel's effects remember of the slots so far.
+        State of the wheel's effects after the slots so far.
     done, next_start, last_end, open
         Where the windows stand: slots worked off, the first of the next window, the end of the last that was closed,
         and of each open one the first slot and what it has gathered.

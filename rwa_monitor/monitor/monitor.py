@@ -41,7 +41,7 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import counted, time_text
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
-TICK_S: Final = 0.05  # between two looks at what is due while messages flow
+TICK_S: Final = 0.05  # between two checks of what is due while messages flow
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
@@ -246,7 +246,7 @@ class Monitor:
         key, payload
             The message.
         ask_again
-            Called for one that is no JSON, as if it was damaged on its way: asks for it again, False if that is no use.
+            Called for one that is no JSON, as if it was damaged on its way: requests it again, False if that is no use.
 
         Returns
         -------

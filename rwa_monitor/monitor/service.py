@@ -130,7 +130,7 @@ class Supervisor:
     sent by the thread that diagnoses, between two messages: it stops when that thread stalls, even if the rest of the
     process goes on, and the supervisor then restarts the service, which goes on from its recording.
 
-    A container's supervisor listens to no socket but runs a command inside, the health check: for it the time of a file
+    A container's supervisor reads no socket but runs a command inside, the health check: for it the time of a file
     shows when the last sign of life was.
 
     Parameters

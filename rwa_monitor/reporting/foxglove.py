@@ -1,6 +1,6 @@
 """What Foxglove shows of a wheel: the messages of the bus as they are, and what its panels need beside them.
 
-Samples come in arrays, a plot wants one message for each: {key}/telemetry. Jumps lie before the message that reports
+Samples come in arrays, a plot needs one message for each: {key}/telemetry. Jumps lie before the message that reports
 them: {key}/jump has them at their own time. The parts of friction are a map in the diagnosis: each is a topic here,
 {key}/part/{name}. What an operator should read is a line of {key}/log, in Foxglove's own
 schema for its log panel. All times are the wheel's own clock.

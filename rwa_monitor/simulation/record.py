@@ -24,7 +24,7 @@ from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
-# A jump counts as visible when an oracle, given its place, its neighbours and the slope, sees it at six standard
+# A jump counts as visible when an oracle, given its place, its neighbours and the slope, finds it at six standard
 # deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises
 # at most 0.01 false ones a window needs a threshold of 5.6 σ; below six, no method that keeps the promise can be
 # expected to find the jump.
@@ -140,7 +140,7 @@ def true_changepoints(
 def with_information(
     index: IntArray, system: IntArray, jump_Nm: FloatArray, used: BoolArray, long_run_std_Nm: float
 ) -> Changepoints:
-    """Return the jumps, sorted by slot, with what an oracle sees of each; `used` has the length of the record."""
+    """Return the jumps, sorted by slot, with what an oracle finds of each; `used` has the length of the record."""
     real = jump_Nm != 0.0
     places, times = np.unique(index[real], return_counts=True)
     used_before = np.concatenate([[0], np.cumsum(used)])

@@ -264,7 +264,7 @@ def _next_system(
 def _remember(
     before: FrictionMemory | None, configuration: IntArray, friction: FloatArray, q: int
 ) -> FrictionMemory | None:
-    """Forget a share of what configuration q showed and add its new sojourns, those whose friction is known."""
+    """Discount a share of what configuration q showed and add its new sojourns, those whose friction is known."""
     own = friction[np.isfinite(friction) & (configuration == q)]
     if before is None and own.size == 0:
         return None

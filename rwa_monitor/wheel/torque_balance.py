@@ -194,7 +194,7 @@ def rounding_error(
         steps of the torque in a narrow one.
     soft
         Whether bends count that no single torque shows, but the parabola through those of the window does, and what may
-        be a jump of the friction in such a bend is not known. The search, which sees the whole record, asks polynomials
+        be a jump of the friction in such a bend is not known. The search, which has the whole record, fits polynomials
         over longer windows instead.
 
     Returns
@@ -258,7 +258,7 @@ def mended_friction(
     wheel: Wheel,
     acceleration_rad_s2: FloatArray | None = None,
 ) -> FloatArray:
-    """Return what `derive_friction` does, less its error where the speed bends: as the monitor sees it.
+    """Return what `derive_friction` does, less its error where the speed bends: as the monitor takes it.
 
     Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known. dω/dt may be
     given, float64 (n,) [rad/s²], where it is known over gaps.

@@ -1,4 +1,4 @@
-"""`make benchmark-paper` on a few windows: every table and figure of the paper is there, and counts what it says."""
+"""`make benchmark-paper` on a few windows: every table and figure of the paper is there, and counts what it states."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_errors_are_those_of_the_noise_where_jumps_are_known(
     expected = special.erf(width / np.sqrt(2.0))
     assert within == pytest.approx(expected, abs=5 * np.sqrt(expected * (1 - expected) / counts.sum()))
     for one in examined:
-        # A thousandth of the noise: a window of 80,000 samples knows its σ to 1/√160,000.
+        # A thousandth of the noise: a window of 80,000 samples gives its σ to 1/√160,000.
         assert abs(one.fitted[ORACLE].excess_rmse) < 10 * std / np.sqrt(160_000)
         assert one.fitted["joint"].excess_rmse < one.naive_excess_rmse
 

@@ -1,6 +1,6 @@
 """What counts as the same answer, by manoeuvre and channels: fixed here by physics, never taken from the tool.
 
-Two names are equivalent where no record of this kind could tell them apart.
+Two names are equivalent where no record of this kind could separate them.
 """
 
 from __future__ import annotations
@@ -8,14 +8,14 @@ from __future__ import annotations
 from tests.blind.generator import Case
 
 # K_T·I - J·dω/dt: an error of K_T is an error of J up to a factor on all friction, which is free. Without the voltage
-# no record of current and speed tells them apart.
+# no record of current and speed separates them.
 BALANCE = frozenset({"inertia_error", "torque_constant_error"})
 
 # Where the motor torque does not change sign against the motion, |K_T I|·s is K_T I: in one direction, and on a geared
 # joint, whose friction is larger than what accelerates it.
 LOAD = frozenset({"inertia_error", "torque_constant_error", "load_dependence"})
 
-# Level jumps in both directions are needed to tell an offset from one in proportion to the level; a plain swing has a
+# Only level jumps in both directions separate an offset from one in proportion to the level; a plain swing has a
 # few jumps in each half at most.
 OFFSET = frozenset({"torque_bias", "coulomb_asymmetry"})
 

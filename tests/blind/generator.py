@@ -1,6 +1,6 @@
 """Blind records: an effect (or none, two, or one outside the catalogue) is hidden in a record drawn from a seed.
 
-The record is what a wheel would send: a table and a wheel.toml that knows nothing of the effect. The truth is kept in
+The record is what a wheel would send: a table and a wheel.toml that lacks the effect. The truth is kept in
 another object, to be read after the answer. Strength is the RMS of the part of the effect that is orthogonal to sign,
 speed and the true levels, in standard deviations of the noise.
 """
@@ -66,7 +66,7 @@ NEEDS_CURRENT = frozenset(
     {"load_dependence", "torque_constant_error", "torque_constant_temperature", "current_delay"},
 )
 NEEDS_TEMPERATURE = frozenset({"viscosity_temperature", "torque_constant_temperature"})
-# Strengths beyond which an effect is no longer what its name says; the drawn strength is then weaker. As in the
+# Strengths beyond which an effect is no longer what its name means; the drawn strength is then weaker. As in the
 # literature of each effect: 90 % of a level, magnets of 0.3 %/K, delays of two seconds.
 LARGEST = {
     "coulomb_asymmetry": 0.3,
@@ -150,7 +150,7 @@ def plan(kind: str, names: tuple[str, ...], number: int, seed: int) -> Case:
 
 
 def _possible(case: Case) -> Case:
-    """Change what cannot be: a record that holds no trace of its effect says nothing about the search."""
+    """Change what cannot be: a record that holds no trace of its effect shows nothing about the search."""
     names = set(case.effects)
     if names & NEEDS_REVERSALS and case.manoeuvre == "one_direction":
         case = replace(case, manoeuvre="crossings" if case.seed % 2 else "rich")

@@ -109,8 +109,8 @@ def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
             "90–98 %",
             rate([hit for o in (*one, *two) for hit in intervals(o)], bool),
         ),
-        *_shares("who knows name, shape and jumps", "≥ 95 %", [(o.gain, o.gain_form or 0.0) for o in by_form]),
-        *_shares("who knows the torque itself", "", [(o.gain, o.gain_torque or 0.0) for o in by_torque]),
+        *_shares("that is given name, shape and jumps", "≥ 95 %", [(o.gain, o.gain_form or 0.0) for o in by_form]),
+        *_shares("that is given the torque itself", "", [(o.gain, o.gain_torque or 0.0) for o in by_torque]),
         (
             "jumps after extension within 1 of the truth",
             "≥ 90 %",

@@ -54,8 +54,8 @@ class Outcome:
     jumps_true: int
     jumps_oracle: int | None  # that the same segmentation finds once the true torque is fitted
     gain: float  # held out, in nats over the record
-    gain_torque: float | None  # the same of an oracle who knows the torque and its jumps, and fits its size
-    gain_form: float | None  # of one who knows name, shape and jumps, and sees the record's own channels
+    gain_torque: float | None  # the same of an oracle that is given the torque and its jumps, and fits its size
+    gain_form: float | None  # of one that is given name, shape and jumps, and has the record's own channels
     seconds: float  # of processor time
     estimates: dict[
         str, tuple[float, float]
@@ -78,12 +78,12 @@ class Outcome:
 
     @property
     def share_torque(self) -> float | None:
-        """Return the held-out gain as a share of that of the oracle who knows the torque."""
+        """Return the held-out gain as a share of that of the oracle that is given the torque."""
         return _share(self.gain, self.gain_torque)
 
     @property
     def share_form(self) -> float | None:
-        """Return the held-out gain as a share of that of the oracle who knows the form."""
+        """Return the held-out gain as a share of that of the oracle that is given the form."""
         return _share(self.gain, self.gain_form)
 
     @property
@@ -96,7 +96,7 @@ class Outcome:
 
     @property
     def inside(self) -> bool:
-        """Whether the hidden effect, or one that no such record can tell from it, is in the reported set."""
+        """Whether the hidden effect, or one that no such record can separate from it, is in the reported set."""
         return all(self.reported(name) for name in self.case.effects)
 
     def reported(self, name: str) -> bool:
@@ -244,9 +244,9 @@ class _TrueForm(MeanEffect):
 
 
 def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | None:
-    """Return the fits of an oracle who knows the torque, and of one who knows its form; None without a torque.
+    """Return the fits of an oracle that is given the torque, and of one that is given its form; None without a torque.
 
-    The first knows each hidden torque but for its size, sensor noise left out: no search can reach it where an effect
+    The first has each hidden torque but for its size, sensor noise left out: no search can reach it where an effect
     hangs on a noisy channel. The second fits the catalogue's form, begun at the true shape, to the record's channels.
     Both begin at the true jumps.
     """

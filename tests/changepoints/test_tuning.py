@@ -33,7 +33,7 @@ def test_simulation_agrees_with_the_prediction(missed: float, run_length: float,
 
 
 def agrees(found: Measured, expected: float) -> None:
-    """Check that a simulated figure lies within five of its standard errors, and that these say something."""
+    """Check that a simulated figure lies within five of its standard errors, and that these show something."""
     error = abs(found.high - found.low) / 2 / 1.96
     assert error < 0.1 * expected
     assert abs(found.value - expected) < 5 * error

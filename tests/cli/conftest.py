@@ -35,5 +35,5 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def diagnosed(files: Path) -> Result:
-    """What `diagnose --json` says of given.csv."""
+    """What `diagnose --json` prints for given.csv."""
     return run("diagnose", files / "given.csv", "--wheel", files / "wheel.toml", "--json")

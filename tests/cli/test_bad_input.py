@@ -1,6 +1,6 @@
 """Bad input, as a user meets it: one line on stderr with file, place and reason, exit code 2.
 
-What each reader refuses is tested with the reader; here is what only the program can say, and one case of each reader.
+What each reader refuses is tested with the reader; here is what only the program reports, and one case of each reader.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from tests.program import command, done, run
 
 HEAD = b"time_s,speed_rad_s,friction_torque_Nm\n"
 
-# Name of the case: (name of the file, its content, arguments with {file} and {good}, what the line must say).
+# Name of the case: (name of the file, its content, arguments with {file} and {good}, what the line must hold).
 CASES: dict[str, tuple[str, bytes | None, str, str]] = {
     "no table": ("none.csv", None, "diagnose {file}", "none.csv: cannot be read: No such file"),
     "text in a number": ("t.csv", HEAD + b"0,1,2\n1,x,2\n", "diagnose {file}", "row 3, column speed_rad_s: 'x'"),

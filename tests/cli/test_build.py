@@ -1,4 +1,4 @@
-"""What the program says of its own source: of what is installed, and never of something else."""
+"""What the program states of its own source: of what is installed, and never of something else."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SOURCE = Path(rwa_monitor.__file__).parent
 
 
 def said_by(package: Path, site: Path) -> str:
-    """Return what a package says of itself when the site's metadata are the ones that Python finds."""
+    """Return what a package states of itself when the site's metadata are the ones that Python finds."""
     path = os.pathsep.join([str(site), str(package.parent)])
     code = "from rwa_monitor import __version__; print(__version__)"
     command, environment = [sys.executable, "-S", "-P", "-c", code], os.environ | {"PYTHONPATH": path}

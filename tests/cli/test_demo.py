@@ -28,8 +28,8 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
     )  # fmt: skip
     assert demo.returncode == 0, demo.stderr
     assert "Traceback" not in demo.stderr
-    # The anomaly is said, and of no wheel but the one that the truth names. Of the wheel with a wrong model anything
-    # may be said until its model is extended.
+    # The anomaly is reported, and of no wheel but the one in the truth. Of the wheel with a wrong model anything
+    # may be reported until its model is extended.
     assert re.search(r"^What was true: the viscous friction of wheel_3 grew", demo.stdout, re.MULTILINE)
     anomalous = re.findall(r"^ *[\d.]+ s  (wheel_\d)  +[\d.]+ h  anomalous", demo.stdout, re.MULTILINE)
     hidden = re.search(r"^(wheel_\d) has (\w+) \(", demo.stdout, re.MULTILINE)

@@ -56,7 +56,7 @@ def test_it_finds_what_the_scenario_did(files: Path, diagnosed: Result) -> None:
     for diagnosis in lines(diagnosed.stdout)[:2]:
         assert diagnosis["verdict"] == "anomalous"
         assert diagnosis["anomalies"]["dry"]["active"] is True
-        # To a fifth of what the anomaly adds: a short window tells base and switching systems apart only so well.
+        # To a fifth of what the anomaly adds: a short window separates base and switching systems only so well.
         base = truth["components"]["base_dry_Nm"]
         assert diagnosis["friction"]["base_dry"]["value"] == pytest.approx(base, abs=0.2 * (base - 1.6e-3))
 

@@ -1,4 +1,4 @@
-"""The command `discrepancy` on what it cannot use or cannot tell, and on two recordings of a wheel."""
+"""The command `discrepancy` on what it cannot use or cannot separate, and on two recordings of a wheel."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def test_unusual_friction_is_a_warning_and_two_recordings_are_one_report(tmp_pat
 def test_rpm_are_asked_about_without_limits(how: str, tmp_path: Path) -> None:
     table = columns(count=4000)
     table = rpm(table if how == "given" else with_current(table))
-    table.pop("motor_voltage_V", None)  # it would say the same
+    table.pop("motor_voltage_V", None)  # it would show the same
     wheel = WHEEL.model_copy(update={"limits": Limits()})
     (tmp_path / "wheel.toml").write_text(wheel.to_toml())
     done = run("discrepancy", write(tmp_path / "t.csv", table), "--no-diagnosis", "--wheel", tmp_path / "wheel.toml")

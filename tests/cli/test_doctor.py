@@ -1,4 +1,4 @@
-"""What `doctor` says of the folders of a monitor and of who is on its bus."""
+"""What `doctor` reports of the folders of a monitor and of who is on its bus."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options from file, environment and command line: one precedence, and no mistyped name that says nothing."""
+"""Options from file, environment and command line: one precedence, and no mistyped name without a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is not judged, in doubt, or more or less urgent is shown so: in words and shapes, and in colours that differ."""
+"""What is not judged, uncertain, or more or less urgent is shown: in words and shapes, and in colours that differ."""
 
 from __future__ import annotations
 

@@ -192,7 +192,7 @@ def test_friction_that_is_derived_from_current_is_drawn(chromium: Any, session: 
 def test_every_view_is_accessible_and_fits(chromium: Any, session: zenoh.Session, tmp_path: Path, scheme: str) -> None:
     with failing_fleet(session, tmp_path) as running, reporting(session, "wheel_2"):
         for width in (1280, 390):
-            # The only complaint is about the wheel that nobody knows.
+            # The only complaint is about the unknown wheel.
             with opened(chromium, width, complaint="404", color_scheme=scheme) as page:
                 page.goto(running.address_with_token)
                 expect(page.locator(".wheel").first).to_contain_text("anomalous")

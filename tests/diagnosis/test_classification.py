@@ -95,7 +95,7 @@ def test_a_sure_anomaly_beside_doubtful_ones_has_no_more_than_probability_one() 
 
 
 def test_uncertainty_leaves_the_prior() -> None:
-    """A value known to nothing tells nothing: what remains is the share of the training windows."""
+    """A value known to nothing shows nothing: what remains is the share of the training windows."""
     seen = features(dry=1.3, std=1e4)
     for name, probability in judged(seen).items():
         anomaly = MODEL.anomaly(name)
@@ -125,7 +125,7 @@ def test_the_most_plausible_split_is_handed_back() -> None:
 
 
 def test_earlier_windows_decide_what_this_one_leaves_open() -> None:
-    """Base 1.3 with nominal jumps, or base 1.0 with larger ones: two sojourns alone cannot tell."""
+    """Base 1.3 with nominal jumps, or base 1.0 with larger ones: two sojourns alone do not decide."""
     q = np.array([1, 1])
     system = SystemFeatures("fss_2", q, np.array([0.47 + 0.16, 0.49 + 0.16]), np.full(2, 1e-3), rests=False)
     first = features().systems[0]
@@ -148,7 +148,7 @@ def test_carried_probability_moves_the_prior_but_cannot_hold_against_evidence() 
 
 
 def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another() -> None:
-    """A state that says 0.1 for each stays at that, but for the hazard, where the windows say nothing of one."""
+    """A state of 0.1 for each stays at that, but for the hazard, where the windows show nothing of one."""
     carried = CarriedState(probability=dict.fromkeys(NAMES, 0.1))
     silent = features(std=50.0)
     expected = 0.1
@@ -168,7 +168,7 @@ def test_a_coefficient_that_no_window_measures_well_does_not_add_up(name: str, c
         judgement = classify(seen, MODELS, NAMES, MODEL, carried)
         found.append(next(entry.probability for entry in judgement.anomalies if entry.name == name))
         carried = carried.model_copy(update={"probability": judgement.to_carry})
-    assert max(found) == found[0] < 0.5  # the first knows nothing yet of the others, which are healthy
+    assert max(found) == found[0] < 0.5  # the first has nothing yet of the others, which are healthy
     assert found[-1] <= found[1] + 0.02
 
 

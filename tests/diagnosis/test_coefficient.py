@@ -51,7 +51,7 @@ def test_what_a_window_can_measure_has_total_probability_one(mean: float, std: f
 
 @pytest.mark.parametrize("viscous", [1.0, 1.04, 1.06, 1.08, 1.15])
 def test_the_same_value_again_is_no_new_evidence(viscous: float) -> None:
-    """A healthy wheel keeps its place in its band: twenty windows must not make of a doubt a certainty."""
+    """A healthy wheel keeps its place in its band: twenty windows must not make certain what is uncertain."""
     found = over_windows([(viscous, 0.003)] * 20)
     assert found[-1] == pytest.approx(found[0], abs=0.1)
 

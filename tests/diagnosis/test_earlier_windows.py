@@ -51,7 +51,7 @@ def test_a_window_that_the_model_does_not_fit_hides_no_change() -> None:
         misfits += not change.diagnosis.model_adequate
         shown = [window for window in after if _shows_viscous(window)]
         assert all(window.diagnosis.verdict == "anomalous" for window in shown), seed
-    assert misfits > 0  # else the test says nothing
+    assert misfits > 0  # else the test shows nothing
 
 
 @pytest.mark.parametrize("kind", ["orbit", "one_direction"])
@@ -61,7 +61,7 @@ def test_a_healthy_wheel_stays_nominal(kind: ProfileKind) -> None:
 
 
 def test_a_healthy_wheel_whose_model_lacks_an_effect_is_not_called_failing() -> None:
-    """The demo's first satellite: the effect leaves base dry friction in doubt, half of which lies above nominal."""
+    """The demo's first satellite: the effect leaves base dry friction uncertain, half of which lies above nominal."""
     satellite = simulate_satellite("test", 90.0, 0, seed=1)
     windows = [window for window in diagnose_samples(satellite.hidden.samples, WHEEL, MODEL) if not window.partial]
     assert not all(window.diagnosis.model_adequate for window in windows)

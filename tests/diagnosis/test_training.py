@@ -73,7 +73,7 @@ def test_strays_do_not_widen_a_band() -> None:
 def test_strays_beside_a_range_do_not_widen_it(seed: int) -> None:
     rng = np.random.default_rng(seed)
     value = np.concatenate([rng.uniform(0.4, 0.6, 300), rng.uniform(0.62, 0.72, 4), rng.uniform(0.3, 0.38, 3)])
-    # Values that the window leaves open are known to be so: they say nothing of where the range ends.
+    # Values that the window leaves open are known to be so: they show nothing of where the range ends.
     vague = np.concatenate([np.full(307, 1e-3), np.full(40, 0.2)])
     value = np.concatenate([value, rng.uniform(0.0, 1.0, 40)])
     labels = np.zeros(value.size, dtype=bool)

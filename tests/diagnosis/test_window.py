@@ -159,7 +159,7 @@ def test_a_wheel_with_all_torques_scaled_gets_the_same_judgement(scale: float) -
     assert other.base_dry.value == pytest.approx(scale * plain.base_dry.value, rel=1e-9)
 
 
-# ---- windows and wheels that tell too little -------------------------------------------------------------------------
+# ---- windows and wheels that show too little -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("used", [0, 1, 10, 100])

@@ -98,7 +98,7 @@ def test_a_few_turns_tell_an_order_as_well_as_they_can(seed: int, turns: float, 
     told = ripple.parameters["harmonic"]
     assert told.std < 0.1 / turns
     assert abs(told.value - order) < 4.0 * told.std
-    assert (told.value == order) is order.is_integer()  # a whole order stays where nothing speaks against it
+    assert (told.value == order) is order.is_integer()  # a whole order stays where nothing contradicts it
     gain = found.result.gain
     assert gain.rmse_extended_Nm < 1.03 * NOISE_NM
 

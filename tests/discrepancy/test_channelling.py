@@ -1,4 +1,4 @@
-"""Drag that decays with the angle turned since a reversal is told as such, and is no set of names that fit together."""
+"""Drag that decays with the angle turned since a reversal is named, and is no set of names that fit together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drag that follows the heat of the motion is no jump of viscous friction, where nobody measured the temperature."""
+"""Drag that follows viscous self-heating is no jump of viscous friction, where nobody measured the temperature."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_a_bearing_that_warms_by_its_own_drag_asks_for_the_temperature(seed: int
     speed = motion(rng)
     found = search(heated(speed, lag_s, 25.0), speed, rng)
     assert not found.result.effects
-    assert "the heat of the motion" in found.result.unexplained.signature
+    assert "viscous self-heating" in found.result.unexplained.signature
     assert "record the bearing's temperature" in found.result.unexplained.signature
     assert "viscosity_temperature" in dict(found.result.untested)  # named as a possible cause, and not testable
     assert any("record the bearing's temperature" in line for line in plan(found).advice)

@@ -44,7 +44,7 @@ def test_steps_of_friction_make_no_effect_and_no_other_noise(step: float) -> Non
     samples, _ = record(motion(), seed=SEED)
     found = search(read_in_steps(samples, step * NOISE_NM))
     assert found.result.verdict == "adequate"
-    # The standard error of a standard deviation from 8000 samples is 0.8 %; coarse steps tell less of it.
+    # The standard error of a standard deviation from 8000 samples is 0.8 %; coarse steps show less of it.
     assert found.problem.noise.std == pytest.approx(NOISE_NM, rel=0.05)
     assert f"friction is quantised in steps of {step * NOISE_NM * 1e6:.4g} µN m" in steps_in_words(found.problem)
 

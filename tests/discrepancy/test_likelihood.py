@@ -187,7 +187,7 @@ def test_noise_is_found_as_it_was_made(correlation: float, white: float) -> None
         found.append((law.correlation, law.white))
     error = np.std(found, axis=0, ddof=1)
     assert (np.abs(np.mean(found, axis=0) - (correlation, white)) < 4.0 * error / np.sqrt(8)).all()
-    assert error[0] < 0.05  # or the test says nothing
+    assert error[0] < 0.05  # or the test shows nothing
     assert error[1] < 0.1
 
 

@@ -61,7 +61,7 @@ def test_over_less_than_a_turn_the_order_of_a_ripple_is_fitted() -> None:
 def test_drag_that_grows_less_than_with_the_speed_is_named(number: int) -> None:
     search, _ = joint(number)
     assert "sublinear_viscous" in names(number)
-    # Near zero the drag is less than the basic law says: Stribeck friction would be more.
+    # Near zero the drag is less than the basic law gives: Stribeck friction would be more.
     assert basic_law(search).near_zero_Nm < 0
     assert "stribeck" not in names(number)
 
@@ -92,7 +92,7 @@ def test_a_joint_whose_cause_is_not_in_its_table_is_not_explained_away() -> None
 
 
 def test_no_parameter_is_stated_better_than_its_gain_says() -> None:
-    # The noise alone would have said 65 standard errors of one, where leaving the effect out cost a deviance of 36.
+    # The noise alone would have given 65 standard errors of one, where leaving the effect out cost a deviance of 36.
     effects = [
         effect for number in range(1, 7) for effect in joint(number)[0].result.effects if effect.family == "mean"
     ]

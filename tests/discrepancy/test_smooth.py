@@ -111,7 +111,7 @@ def test_sublinear_drag_of_a_flywheel() -> None:
     for name, truth in {"strength_Nm": 1.5e-3, "exponent": 0.5}.items():
         std = parameters[name].std
         assert abs(parameters[name].value - truth) < 3.0 * std
-    # Strength and exponent trade with each other and with the base law: what they say together is known.
+    # Strength and exponent trade with each other and with the base law: what they give together is known.
     fit = found.extended.fit
     viscous, strength = fit.coefficients
     law = fit.level[0] + viscous * speed + strength * speed ** parameters["exponent"].value
@@ -224,7 +224,7 @@ def hidden(law: str, seed: int) -> Samples:
 
 @cache
 def told_of(law: str, seed: int) -> Told:
-    """Return what is told of a record as it is."""
+    """Return what is found in a record as it is."""
     found = told(hidden(law, seed))
     assert list(found) == [law]
     return found

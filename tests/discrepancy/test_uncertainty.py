@@ -1,4 +1,4 @@
-"""Stated errors hold what they say: strengths and shapes of simulated effects, over seeds."""
+"""Stated errors hold: strengths and shapes of simulated effects, over seeds."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_truth_lies_within_three_stated_errors(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["stribeck", "lubricant_lag"])
 def test_stated_errors_hold_what_the_model_lacks(name: str) -> None:
-    # A wave of drag as large as the noise, that no effect explains: the noise alone would say a third of the errors.
+    # A wave of drag as large as the noise, that no effect explains: the noise alone would give a third of the errors.
     within = [
         abs(value.value - TRUTH[name][parameter]) <= 3.0 * value.std
         for seed in range(50000, 50012)
@@ -93,7 +93,7 @@ def test_a_shape_that_the_record_does_not_determine_has_no_error_and_says_so() -
         (0.49, 0.01, (-0.5, 0.5), "not distinguishable from its bound 0.5: not determined"),
         (0.0, 0.1, (0.0, float("inf")), "at its bound 0: not determined"),
         (0.6, 0.1, (0.3, 0.9), ""),
-        (1e-6, 6e-7, (0.0, float("inf")), ""),  # beside zero its error says it
+        (1e-6, 6e-7, (0.0, float("inf")), ""),  # beside zero its error shows it
         (1e-6, 1e-9, (0.0, 1.0), ""),  # small is not zero
     ],
 )

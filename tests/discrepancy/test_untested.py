@@ -1,4 +1,4 @@
-"""What a record could not test is said, and the strength that it would have shown is the one that it shows."""
+"""What a record could not test is reported, and the strength that it would have shown is the one that it shows."""
 
 from __future__ import annotations
 

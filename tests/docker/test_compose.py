@@ -25,7 +25,7 @@ DOCKER: Final = Path(__file__).parents[2] / "docker"
 TEXT: Final = (DOCKER / "compose.yaml").read_text(encoding="utf-8")
 COMPOSE: Final[dict[str, Any]] = yaml.safe_load(TEXT)
 SERVICES: Final[dict[str, dict[str, Any]]] = COMPOSE["services"]
-# What an image is named by: a variable that may say otherwise, and its name, tag and digest.
+# What an image is named by: a variable that may name another, and its name, tag and digest.
 PINNED: Final = re.compile(r"\$\{([A-Z]+)_IMAGE:-([a-z/]+):([0-9][a-z0-9.-]*)@(sha256:[0-9a-f]{64})\}")
 OURS: Final = [name for name, service in SERVICES.items() if service["image"] == "rwa-monitor"]
 

@@ -89,7 +89,7 @@ def test_a_command_line_that_does_not_exist_is_noticed() -> None:
             _parse(words)
 
 
-# What a page must have said when all its blocks have run.
+# What a page must have printed when all its blocks have run.
 SAID = {
     "README.md": ("ANOMALOUS  Friction of switching system fss_2", "16: 12 fss_1, 4 fss_2"),
     "tutorial.md": ("NOMINAL  All friction is nominal", "The simulation lacks stribeck"),

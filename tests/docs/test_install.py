@@ -1,4 +1,4 @@
-"""How the core is installed alone: its lock is part of the other, complete and hashed, and every page says so."""
+"""How the core is installed alone: its lock is part of the other, complete and hashed, and every page states it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The fault campaign: `make faults`, or `python -m tests.faults.campaign --histories N --seed S --jobs J`.
 
-One history again, with what its processes said: `--only NUMBER`.
+One history again, with what its processes logged: `--only NUMBER`.
 """
 
 from __future__ import annotations

@@ -61,7 +61,7 @@ TAKING: Final = frozenset(
     }
 )
 NEEDS_ROOT: Final = frozenset({"disk_full"})
-# A second publisher speaks before the first outage: in one, nobody could tell it from a restart.
+# A second publisher sends before the first outage: in one, it could not be told from a restart.
 QUIET_BEGINNING: Final = 14
 INTRUDING_MESSAGES: Final = 6
 MAX_DELAY_S: Final = 1.6
@@ -284,7 +284,7 @@ class _Maker:
                 return bytes(broken)
 
     def _second_publisher(self, groups: list[list[Put]], key: str) -> None:
-        """Let another publisher speak between two messages of the first one, for a while."""
+        """Let another publisher send between two messages of the first one, for a while."""
         foreign = list(self._messages(key, self._telemetry()))
         at = int(self.rng.integers(2, QUIET_BEGINNING - INTRUDING_MESSAGES))
         for number in range(INTRUDING_MESSAGES):

@@ -185,7 +185,7 @@ class Rig:
     flipped
         The recording in which a bit was flipped, None while there is none.
     heard
-        What the monitor said on the bus, by kind and wheel, in the order in which it was heard.
+        What the monitor published, by kind and wheel, in the order in which it was received.
     """
 
     def __init__(self, folder: Path, kept: int, *, small_disk: bool, small_files: bool) -> None:
@@ -286,7 +286,7 @@ class Rig:
         return self.monitor.exitcode, time.monotonic() - begin_s
 
     def _monitoring(self) -> bool:
-        """Tell whether the present monitor has said that it monitors: from then on it heeds signals."""
+        """Return whether the present monitor has reported that it monitors: from then on it heeds signals."""
         return b"monitoring" in self.log.read_bytes()[self._said_before :]
 
     def put(self, put: Put) -> None:

@@ -46,7 +46,7 @@ class Outcome:
     sent, lost
         Samples that the publishers sent, and those of them that no diagnosis is of.
     told
-        Messages that the last status says are missing.
+        Messages that the last status reports as missing.
     windows
         Diagnoses compared.
     wrong
@@ -54,7 +54,7 @@ class Outcome:
     recordings
         Files of the chain.
     stops_s
-        How long the monitor took to end, each time it was told to.
+        How long the monitor took to end, each time it was signalled to.
     """
 
     number: int
@@ -262,10 +262,10 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
         oracle = _oracle(samples)
         expected = [payload.replace(b"wheel_1", name.encode()) for payload in oracle.diagnoses]
         if not history.recoverable:
-            # Of what has reached the monitor; that these are right is for the replay to say.
+            # Of what has reached the monitor; that these are right is for the replay to show.
             expected = list(dict.fromkeys(heard)) if history.loses_recording else recorded
             # To a monitor that joins late nothing is missing: one that was killed before its first second was recorded,
-            # or one that never heard of a wheel before the outage.
+            # or one that received nothing of a wheel before the outage.
             # The last few messages that a publisher keeps may still wait for those before them, and are then queued.
             told = status["messages_missed"] or status["samples_queued"]
             told = told or "kill_monitor" in history.kinds or name != "wheel_1"
@@ -357,5 +357,5 @@ def _as_on_the_bus(line: dict[str, Any], name: str) -> bytes:
 
 
 def losing(kinds: Iterable[str]) -> bool:
-    """Tell whether one of these faults loses samples for good."""
+    """Return whether one of these faults loses samples for good."""
     return bool(set(kinds) & set(LOSING))

@@ -119,7 +119,7 @@ def small_samples() -> Samples:
 
 @cache
 def said() -> tuple[tuple[str, bytes], ...]:
-    """Return what a monitor says about the samples, as (schema, payload)."""
+    """Return what a monitor reports of the samples, as (schema, payload)."""
     core = WheelCore(small_wheel(), built_in_model())
     outputs = outputs_of([*core.feed(small_samples(), "p", 0), *core.finish()], "sat", "wheel_1")
     return tuple((output.schema, output.payload) for output in outputs)
@@ -266,7 +266,7 @@ def use_all(file: TelemetryFile) -> None:
 
 
 def bag_seeds() -> list[bytes]:
-    """Return bags in chunks, whose checksum the reader believes only when it is there, and without chunks."""
+    """Return bags in chunks, whose checksum the reader uses only when it is there, and without chunks."""
     samples = small_samples()[:40]
     return [bags.write_bag(samples, scratch() / "seed.mcap", how).read_bytes() for how in CompressionType] + [
         bags.write_bag(samples, scratch() / "seed.mcap", chunk_size=0).read_bytes()

@@ -38,7 +38,7 @@ def server(bin_folder: Path) -> Iterator[str]:
     run: dict[str, Any] = {"timeout": PATIENCE_S, "cwd": folder, "stdout": log, "stderr": log, **as_user}
     options = f"-c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off -p {port}"
     try:
-        # Whatever the language of whoever runs the tests, and whether this machine knows it.
+        # Whatever the language of whoever runs the tests, and whether this machine has it.
         words = ["-D", data, "-U", "rwa", "-A", "trust", "--no-sync", "--locale=C", "--encoding=UTF8"]
         subprocess.run([bin_folder / "initdb", *words], check=True, **run)
         subprocess.run([bin_folder / "pg_ctl", "-D", data, "-o", options, "-w", "start"], check=True, **run)

@@ -97,7 +97,7 @@ def diagnoses(messages: Sequence[tuple[str, bytes]]) -> list[bytes]:
 
 
 def adds_up(counts: Counts | dict[str, Any]) -> bool:
-    """Tell whether each sample received is in one of the parts, of a core's counts or of a status."""
+    """Return whether each sample received is in one of the parts, of a core's counts or of a status."""
     of = counts if isinstance(counts, dict) else {f"samples_{name}": value for name, value in asdict(counts).items()}
     parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
     return bool(of["samples_received"] == sum(of[f"samples_{part}"] for part in parts))

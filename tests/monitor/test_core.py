@@ -27,7 +27,7 @@ def test_what_is_carried_after_any_window_is_what_its_file_holds() -> None:
                 assert CarriedState.from_json(event.carried.to_json(), "test") == event.carried
                 base = event.carried.base_dry
                 unseen += base is not None and base.held < 1.0
-    assert unseen > 3  # windows that did not show the base dry friction, whose value is carried with doubt
+    assert unseen > 3  # windows that did not show the base dry friction, whose value is carried with its uncertainty
 
 
 ENDLESS = b64encode(np.array([np.inf]).tobytes()).decode()

@@ -1,4 +1,4 @@
-"""The paper's own assignment and Algorithm 1: what it does, and where it fails as the errata say."""
+"""The paper's own assignment and Algorithm 1: what it does, and where it fails as the errata state."""
 
 from __future__ import annotations
 

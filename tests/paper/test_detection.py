@@ -1,4 +1,4 @@
-"""Section IV-A: the wGLR beside the compiled one, and its changepoints with what the errata say of them."""
+"""Section IV-A: the wGLR beside the compiled one, and its changepoints with what the errata state of them."""
 
 from __future__ import annotations
 

@@ -175,7 +175,7 @@ def test_command_writes_report_and_json(tmp_path: Path) -> None:
     before, after = (answer["gain"]["diagnosis"][when] for when in ("before", "after"))
     assert after["detection"] > before["detection"]
     assert after["false_changepoints"] < 1.0 < before["false_changepoints"]
-    assert answer["plan_question"] == "show what these data could not test"  # the effect itself is beyond doubt
+    assert answer["plan_question"] == "show what these data could not test"  # the effect itself is certain
     assert all(entry["separation_nats"] > 5.0 and entry["duration_s"] > 0 for entry in answer["plan"])
     written = {"report.html", "report.json", "extended_wheel.toml"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == written
@@ -195,7 +195,7 @@ def test_words_say_each_thing_once(found: Search) -> None:
 
 
 def test_the_plan_asks_what_is_open_and_not_what_is_known(found: Search) -> None:
-    assert plan(found).manoeuvres == []  # the effect is beyond doubt, and the motion showed all others
+    assert plan(found).manoeuvres == []  # the effect is certain, and the motion showed all others
     assert plan(found).advice == ["nothing is open that a manoeuvre would answer"]
     scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="one_direction"))
     samples = simulate(scenario, built_in_wheel(), np.random.default_rng(7)).samples

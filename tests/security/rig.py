@@ -33,7 +33,7 @@ with zenoh.open(zenoh.Config.from_file(sys.argv[1])):
 def make_certificates(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the script that is shipped."""
     command = [str(DOCKER / "make_certificates.sh"), *arguments[:-1], str(folder), *arguments[-1].split()]
-    # In a language that every machine knows: bash tells of one that is not installed.
+    # In a language that every machine has: bash warns of one that is not installed.
     environment = {**os.environ, "LC_ALL": "C"}
     return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 

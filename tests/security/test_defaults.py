@@ -1,4 +1,4 @@
-"""Secure unless told otherwise: nothing listens, nothing searches, nothing is loaded, nothing in a file is run."""
+"""Secure unless set otherwise: nothing listens, nothing searches, nothing is loaded, nothing in a file is run."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def setting(options: BusOptions, key: str) -> object:
 
 @contextmanager
 def program(folder: Path, *words: str, until: str) -> Iterator[psutil.Process]:
-    """Run the program in a process of its own until it has said something."""
+    """Run the program in a process of its own until it has printed something."""
     process = subprocess.Popen(command(*words), stderr=subprocess.PIPE, text=True, cwd=folder)
     try:
         assert any(until in line for line in process.stderr), "it ended"
@@ -155,7 +155,7 @@ FORBIDDEN_METHODS = {("os", "system"), ("os", "popen"), ("ctypes", "CDLL"), ("np
 
 
 def forbidden(node: ast.AST) -> bool:
-    """Tell whether a piece of code would run what somebody else wrote."""
+    """Return whether a piece of code would run what somebody else wrote."""
     if isinstance(node, ast.Import):
         return any(alias.name.split(".")[0] in FORBIDDEN_MODULES for alias in node.names)
     if isinstance(node, ast.ImportFrom):

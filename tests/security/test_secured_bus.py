@@ -44,7 +44,7 @@ def issued_by_us(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Bus:
-    """A router, and what the monitor and the dashboard hear over it."""
+    """A router, and what the monitor and the dashboard receive over it."""
 
     def __init__(self, port: int, own: Path, scratch: Path) -> None:
         self.port, self.own, self.scratch = port, own, scratch
@@ -250,7 +250,7 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
                 for start in range(0, len(samples), 256):
                     offered.put(samples[start : start + 256])
                 intruder = program("somebody", "simulate", "publish", "--speed", "inf", "--key", SAMPLES)
-                assert "published" in intruder.communicate(timeout=120)[1]  # it is told nothing
+                assert "published" in intruder.communicate(timeout=120)[1]  # it receives nothing
                 wait_for(lambda: len([key for key, _ in bus.heard if key == DIAGNOSIS]) >= 2, "both diagnoses")
                 health = {str(reply.ok.key_expr) for reply in dashboard.get("rwa/**/health") if reply.ok is not None}
             finally:

@@ -1,4 +1,4 @@
-"""The effect that the demo hides: the same for a seed, none of the monitor's wheel, as strong as it says."""
+"""The effect that the demo hides: the same for a seed, none of the monitor's wheel, as strong as it states."""
 
 from __future__ import annotations
 

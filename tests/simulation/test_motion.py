@@ -1,4 +1,4 @@
-"""Motions: smooth, within limits, and each kind what it says."""
+"""Motions: smooth, within limits, and each kind what its name means."""
 
 from __future__ import annotations
 

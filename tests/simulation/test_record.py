@@ -24,7 +24,7 @@ PERFECT = {"sensors": NO_NOISE_OF_SENSORS, "noise": FrictionNoise(std_Nm=0.0)}
 
 
 def run(seed=0, wheel=WHEEL, **settings):
-    """Simulate a record; in every third one friction is not given, unless the test says otherwise."""
+    """Simulate a record; in every third one friction is not given, unless the test sets otherwise."""
     settings.setdefault("friction_given", seed % 3 != 2)
     return simulate(Scenario(**{"duration_s": 2_500.0, **settings}), wheel, np.random.default_rng(seed))
 

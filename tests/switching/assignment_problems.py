@@ -51,7 +51,7 @@ class Problem:
     def scores(self) -> Scores:
         durations, sizes, count = self.durations, self.sizes, self.signs.shape[0]
         none = np.zeros(durations.turn.shape[:2])
-        # Measured so badly that no size says anything: each has the density that the fits assume.
+        # Measured so badly that no size shows anything: each has the density that the fits assume.
         sizes = sizes or Sizes(np.zeros(count), np.full(count, 1e30), none, none, 0.5 * np.log(2e30 * np.pi), 1.0)
         return Scores(
             fit=self.fit,

@@ -169,7 +169,7 @@ def test_a_missed_jump_costs_only_itself():
 
 
 def test_an_impossible_jump_is_unattributed():
-    """A level that climbs five times is no path that two systems can tell."""
+    """A level that climbs five times is no path that two systems can make."""
     jumps = dict.fromkeys(range(12000, 80000, 6000), 0.5)
     x, z = steps(jumps)
     evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(jumps)), STD, 1.0), STD)

@@ -15,7 +15,7 @@ from tests.switching.assignment_problems import FREE, LONG, SHORT, UNATTRIBUTED,
 
 @dataclass(frozen=True)
 class Partial:
-    """A part of an assignment, as far as it has been told."""
+    """A part of an assignment, as far as it has been decided."""
 
     score: float
     last: int

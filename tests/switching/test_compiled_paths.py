@@ -36,7 +36,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     plain = np.linalg.lstsq(own, z[used], rcond=None)[0]
     assert found.slope == pytest.approx(plain[4], rel=1e-9)
     assert found.spread == pytest.approx(np.ptp(plain[:4]), rel=1e-9)
-    # The contrast of the first says down, the levels say up; that of the second, rejected one, is weak.
+    # The contrast of the first points down, the levels up; that of the second, rejected one, is weak.
     statistic, jump = np.array([100.0, 4.0, 100.0, 100.0]), np.array([-0.1, 0.1, -0.3, np.nan])
     candidates = Candidates(index, np.full(4, 16), statistic, jump)
     signs = segments.possible_signs(candidates, found)

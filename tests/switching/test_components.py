@@ -1,4 +1,4 @@
-"""Friction split into its parts: against the simulated truth, and honest where the window cannot tell (errata 10)."""
+"""Friction split into its parts: against simulated truth, uncertain where a window does not show it (errata 10)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_base_is_ambiguous_where_a_system_never_rests():
         parts = split_of(made)
         errors.append(parts.base_dry - 1.0)
         stds.append(parts.base_dry_std)
-    assert np.min(stds) > 0.01  # it says that it does not know
+    assert np.min(stds) > 0.01  # it states that it is uncertain
     assert np.sqrt(np.mean(np.square(errors))) < 3 * np.sqrt(np.mean(np.square(stds)))
     assert np.abs(errors).max() < 0.4  # and does not put a whole jump into the base
 

@@ -57,7 +57,7 @@ def test_probabilities_add_up_to_one_after_earlier_windows(age):
 
 
 def test_first_sojourn_is_that_of_a_simulated_record():
-    """Records begin in the stationary law: how long the first sojourn lasts is what the tables say."""
+    """Records begin in the stationary law: how long the first sojourn lasts is what the tables give."""
     system = SwitchingSystem(
         name="a",
         durations=(Uniform(low=20, high=40), Uniform(low=5, high=10)),

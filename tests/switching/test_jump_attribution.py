@@ -1,4 +1,4 @@
-"""Jumps parted between switching systems: right where size, duration or closing tell them apart, else refused."""
+"""Jumps attributed to switching systems: right where size, duration or closing separate them, else refused."""
 
 from __future__ import annotations
 

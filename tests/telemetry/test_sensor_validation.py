@@ -1,4 +1,4 @@
-"""What broken sensors show is masked, counted and told, and costs no more than the slots in which they show it."""
+"""What broken sensors show is masked, counted and reported, and costs no more than the slots in which they show it."""
 
 from __future__ import annotations
 

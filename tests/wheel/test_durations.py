@@ -1,4 +1,4 @@
-"""Duration laws against what their definitions say, by brute force."""
+"""Duration laws against what their definitions give, by brute force."""
 
 from __future__ import annotations
 

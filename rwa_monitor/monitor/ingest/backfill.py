@@ -1,6 +1,6 @@
 """Closes the gaps in what publishers send, before the messages are passed on.
 
-Zenoh's advanced subscriber asks publishers for their history when it starts, and for what it missed. Three things can
+Zenoh's advanced subscriber queries publishers' history when it starts, and for what it missed. Three things can
 go wrong with that (seen with Zenoh 1.10). Where a live message overtakes the history, the history is thrown away as
 older: one in eight starts while messages flow. Where a question is lost with a connection, it is not asked again. And
 where a long history comes at once, the end of a message may be the beginning of another one: once in some 30 histories
@@ -33,7 +33,7 @@ MAX_ASKED: Final = 32  # publishers whose answers are awaited at a time: as many
 INBOX_MESSAGES: Final = 65_536
 INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
 PATIENCE_S: Final = 2.0  # for room in the inbox; publishers give up a connection that is stuck for 5 s
-MAX_SOURCES: Final = 10_000  # publishers that are remembered; one that is forgotten is only asked again
+MAX_SOURCES: Final = 10_000  # publishers that are kept; one that was dropped is only queried again
 
 
 class Arrival(NamedTuple):

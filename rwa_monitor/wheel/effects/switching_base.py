@@ -155,7 +155,7 @@ class JumpClock:
 class SwitchingEffect(Effect):
     """An effect that changes the jumps of the dry level. Each overrides what it changes; the rest stays.
 
-    A simulator asks in this order: `change_system` for each switching system, `clock` for the clock on which all run,
+    A simulator calls in this order: `change_system` for each switching system, `clock` for the clock on which all run,
     `extra_level` for what is added to the level, and, once the jumps are known, `torque`.
     """
 

@@ -13,12 +13,12 @@ from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect,
 SMOOTHING_SLOTS: Final = 15  # of the parabola that stands for the true speed under the steps
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
 MEDIAN_OF_CHI_SQUARE: Final = 0.455  # with one degree of freedom, over its mean: a variance that outliers do not move
-ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its lattice point (rounding of the file)
+ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its grid point (rounding of the file)
 SHARE_OF_SCATTER: Final = 0.3  # of the scatter of the readings: less, and it is noise, not rounding, that matters
 
 
 class TachometerQuantisation(NoiseEffect):
-    """Speed readings on a lattice; the friction derived from them carries the steps' derivative."""
+    """Quantised speed readings; the friction derived from them carries the steps' derivative."""
 
     name = "tachometer_quantisation"
     title = "Tachometer quantisation"
@@ -32,7 +32,7 @@ class TachometerQuantisation(NoiseEffect):
         "derivative of the rounding errors, which is not white: with a central difference the autocorrelation at "
         "lag 2 is −0.5 and the variance of long means tends to zero."
     )
-    signature = "Speeds on a lattice, and a residual with an autocorrelation of −0.5 at lag 2."
+    signature = "Speeds on a grid, and a residual with an autocorrelation of −0.5 at lag 2."
     confused_with = ("coloured_noise",)
     separate_by = "A histogram of the speed readings; the autocorrelation of the residual at lag 2."
     source = (
@@ -58,7 +58,7 @@ class TachometerQuantisation(NoiseEffect):
     def fitted(
         cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
     ) -> LikelihoodFit:
-        """Find the lattice of the speed readings; regress the residual on the derivative of the rounding errors."""
+        """Find the grid of the speed readings; regress the residual on the derivative of the rounding errors."""
         step = quantisation_step(channels.speed_rad_s[usable])
         if step is None or channels.speed_rad_s.size < 2 * SMOOTHING_SLOTS:
             return cls.nothing_found(int(usable.sum()))
@@ -109,10 +109,10 @@ class TachometerQuantisation(NoiseEffect):
 
 
 def quantisation_step(speed_rad_s: FloatArray) -> float | None:
-    """Return the step of the lattice that speed readings lie on [rad/s], or None where there is none.
+    """Return the step of the grid that speed readings lie on [rad/s], or None where there is none.
 
     The step is the smallest difference of distinct readings, and every reading must be a multiple of it. A table
-    written with seven digits is on a lattice too: whether a step is of any consequence is for the caller to see.
+    written with seven digits is on a grid too: whether a step is of any consequence is for the caller to see.
     """
     levels = np.unique(speed_rad_s)
     if levels.size < 2:
@@ -127,7 +127,7 @@ def quantisation_step(speed_rad_s: FloatArray) -> float | None:
 
 
 def error_of_step(speed_rad_s: FloatArray, step: float) -> float:
-    """Return the standard deviation of the step of a lattice from what its readings are off it [rad/s].
+    """Return the standard deviation of the step of a grid from what its readings are off it [rad/s].
 
     Numbers that are off by nothing are still rounded to their own last bit.
     """

@@ -17,7 +17,7 @@ SLOTS = 20_000
 ALL = sorted(NOISE_EFFECTS.values(), key=lambda effect: effect.name)
 every_noise_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
 
-# Strengths that a record of 20,000 samples shows beyond doubt.
+# Strengths that a record of 20,000 samples shows with certainty.
 CASES: dict[str, dict[str, float]] = {
     "coloured_noise": {"ar_coefficient": 0.5},
     "heavy_tailed_noise": {"degrees_of_freedom": 4.0},
@@ -109,7 +109,7 @@ def test_readings_without_a_lattice_have_no_step() -> None:
 
 
 def test_a_table_with_few_digits_is_not_taken_for_a_coarse_tachometer() -> None:
-    """White noise of the speed, written with five digits: the digits are a lattice, but not the cause of the noise."""
+    """White noise of the speed, written with five digits: the digits are a grid, but not the cause of the noise."""
     rng = np.random.default_rng(8)
     true = rich_motion(SLOTS)
     read_speed = np.round(true.speed_rad_s + 1e-3 * rng.normal(size=SLOTS), 5)
