@@ -55,7 +55,7 @@ class Size:
     splits
         Random splits of the paper's protocol.
     swept
-        Windows of the sweep over the half-width of the paper's detector.
+        Windows of the sweep over the half-width of the paper's detector; 0: no sweep.
     timed
         Windows whose stages are timed and whose changepoints are compared with other packages'.
     peers
@@ -71,7 +71,7 @@ class Size:
 
     def quick(self) -> Size:
         """Return a small version, for a look and for tests."""
-        return replace(self, windows=40, splits=3, swept=2, timed=1, peers=QUICK_PEERS)
+        return replace(self, windows=40, splits=3, swept=0, timed=1, peers=QUICK_PEERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +162,7 @@ def run(size: Size, workers: int = 2) -> PaperBenchmark:
         hard=measure(outcomes, HARD, "paper", wheel, size.seed, size.splits),
         examined=examined,
         bins=sweep(outcomes, "paper", size.seed, size.splits),
-        widths=sweep_widths(outcomes[:swept], widths, size.seed, size.splits),
+        widths=sweep_widths(outcomes[:swept], widths, size.seed, size.splits) if swept else (),
         run_lengths=run_lengths(size.seed),
         detected={recipe: tuple(compare(windows, peers)) for recipe, windows in compared.items()},
         second_source={recipe: add_second_source(windows, peers[0]) for recipe, windows in compared.items()}

@@ -82,7 +82,7 @@ def to_markdown(found: PaperBenchmark, command: str, pictures: str) -> str:
         section("All in one table", _summary(found)),
         section("Targets of `joint`", *_targets(found)),
         run_length_section(found.run_lengths, pictures),
-        _width_section(found),
+        *([_width_section(found)] if found.widths else []),
         _fit_section(found, pictures),
         _rejection_section(found),
         _work_section(found, pictures),
