@@ -32,6 +32,7 @@ from benchmarks.paper.run_length import (
     true_missed,
     true_run_length,
 )
+from benchmarks.paper.widths import AS_IT_IS
 from benchmarks.target import target_table
 from rwa_monitor.changepoints.tuning import TuningCheck
 from rwa_monitor.paper.detection import SCALE
@@ -41,7 +42,6 @@ PAPER: Final = (
     "Anomalies in Satellite Reaction Wheels*, [arXiv:2509.04060](https://arxiv.org/abs/2509.04060), 2025"
 )
 NOT_GIVEN: Final = "not given"
-CHOSEN: Final = "1e-9 false a sample"  # the threshold of `paper.detection`
 WORTH_IT: Final = 0.005  # share of jumps recovered from which a second source would be worth a second pass
 WORK_EDGES: Final = (0, 11, 21, 31, 41, 10**6)  # of the table of work, candidates
 
@@ -172,8 +172,9 @@ def run_length_section(curves: RunLengths, pictures: str) -> str:
         "the paper's figure for W_b = 1e-8; the figure for 1e-4 then comes out, too. The first four rows are the "
         "paper's closed form, χ². It leaves out that a prior is one more observation, without noise: where it weighs "
         "about as much as the ramp, the statistic varies less than χ². At W_b = 1e-8 its standard deviation is "
-        f"{law_of(PAPER_WINDOW, PAPER_WEIGHTS[0], fitted).std:.2f} of that, so that the run is 50 times as "
-        "long as χ² has it. The law with that variance and the simulation agree.",
+        f"{law_of(PAPER_WINDOW, PAPER_WEIGHTS[0], fitted).std:.2f} of that, and the run "
+        f"{curves.true[PAPER_WEIGHTS[0]][at] / curves.by_weight[fitted, PAPER_WEIGHTS[0]][at]:.0f} times as long as "
+        "χ² has it. The law with that variance and the simulation agree.",
         table(header, [*rows, true, simulated, paper]),
         _picture(pictures, "run_length", "Average run length over w"),
         "Left: lines as the first rows of the table (solid, dashed, dotted, dash-dotted), colours for W_b; the second "
@@ -196,7 +197,7 @@ def _width_section(found: PaperBenchmark) -> str:
     rows = [
         [
             one.threshold,
-            f"**{one.w}**" if (one.w, one.threshold) == (SCALE, CHOSEN) else str(one.w),
+            f"**{one.w}**" if (one.w, one.threshold) == (SCALE, AS_IT_IS) else str(one.w),
             percent(one.found),
             f"{one.false:.2f}",
             percent(one.rejecting),

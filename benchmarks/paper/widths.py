@@ -29,8 +29,9 @@ def threshold_of(w: int) -> float:
     return float(special.chndtrix(MISSED, 1, JUMP_SIGMAS**2 * w / 2))
 
 
+AS_IT_IS: Final = "1e-9 false a sample"  # the threshold of `paper.detection`
 THRESHOLDS: Final[dict[str, Callable[[int], float]]] = {
-    "1e-9 false a sample": lambda _: THRESHOLD,
+    AS_IT_IS: lambda _: THRESHOLD,
     "0.1 % missed at 3 σ": threshold_of,
 }
 

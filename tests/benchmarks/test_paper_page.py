@@ -15,7 +15,7 @@ from scipy import special
 from benchmarks.paper.__main__ import main
 from benchmarks.paper.examine import ERROR_STEP, HARD, ORACLE, Examined, examine
 from benchmarks.paper.peers import accepted, add_second_source, candidates, dummy, score
-from benchmarks.paper.widths import WIDTHS, try_widths
+from benchmarks.paper.widths import AS_IT_IS, WIDTHS, try_widths
 from benchmarks.speed.peers import Peer
 from benchmarks.window import window_of
 from rwa_monitor.paper.detection import SCALE
@@ -108,7 +108,7 @@ def test_both_methods_and_the_printed_one_leave_their_features(examined: list[Ex
 def test_the_sweep_holds_the_method_as_it_is(windows: list[LabelledWindow], examined: list[Examined]) -> None:
     tried = try_widths(windows[0])
     assert len(tried) == len(WIDTHS) * 2
-    as_it_is = tried["1e-9 false a sample", SCALE]
+    as_it_is = tried[AS_IT_IS, SCALE]
     features = examined[0].outcome.features["paper"]
     assert as_it_is.features.base_dry == features.base_dry
     for one, other in zip(as_it_is.features.systems, features.systems, strict=True):
