@@ -233,7 +233,7 @@ def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = Non
     torques = []
     for record, dry in zip(problem.records, problem.spread(level), strict=True):
         channels = replace(record.channels, dry_level_Nm=dry)
-        torque = viscous * channels.speed_rad_s
+        torque = viscous * record.viscous_speed_rad_s
         for effect in mean_effects(added):
             torque = torque + np.nan_to_num(effect.torque(channels)[0])
         torques.append(torque)

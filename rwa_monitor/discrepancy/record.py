@@ -75,6 +75,9 @@ class Record:
         Of the channel that friction comes from, as it was read; None where there are none of any consequence.
     friction_as_read_Nm
         Friction with its rounding, where `friction_torque_Nm` is without (see `quantisation`); else None.
+    own_viscous_rad_s
+        float64 (n,), what viscous friction is in proportion to, where the wheel's effects make that another than the
+        speed; None: the speed.
     """
 
     source: str
@@ -90,6 +93,12 @@ class Record:
     left_out: Mapping[str, int] = field(default_factory=dict)
     steps: Steps | None = None
     friction_as_read_Nm: FloatArray | None = None
+    own_viscous_rad_s: FloatArray | None = None
+
+    @property
+    def viscous_speed_rad_s(self) -> FloatArray:
+        """What viscous friction is in proportion to, float64 (n,) [rad/s]."""
+        return self.channels.speed_rad_s if self.own_viscous_rad_s is None else self.own_viscous_rad_s
 
     @property
     def torque_step_Nm(self) -> float:
@@ -169,13 +178,19 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:
-    """Subtract the torque of the effects that the wheel already has."""
+    """Subtract the torque of the effects that the wheel already has; those that scale viscous friction go with it."""
     effects = mean_effects(wheel)
     if not effects:
         return record
     viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
-    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
-    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
+    torque, viscous_speed, _ = effect_torque(
+        effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects)
+    )
+    own = None
+    if viscous_speed is not record.channels.speed_rad_s:
+        own = np.where(np.isfinite(viscous_speed), viscous_speed, record.channels.speed_rad_s)
+    friction = record.friction_torque_Nm - np.nan_to_num(torque)
+    return replace(record, friction_torque_Nm=friction, own_viscous_rad_s=own)
 
 
 def _channels(
