@@ -280,7 +280,9 @@ def spread_out(learned: AnomalyModel | None, spread: float | None) -> AnomalyMod
     if learned is None or not spread or (level := learned.levels[0]) is None:
         return learned
     nominal = level.nominal.model_copy(update={"soft": math.hypot(level.nominal.soft, spread)})
-    wide = Levels(nominal=nominal, anomalous=None, stray=level.stray, reach=level.reach, median=None)
+    # What lies beyond does so by as much as healthy values differ: else the edge of their range would be suspect.
+    reach = level.reach + 2.0 * spread
+    wide = Levels(nominal=nominal, anomalous=None, stray=level.stray, reach=reach, median=None)
     return AnomalyModel(name=learned.name, levels=(wide,), svm=None, rate=learned.rate)
 
 

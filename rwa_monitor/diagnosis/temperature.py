@@ -16,6 +16,7 @@ from rwa_monitor.wheel.effects.catalogue import viscous_per_K
 from rwa_monitor.wheel.wheel import Wheel
 
 UNSEEN_K: Final = 15.0  # K: what a sensor that never moves may miss, the swing of the seasons; a working assumption
+ANYTHING: Final = 10.0  # times viscous friction: no window shows anything of it then
 WORTH_SAYING: Final = 0.01  # of viscous friction: half of what healthy wheels spread by
 
 
@@ -26,7 +27,7 @@ class TemperatureUncertainty:
     Attributes
     ----------
     share
-        Standard deviation, of the viscous friction itself; infinite where nothing follows from the window.
+        Standard deviation, of the viscous friction itself.
     reason
         Why, as the end of a sentence; "" where it is not worth saying.
     """
@@ -63,7 +64,7 @@ def temperature_uncertainty(heat: Temperature | None, wheel: Wheel, *, adequate:
     known = wheel.temperature
     if heat.unknown < 0.5 and known and not known.low_degC <= heat.mean_degC <= known.high_degC:
         return TemperatureUncertainty(
-            math.inf,
+            ANYTHING,
             f"the bearing is at {heat.mean_degC:.3g} °C, and its viscous friction was learned from"
             f" {known.low_degC:.3g} °C to {known.high_degC:.3g} °C",
         )

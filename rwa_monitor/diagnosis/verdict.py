@@ -195,7 +195,8 @@ def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
     anomalies, lacking = findings.anomalies, findings.lacking
     silent = [one.name for one in anomalies if one.known and not one.informative]
     if len(silent) == len(anomalies):
-        return "inconclusive", f"The window shows none of the wheel's coefficients well enough to judge them{lacking}."
+        why = f"{lacking}{findings.because_of_temperature(silent)}"
+        return "inconclusive", f"The window shows none of the wheel's coefficients well enough to judge them{why}."
     if silent:
         why = f"{lacking}{findings.because_of_temperature(silent)}"
         return "inconclusive", f"Nothing else is anomalous, but the window does not show {listed(silent)}{why}."

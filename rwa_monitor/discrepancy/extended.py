@@ -19,6 +19,7 @@ from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.record import temperature_range
 from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
@@ -141,6 +142,8 @@ def extend(search: Search) -> Extension:
         shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
         blocks.append(to_block(effect(**{**shape, **strengths})))
     wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})
+    if any(term.effect.follows_temperature for term in model.terms):
+        wheel = wheel.model_copy(update={"temperature": temperature_range(search.problem.records)})
     extension = Extension(
         wheel,
         treatment,

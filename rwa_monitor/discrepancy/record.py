@@ -31,13 +31,14 @@ from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from rwa_monitor.wheel.torque_balance import half_width, motor_torque
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import TemperatureRange, Wheel
 
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 # Of the median speed: where rows are few to a turn of the motion, neighbours differ by that, and not by noise.
 LARGEST_SPEED_NOISE: Final = 0.02
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
+BEYOND: Final = 0.1  # of the temperatures of a record, to which the law that it shows holds on either side
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -191,6 +192,20 @@ def without_known_effects(record: Record, wheel: Wheel) -> Record:
         own = np.where(np.isfinite(viscous_speed), viscous_speed, record.channels.speed_rad_s)
     friction = record.friction_torque_Nm - np.nan_to_num(torque)
     return replace(record, friction_torque_Nm=friction, own_viscous_rad_s=own)
+
+
+def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
+    """Return the bearing's temperatures over which records show a law, a tenth of them more on either side [°C].
+
+    So far a curve that was fitted is off by little; None where a record has no temperature.
+    """
+    seen = [record.channels.bearing_temperature_degC for record in records]
+    known = [values[record.used] for values, record in zip(seen, records, strict=True) if values is not None]
+    if len(known) < len(seen):
+        return None
+    low, high = (float(of(np.concatenate(known))) for of in (np.nanmin, np.nanmax))
+    beyond = BEYOND * (high - low)
+    return TemperatureRange(low_degC=round(low - beyond, 2), high_degC=round(high + beyond, 2))
 
 
 def _channels(

@@ -54,6 +54,7 @@ class ViscosityTemperature(MeanEffect):
     shows_at_one_speed = True
     is_part_of_viscous = True
     scales_with_viscous = True
+    follows_temperature = True
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", 0.0, np.inf, 5.333e-6, linear=True),
         Parameter("activation_temperature_K", "K", 1500.0, 8000.0, 4000.0),
