@@ -423,9 +423,6 @@ STRIBECK_SPEEDS: Final = (0.03, 0.1, 0.3)  # of the nominal speed: the catalogue
 # the viscous slope takes up, and the less of it shows.
 SUBLINEAR: Final = (0.3, 0.6, 0.9)
 LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min that lubricant takes to follow
-# Of what healthy viscous friction spreads by for its heat, what may come and go within a window. A working assumption:
-# an orbit's ±3 K beside a year's ±15 K is a quarter.
-WITHIN_WINDOW: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -484,12 +481,10 @@ def uncertainty_of(
             wheel.fss, assignment.configurations, components.fss_friction, strict=True
         )
     )
-    heat = (wheel.nominal.viscous_spread or 0.0) * max(components.viscous, 0.0) if wheel.nominal else 0.0
-    moved = WITHIN_WINDOW * heat * float(np.average(blocks.x, weights=blocks.n)) if heat else 0.0
     return ModelErrorUncertainty(
-        base_dry=float(np.sqrt(level**2 + above**2 + hidden**2 + moved**2)),
-        viscous=math.hypot(slope, heat) if heat else slope,
-        systems=float(np.sqrt(spread**2 + above**2 + below**2 + hidden**2 + moved**2)),
+        base_dry=float(np.sqrt(level**2 + above**2 + hidden**2)),
+        viscous=slope,
+        systems=float(np.sqrt(spread**2 + above**2 + below**2 + hidden**2)),
     )
 
 

@@ -131,7 +131,7 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
         features, measured = uncertainty.widen(features), uncertainty.widen(measured)
         wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
         components = replace(components, viscous_std=wide)
-    of_temperature = temperature_uncertainty(evidence.heat, wheel, adequate=fits.adequate)
+    of_temperature = temperature_uncertainty(evidence, components, wheel, adequate=fits.adequate)
     features, measured = of_temperature.widen(features), of_temperature.widen(measured)
     return Stages(assignment, estimate, components, features, measured, fits, of_temperature)
 
