@@ -186,6 +186,11 @@ benchmark-trend: $(VENV)/.installed-dev ## growth announced over the lives of wh
 benchmark-speed: $(VENV)/.installed-dev ## time and memory; writes docs/speed.json and .md (BENCHMARK_ARGS="--windows 100")
 	$(BENCHMARK).speed --json docs/speed.json -o docs/speed.md $(BENCHMARK_ARGS)
 
+# RESULTS="soak restart" makes only some of them.
+.PHONY: results
+results: $(VENV)/.installed-dev ## makes every page of results anew, one after the other (many hours)
+	@for target in $${RESULTS:-$$($(BIN)/python -m benchmarks.results --targets)}; do $(MAKE) $$target; done
+
 .PHONY: load
 load: $(VENV)/.installed-dev ## the page under load: 1,000 wheels, 50 clients, a browser (LOAD_ARGS="--seconds 60"); docs/dashboard.md
 	PYTHONPATH=. $(BIN)/python benchmarks/dashboard_load.py $(LOAD_ARGS)
