@@ -329,6 +329,8 @@ class Fleet:
                 case Diagnosis():
                     wheel.verdicts.extend([message])
                     received = replace(received, beside=wheel.verdicts.to_json())
+                    if wheel.diagnosis is not None and message.window_end_ns < wheel.diagnosis.window_end_ns:
+                        return received  # of a dump: the wheel's state is that of its latest window
                     wheel.latest[Diagnosis.kind] = received
                     wheel.diagnosis = message
                     wheel.provisional.clear()

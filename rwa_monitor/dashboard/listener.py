@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import zenoh
@@ -22,7 +22,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, Status, split_key
+from rwa_monitor.messages import REPLAY, Diagnosis, Discrepancy, Health, Message, SamplesMessage, Status, split_key
 from rwa_monitor.monitor.bus import BusThread, BusWatch
 from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
@@ -74,6 +74,9 @@ class Listener:
         self.notifier, self.hub = notifier, notifier.hub
         self.log = log
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
+        self._late: deque[tuple[str, str, int]] = deque(
+            maxlen=MAX_WAITING
+        )  # windows whose samples were old by the clock
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
@@ -144,18 +147,30 @@ class Listener:
         """Pass on one message; one that is none of ours is dropped."""
         try:
             spacecraft, wheel, kind = split_key(key)
+            if kind == Health.kind:
+                health = Health.parse(payload, key)
+                if health.data == "stored":
+                    self._late.append((spacecraft, wheel, health.window_end_ns))
+                return
             if kind not in KINDS:
                 return
             message = KINDS[kind].parse(payload, key)
         except InputError:
             return
+        if isinstance(message, Diagnosis) and (spacecraft, wheel, message.window_end_ns) in self._late:
+            message = message.model_copy(update={"data": "stored"})
         known = self._wheel(spacecraft, wheel)
         if known is None:
             return
         wall_ns = time.time_ns()
+        if wheel.endswith(REPLAY):
+            self._show_replay(known, message, Received(key, message.model_dump_json().encode(), wall_ns))
+            return
         if isinstance(message, SamplesMessage):
             self._telemetry_arrived(spacecraft, wheel)
             self._monitors.expect(spacecraft, wheel)
+            if message.data == "stored":
+                return  # the picture, and the rhythm in which samples come, are of now
             picked = self.fleet.take_samples(known, message.samples(), wall_ns)
             if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
                 self.hub.post(Received(key, thinned_json(picked), wall_ns))
@@ -170,6 +185,13 @@ class Listener:
         self.hub.post(self.fleet.take(known, message, Received(key, message.model_dump_json().encode(), wall_ns)))
         if isinstance(message, Diagnosis | Discrepancy):
             self._waiting.append(message)
+
+    def _show_replay(self, known: Wheel, message: Message, received: Received) -> None:
+        """Show what is only played again: nothing of it goes into the history, and nothing is expected of it."""
+        if not isinstance(message, SamplesMessage):
+            self.hub.post(self.fleet.take(known, message, received))
+        elif len(picked := self.fleet.take_samples(known, message.samples(), received.wall_ns or 0)):
+            self.hub.post(replace(received, payload=thinned_json(picked)))
 
     def _telemetry_arrived(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
         """Bring a retired wheel back to the list, and have it written down."""
