@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, Self
 
 import zenoh
@@ -27,6 +27,7 @@ from rwa_monitor.monitor.bus import BusThread, BusWatch
 from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
 
+RECEIVED: Final[dict[str, type[Message]]] = {**KINDS, Health.kind: Health}
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
@@ -147,51 +148,48 @@ class Listener:
         """Pass on one message; one that is none of ours is dropped."""
         try:
             spacecraft, wheel, kind = split_key(key)
-            if kind == Health.kind:
-                health = Health.parse(payload, key)
-                if health.data == "stored":
-                    self._late.append((spacecraft, wheel, health.window_end_ns))
+            if kind not in RECEIVED:
                 return
-            if kind not in KINDS:
-                return
-            message = KINDS[kind].parse(payload, key)
+            message = RECEIVED[kind].parse(payload, key)
         except InputError:
             return
-        if isinstance(message, Diagnosis) and (spacecraft, wheel, message.window_end_ns) in self._late:
-            message = message.model_copy(update={"data": "stored"})
+        if isinstance(message, Health):
+            if message.data == "stored":
+                self._late.append((spacecraft, wheel, message.window_end_ns))
+            return
         known = self._wheel(spacecraft, wheel)
         if known is None:
             return
-        wall_ns = time.time_ns()
-        if wheel.endswith(REPLAY):
-            self._show_replay(known, message, Received(key, message.model_dump_json().encode(), wall_ns))
-            return
+        wall_ns, replayed = time.time_ns(), wheel.endswith(REPLAY)
         if isinstance(message, SamplesMessage):
-            self._telemetry_arrived(spacecraft, wheel)
-            self._monitors.expect(spacecraft, wheel)
-            if message.data == "stored":
-                return  # the picture, and the rhythm in which samples come, are of now
-            picked = self.fleet.take_samples(known, message.samples(), wall_ns)
-            if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
-                self.hub.post(Received(key, thinned_json(picked), wall_ns))
+            self._receive_samples(known, key, message, wall_ns)
             return
         if isinstance(message, Diagnosis):
+            if (spacecraft, wheel, message.window_end_ns) in self._late:
+                message = message.model_copy(update={"data": "stored"})
             self._telemetry_arrived(spacecraft, wheel, message.window_end_ns)
-        elif isinstance(message, Status):
+        elif isinstance(message, Status) and not replayed:
             self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
             # The first status does not show how old its sample is.
             if known.status is not None and message.last_sample_ns not in {None, known.status.last_sample_ns}:
                 self._telemetry_arrived(spacecraft, wheel)
         self.hub.post(self.fleet.take(known, message, Received(key, message.model_dump_json().encode(), wall_ns)))
-        if isinstance(message, Diagnosis | Discrepancy):
+        # Nothing of a replay goes into the history.
+        if isinstance(message, Diagnosis | Discrepancy) and not replayed:
             self._waiting.append(message)
 
-    def _show_replay(self, known: Wheel, message: Message, received: Received) -> None:
-        """Show what is only played again: nothing of it goes into the history, and nothing is expected of it."""
-        if not isinstance(message, SamplesMessage):
-            self.hub.post(self.fleet.take(known, message, received))
-        elif len(picked := self.fleet.take_samples(known, message.samples(), received.wall_ns or 0)):
-            self.hub.post(replace(received, payload=thinned_json(picked)))
+    def _receive_samples(self, known: Wheel, key: str, message: SamplesMessage, wall_ns: int) -> None:
+        spacecraft, wheel, _ = split_key(key)
+        self._telemetry_arrived(spacecraft, wheel)
+        if not wheel.endswith(REPLAY):
+            self._monitors.expect(spacecraft, wheel)
+        elif message.time_ns[0] < known.decimated.last_ns:
+            known = self.fleet.begin_again(spacecraft, wheel)
+        if message.data == "stored":
+            return  # the picture, and the rhythm in which samples come, are of now
+        picked = self.fleet.take_samples(known, message.samples(), wall_ns)
+        if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
+            self.hub.post(Received(key, thinned_json(picked), wall_ns))
 
     def _telemetry_arrived(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
         """Bring a retired wheel back to the list, and have it written down."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import zenoh
 
@@ -123,6 +123,7 @@ class _Served:
     last_error: str | None = None
     last_sample_ns: int | None = None
     publisher: str = ""
+    source: str = ""  # of a replay: who publishes it in Zenoh
     data: Data = "live"  # what the latest samples were
     on_wall_clock: bool = False  # whether some samples were of now by this machine's clock
     health_ns: int = -MAX_CLOCK_NS  # end of the window that the latest health is of
@@ -137,6 +138,11 @@ class _Served:
     def name(self) -> str:
         """Spacecraft and wheel, as the log has them."""
         return "/".join(self.key)
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether its state goes into recordings."""
+        return self.core is not None and not self.key[1].endswith(REPLAY)
 
     def checkpoint(self) -> bytes:
         """Return the state of its core."""
@@ -196,17 +202,16 @@ class Monitor:
         if self.recorder is not None:
             self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
             self._log_recorder()
-        health: dict[str, tuple[WheelKey, Health]] = {}
+        health: dict[WheelKey, Health] = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
             self._publish(output)
             if output.schema == Diagnosis.schema_name():
                 with suppress(InputError):  # of another release
-                    spacecraft, wheel, _ = split_key(output.topic)
-                    data: Literal["replay"] | None = "replay" if wheel.endswith(REPLAY) else None
-                    found = health_message(Diagnosis.parse(output.payload, output.topic), data)
-                    if output.topic not in health or found.window_end_ns >= health[output.topic][1].window_end_ns:
-                        health[output.topic] = (spacecraft, wheel), found
-        for key, found in health.values():
+                    found = health_message(Diagnosis.parse(output.payload, output.topic))
+                    key = found.spacecraft, found.wheel
+                    if not found.data or key not in health or found.window_end_ns >= health[key].window_end_ns:
+                        health[key] = found
+        for key, found in health.items():
             self._publish(found.encoded(*key, found.window_end_ns))
             if key in self._served:
                 self._served[key].health_ns = found.window_end_ns
@@ -218,7 +223,7 @@ class Monitor:
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self.receive(message.key, message.payload, partial(self.bus.ask_again, message))
+            self.receive(message.key, message.payload, partial(self.bus.ask_again, message), message.source)
         self.tick()
 
     def tick(self) -> None:
@@ -257,8 +262,12 @@ class Monitor:
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def receive(self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False) -> bool:
+    def receive(
+        self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False, source: str = ""
+    ) -> bool:
         """Process one message from beginning to end: record, diagnose, record, publish.
+
+        A replay is not recorded, as it is a recording already, and each one begins with nothing known of the wheel.
 
         Parameters
         ----------
@@ -266,6 +275,8 @@ class Monitor:
             The message.
         ask_again
             Called for one that is no JSON, as if it was damaged on its way: requests it again, False if that is no use.
+        source
+            Who published it in Zenoh, "" where that is not known.
 
         Returns
         -------
@@ -279,6 +290,8 @@ class Monitor:
             message = SamplesMessage.parse(payload, key)
             samples = message.samples()
             served = self._serve(spacecraft, wheel)
+            if wheel.endswith(REPLAY) and served.source != source:
+                self._served[served.key] = served = _Served(served.key, source=source)
             core = served.core
             if core is None:
                 core = self._setup.new_core(spacecraft, wheel)
@@ -292,7 +305,8 @@ class Monitor:
             self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
-        served.publisher = message.publisher
+        if message.data != "stored":
+            served.publisher = message.publisher
         served.data = self._data_of(served, message)
         if served.data != "replay" and message.data != "stored":
             self.searches.take_input(served.key, payload)
@@ -330,11 +344,12 @@ class Monitor:
             self._record(output)
         if closed and self.recorder is not None:
             self.recorder.sync(self.clock.monotonic_s())
+        dumped = {event.end_ns for event in closed if event.data}
         # The health comes first: it shows of what data the window is to whoever then takes the diagnosis in.
         for output in sorted(outputs, key=lambda output: output.schema != Health.schema_name()):
             if output.schema == Health.schema_name():
-                if output.time_ns < served.health_ns:
-                    continue  # of a dump: the wheel's health is that of its latest window
+                if output.time_ns in dumped and output.time_ns < served.health_ns:
+                    continue  # the wheel's health is that of its latest window
                 served.health_ns = output.time_ns
             self._publish(output)
         if closed:
@@ -389,7 +404,7 @@ class Monitor:
     # ---- out -----------------------------------------------------------------------------------------------------
 
     def _record(self, output: EncodedMessage) -> None:
-        if self.recorder is not None:
+        if self.recorder is not None and f"{REPLAY}/" not in output.topic:
             self.recorder.write(output)
 
     def _publish(self, output: EncodedMessage) -> None:
@@ -444,7 +459,7 @@ class Monitor:
 
     def _checkpoints(self) -> Checkpoints:
         """Return what makes the checkpoint of each wheel, as it then stands."""
-        return {served.name: served.checkpoint for served in self._served.values() if served.core is not None}
+        return {served.name: served.checkpoint for served in self._served.values() if served.is_recorded}
 
     def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:

@@ -16,10 +16,10 @@ import numpy as np
 from rwa_monitor.messages import ClockNs, Count, Slot
 from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.monitor.ingest.slot_assignment import Rows
-from rwa_monitor.samples import FloatArray, IntArray, SlotGrid
+from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, FloatArray, IntArray, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 
-# Kept of a wheel that has dumps: 24 hours at 8 Hz, 11 MB where friction is given, 5.5 MB for each further channel.
+# Kept of a wheel that has dumps: 24 hours at 8 Hz, 12 MB where friction is given, 6 MB for each further channel.
 KEPT_SLOTS: Final = 691_200
 MAX_KEPT_WINDOWS: Final = 64  # of short ones: each that comes late has those after it diagnosed again
 LEFT_SHARE: Final = 8  # samples for other windows, as a part of a window, after which a dump has gone on elsewhere
@@ -97,10 +97,15 @@ class StoredTelemetry:
 
     def fits(self, period_ns: int, window_slots: int, channels: Sequence[str]) -> bool:
         """Return whether it can be of a core with such a wheel."""
-        return (self.period_ns, self.window_slots) == (period_ns, window_slots) and all(
-            set(one.values) == set(channels)
-            and all(values.size == window_slots and not np.isinf(values).any() for values in one.values.values())
-            for one in self.windows.values()
+        rows = self.waiting
+        kept = [(one.values, window_slots) for one in self.windows.values()]
+        kept += [] if rows is None else [(rows.values, len(rows))]
+        numbers = [*self.windows, self.newest or 0]
+        return (
+            (self.period_ns, self.window_slots) == (period_ns, window_slots)
+            and all(MIN_TIME_NS <= self.grid_of(number).origin_ns <= MAX_TIME_NS for number in numbers)
+            and all(set(values) == set(channels) for values, _ in kept)
+            and all(one.size == n and not np.isinf(one).any() for values, n in kept for one in values.values())
         )
 
     def grid_of(self, number: int) -> SlotGrid:

@@ -77,6 +77,7 @@ export class Store {
 
   addDiagnosis(wheel, message) {
     const known = wheel.diagnoses;
+    if (wheel.wheel.endsWith(REPLAY) && message.window_end_ns < (last(wheel)?.window_end_ns ?? 0) && !message.data) known.length = wheel.t.length = wheel.speed.length = wheel.friction.length = 0; // it begins from the start
     const same = known.findIndex((other) => other.window_start_ns === message.window_start_ns);
     if (same >= 0) known[same] = message;
     else {
