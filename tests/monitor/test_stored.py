@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
+from functools import cache
 from typing import Any, Literal
 
 import numpy as np
@@ -62,6 +63,11 @@ def run(messages: Iterable[Message]) -> tuple[WheelCore, list[Event]]:
     return core, [*feed(core, messages), *core.finish()]
 
 
+@cache
+def in_order() -> dict[int, dict[str, Any]]:
+    return latest(run(dumps())[1])
+
+
 def test_stored_samples_in_order_give_the_windows_of_the_live_ones() -> None:
     core, events = run(dumps())
     stored = [payload.replace(b'"data":"stored",', b"") for payload in diagnoses(messages_of(events))]
@@ -71,13 +77,12 @@ def test_stored_samples_in_order_give_the_windows_of_the_live_ones() -> None:
     assert adds_up(core.counts)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(st.permutations(range(len(dumps()))), st.integers(0, 3))
 def test_dumps_in_any_order_give_the_windows_of_those_in_order(order: list[int], repeats: int) -> None:
-    _, in_order = run(dumps())
     parts = [dumps()[number] for number in order]
     core, events = run([*parts, *parts[:repeats]])
-    assert latest(events) == latest(in_order)
+    assert latest(events) == in_order()
     assert core.counts.late == 0
     assert core.counts.used == len(DAY)
     assert core.counts.duplicate == sum(len(samples) for _, samples in parts[:repeats])
@@ -92,8 +97,7 @@ def test_a_dump_completes_the_windows_of_a_contact_and_leaves_the_live_ones_as_t
     contacts: list[Message] = [("live", DAY[first]), ("live", DAY[second][:100]), ("live", DAY[second][100:])]
     core, events = run([*contacts[:2], *between, contacts[2]] if dump_first else [*contacts, *between])
     live_alone, without = run(contacts)
-    _, in_order = run(dumps())
-    found, expected = latest(events), latest(in_order)
+    found, expected = latest(events), in_order()
     assert [start for start in expected if start not in found] in ([], [5 * WINDOW * PERIOD_NS])  # of live data alone
     assert all(one == expected[start] for start, one in found.items())
     assert latest(without, "stored") == {}
@@ -110,8 +114,7 @@ def test_windows_that_come_before_others_are_diagnosed_with_the_state_of_their_t
     priors = [one.diagnosis.prior_sha256 for one in of_third]
     assert len(priors) == 3  # alone, after the second window had come, and after the first
     assert len(set(priors)) == 3
-    _, in_order = run(dumps())
-    assert latest(events) == latest(in_order)
+    assert latest(events) == in_order()
 
 
 def test_the_open_live_window_goes_on_from_the_state_of_a_dump() -> None:
@@ -136,7 +139,7 @@ def test_wild_times_of_stored_samples_change_nothing() -> None:
     wild = Samples(DAY.time_ns + 10**18, DAY.speed_rad_s, DAY.friction_torque_Nm)[:PIECE]
     parts = dumps()
     core, events = run([*parts[:5], ("stored", wild), *parts[5:]])
-    assert latest(events) == latest(run(parts)[1])
+    assert latest(events) == in_order()
     assert (core.counts.rejected, core.counts.used) == (PIECE, len(DAY))
     assert adds_up(core.counts)
     days_later = Samples(DAY.time_ns + 10**15, DAY.speed_rad_s, DAY.friction_torque_Nm)
@@ -152,7 +155,7 @@ def test_a_window_is_diagnosed_when_the_dump_has_left_it_and_again_when_its_hole
     first = latest(feed(core, dumps(with_hole)))[0]
     assert first["coverage"] == 1 - 60 / WINDOW
     again = latest(core.feed(DAY[hole], "stored publisher", 99, "stored"))
-    assert again == {start: one for start, one in latest(run(dumps())[1]).items() if start < 2 * WINDOW * PERIOD_NS}
+    assert again == {start: one for start, one in in_order().items() if start < 2 * WINDOW * PERIOD_NS}
 
 
 def test_a_checkpoint_keeps_stored_telemetry() -> None:
@@ -161,7 +164,7 @@ def test_a_checkpoint_keeps_stored_telemetry() -> None:
     before = feed(core, parts[:9])
     again = resumed(core.checkpoint().to_json(), wheel())
     rest = [*feed(again, parts[9:]), *again.finish()]
-    assert latest([*before, *rest]) == latest(run(dumps())[1])
+    assert latest([*before, *rest]) == in_order()
     with pytest.raises(InputError, match="does not fit"):
         resumed(core.checkpoint().to_json(), wheel(WINDOW // 2))
 

@@ -7,7 +7,7 @@ elsewhere; what still comes for it makes it due again. Like the rest of the core
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, Self
 
@@ -98,7 +98,7 @@ class StoredTelemetry:
     def fits(self, period_ns: int, window_slots: int, channels: Sequence[str]) -> bool:
         """Return whether it can be of a core with such a wheel."""
         rows = self.waiting
-        kept = [(one.values, window_slots) for one in self.windows.values()]
+        kept: list[tuple[Mapping[str, FloatArray], int]] = [(one.values, window_slots) for one in self.windows.values()]
         kept += [] if rows is None else [(rows.values, len(rows))]
         numbers = [*self.windows, self.newest or 0]
         return (
