@@ -472,7 +472,8 @@ class Windows:
     def go_on_from(self, diagnosed: WindowDiagnosed) -> None:
         """Hand the state after a window to the next one to be closed, where it lies between that and the last one."""
         next_ns = self.grid.time_of(self._open[0].start if self._open else self._done)
-        if diagnosed.end_ns <= next_ns and (self.carried_ns is None or diagnosed.end_ns >= self.carried_ns):
+        follows = self.carried_ns is None or diagnosed.end_ns >= self.carried_ns
+        if follows and (not self.ring.end or diagnosed.end_ns <= next_ns):
             self.carried, self.carried_ns = without_positions(diagnosed.carried), diagnosed.end_ns
 
     # ---- slots into windows -----------------------------------------------------------------------------------------

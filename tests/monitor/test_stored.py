@@ -117,11 +117,13 @@ def test_windows_that_come_before_others_are_diagnosed_with_the_state_of_their_t
     assert latest(events) == in_order()
 
 
-def test_the_open_live_window_goes_on_from_the_state_of_a_dump() -> None:
+@pytest.mark.parametrize("live_first", [10, 0])
+def test_the_live_window_goes_on_from_the_state_of_a_dump(live_first: int) -> None:
     dump, live = DAY[: 3 * WINDOW], DAY[3 * WINDOW : 4 * WINDOW + 1]
     core = WheelCore(wheel(), model())
-    feed(core, [("live", live[:10]), *dumps(dump)])
-    (window,) = (one for one in core.feed(live[10:], "live publisher", 1, "live") if isinstance(one, WindowDiagnosed))
+    feed(core, [("live", live[:live_first]), *dumps(dump)])
+    events = core.feed(live[live_first:], "live publisher", 1, "live")
+    (window,) = (one for one in events if isinstance(one, WindowDiagnosed))
     assert window.data is None
     assert window.carried.windows == 4
 
