@@ -156,8 +156,11 @@ class WheelCore:
             if self._source != self._windows.friction.source:
                 self._windows.begin_source(self._source)
         if data is not None and self._stored is None and len(samples):
-            origin_ns = self._assignment.grid.origin_ns if self._assignment.grid else int(samples.time_ns[0])
-            self._stored = StoredTelemetry.begin(self.wheel.period_ns, self.wheel.window.samples, origin_ns)
+            grid, first_ns = self._assignment.grid, int(samples.time_ns[0])
+            period_ns, slots = self.wheel.period_ns, self.wheel.window.samples
+            # On the windows of live samples, so that it is these that are completed; else not on what comes first.
+            step_ns = period_ns if grid is None and data == "stored" else period_ns * slots
+            self._stored = StoredTelemetry(period_ns, slots, (grid.origin_ns if grid else first_ns) % step_ns)
             if self._windows.carried_ns is not None:
                 self._stored.note(self._windows.carried_ns, without_positions(self.carried))
         if data == "stored":

@@ -107,6 +107,20 @@ def test_a_dump_completes_the_windows_of_a_contact_and_leaves_the_live_ones_as_t
     assert adds_up(core.counts)
 
 
+@pytest.mark.parametrize("declared", [True, False])
+def test_the_windows_that_a_dump_completes_are_those_of_the_live_samples(declared: bool) -> None:
+    first, gap = 100, slice(WINDOW // 2, WINDOW // 2 + 600)
+    live = [DAY[first : gap.start], DAY[gap.stop : 2 * WINDOW + 200]]
+    core = WheelCore(wheel(), model())
+    events = [event for part in live for event in core.feed(part, data="live" if declared else None)]
+    events += core.feed(DAY[gap], data="stored")
+    events += core.finish()
+    start = min(latest(events, None))
+    assert start == first * PERIOD_NS
+    assert set(latest(events)) >= {start}
+    assert latest(events)[start]["coverage"] == (1.0 if declared else 600 / WINDOW)
+
+
 def test_windows_that_come_before_others_are_diagnosed_with_the_state_of_their_time() -> None:
     late = [*dumps(DAY[2 * WINDOW :]), *dumps(DAY[: 2 * WINDOW])]
     _, events = run(late)

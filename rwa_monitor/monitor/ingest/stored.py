@@ -1,15 +1,16 @@
 """Stored telemetry of a wheel: dumps that come hours late, in any order, laid beside the live samples of that time.
 
-Time is cut into windows of a grid of its own, fixed by the clock and not by what came first, so that the windows are
-the same in whatever order dumps come. A window is due when all its slots are taken, or when the dump has gone on
-elsewhere; what still comes for it makes it due again. Like the rest of the core it has no clock of the machine.
+Time is cut into the windows of the live samples before, or else of a grid that is fixed by the clock and not by what
+came first, so that the windows are the same in whatever order dumps come. A window is due when all its slots are taken,
+or when the dump has gone on elsewhere; what still comes for it makes it due again. Like the rest of the core it has no
+clock of the machine.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 
@@ -84,11 +85,6 @@ class StoredTelemetry:
     states: dict[ClockNs, CarriedState] = field(default_factory=dict)
     newest: Slot | None = None
     waiting: Rows | None = None
-
-    @classmethod
-    def begin(cls, period_ns: int, window_slots: int, time_ns: int) -> Self:
-        """Return an empty one, on whose grid a sample at this time lies."""
-        return cls(period_ns, window_slots, time_ns % period_ns)
 
     @property
     def kept(self) -> int:
