@@ -80,6 +80,8 @@ PAGES: Final = (
         "adequacy", "benchmark-adequacy", (*_rooms("kernels", "changepoints", "diagnosis"), "benchmarks/adequacy")
     ),
     ResultPage("trend", "benchmark-trend", (*DIAGNOSIS, "benchmarks/trend.py")),
+    ResultPage("false_alarms", "false-alarms", (*DIAGNOSIS, "benchmarks/false_alarms.py")),
+    ResultPage("neighbours", "neighbours", (*DIAGNOSIS, *_rooms("history"), "benchmarks/neighbours.py")),
     ResultPage("blind", "blind", (*SEARCH, "tests/blind")),
     ResultPage("measured", "measured", (*SEARCH, "benchmarks/measured.py")),
     ResultPage("faults", "faults", (*_rooms("monitor"), "tests/faults"), timed=True),
