@@ -2,7 +2,7 @@ import { retiredList } from "./retired_wheels.js";
 import { h } from "./dom.js";
 import { age, counted, number, percent, span } from "./format.js";
 import { badge } from "./levels.js";
-import { last } from "./store.js";
+import { dataOf, isStored, last } from "./store.js";
 import { SIGN, colour, misfit } from "./verdict.js";
 
 const ORDER = { anomalous: 0, inconclusive: 2, nominal: 4 };
@@ -32,7 +32,7 @@ export function fleetView(store, base) {
     }
     const live = wheels.filter(({ state }) => state === "live");
     const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
-    const alarms = store.openAlarms().length;
+    const alarms = store.openAlarms().filter((alarm) => !isStored(alarm)).length;
     const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${live.length} of ${counted(wheels.length, "wheel")} reporting, ${bad} anomalous, ${counted(alarms, "open alarm")}` : `${counted(wheels.length, "wheel")}, ${bad} anomalous`;
     if (summary.textContent !== text) summary.textContent = text;
   }
@@ -92,7 +92,7 @@ export function fleetView(store, base) {
     parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`;
     const alarm = store.worstAlarm(wheel.name);
     parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
-    const facts = [alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not reporting` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
+    const facts = [dataOf(wheel, diagnosis), alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not reporting` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
     parts.since.textContent = facts.filter(Boolean).join("; ");
     parts.age.textContent = staleness(store, wheel, state) ?? (wheel.refused ? "messages refused" : fill(wheel));
   }
