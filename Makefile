@@ -52,7 +52,7 @@ $(VENV)/.installed-packages: requirements.txt | $(BIN)/python
 	@touch $@
 
 # The kernels are compiled here; what has not changed is not compiled again.
-$(VENV)/.installed-runtime: $(VENV)/.installed-packages pyproject.toml CMakeLists.txt $(wildcard rwa_monitor/kernels/*.?pp)
+$(VENV)/.installed-runtime: $(VENV)/.installed-packages pyproject.toml CMakeLists.txt $(wildcard rwa_monitor/kernels/*.?pp rwa_monitor/kernels/*.h)
 	@echo "building the kernels" >&2
 	@$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	@touch $@
