@@ -28,6 +28,7 @@ from rwa_monitor.wheel.effects.base import (
     follow,
     known_or_nan,
     narrowed,
+    stack,
 )
 from rwa_monitor.wheel.effects.torque_ripple import LOWEST_ORDER, ORDERS, angle_turned, half_a_line
 
@@ -240,8 +241,8 @@ class Formula(MeanEffect):
         if "centre" not in function.roles:
             x = x - variable.origin
         value = function.value(x, *(shape[variable.constants[role][1].name] for role in function.roles))
-        columns = np.atleast_2d(value).T * CARRIERS[cls.carrier].values(channels)[:, None]
-        return np.ascontiguousarray(columns), memory
+        carrier = CARRIERS[cls.carrier].values(channels)
+        return stack(*(row * carrier for row in np.atleast_2d(value))), memory
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
