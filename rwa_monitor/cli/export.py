@@ -12,12 +12,17 @@ from rwa_monitor.cli.options import FILE
 
 @click.command(name="export", short_help="Write a wheel's friction model for other simulators.")
 @click.argument("wheel", type=FILE, metavar="WHEEL.toml")
-@click.option("--to", "target", type=click.Choice(["c", "json"]), required=True, help="What to write.")
+@click.option("--to", "target", type=click.Choice(["c", "fmu", "json"]), required=True, help="What to write.")
 @click.option("-o", "--output", type=FILE, required=True, metavar="OUT", help="Folder to write to.")
 def command(wheel: Path, target: str, output: Path) -> int:
     """Write the friction model of a wheel file, its effects included, for other simulators.
 
-    c: rwa_friction.h and rwa_friction.c, C99 without allocation. json: rwa_friction.json, constants and formulas.
+    c: rwa_friction.h and rwa_friction.c, C99 without allocation.
+
+    fmu: rwa_friction.fmu, FMI 3.0 for model exchange and co-simulation, with sources and a binary for Linux, which the
+    system's C compiler builds.
+
+    json: rwa_friction.json, constants and formulas.
 
     What the model does not hold (noise, what changes when the dry level jumps) is logged, and is stated in the files.
     """

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from rwa_monitor.export.c_source import c_files
+from rwa_monitor.export.fmu import fmu_files
 from rwa_monitor.export.model import FrictionModel, to_json
 from rwa_monitor.version import SOFTWARE
 
@@ -20,4 +21,8 @@ def _c_files(model: FrictionModel) -> dict[str, bytes]:
     return {name: text.encode() for name, text in c_files(model).items()}
 
 
-FORMATS: Final[Mapping[str, Callable[[FrictionModel], Mapping[str, bytes]]]] = {"c": _c_files, "json": _json_files}
+FORMATS: Final[Mapping[str, Callable[[FrictionModel], Mapping[str, bytes]]]] = {
+    "c": _c_files,
+    "fmu": fmu_files,
+    "json": _json_files,
+}
