@@ -277,10 +277,12 @@ fuzz: $(VENV)/.installed-dev ## fuzzes every reader of outside bytes, 10 minutes
 # Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
 OUTSIDE_VENV := .outside-venv
 .PHONY: outside
-outside: $(VENV)/.installed-dev ## judges records of an outside wheel simulator (Basilisk)
+outside: $(VENV)/.installed-dev ## judges records of an outside wheel simulator (Basilisk), and runs an exported wheel in it
 	@test -x $(OUTSIDE_VENV)/bin/python || "$$(tools/find_python.sh)" -m venv $(OUTSIDE_VENV)
 	$(OUTSIDE_VENV)/bin/python -m pip install --quiet bsk==2.12.1
 	mkdir -p build/outside
+	$(BIN)/rwa-monitor export benchmarks/basilisk/wheel.toml --to basilisk -o build/outside/exported
+	$(OUTSIDE_VENV)/bin/python benchmarks/basilisk/exported.py build/outside/exported
 	for case in crossing rest; do \
 	  $(OUTSIDE_VENV)/bin/python benchmarks/basilisk/record.py $$case build/outside/$$case.csv build/outside/$$case.toml || exit 1; \
 	done

@@ -12,7 +12,9 @@ from rwa_monitor.cli.options import FILE
 
 @click.command(name="export", short_help="Write a wheel's friction model for other simulators.")
 @click.argument("wheel", type=FILE, metavar="WHEEL.toml")
-@click.option("--to", "target", type=click.Choice(["c", "fmu", "json"]), required=True, help="What to write.")
+@click.option(
+    "--to", "target", type=click.Choice(["c", "fmu", "basilisk", "json"]), required=True, help="What to write."
+)
 @click.option("-o", "--output", type=FILE, required=True, metavar="OUT", help="Folder to write to.")
 def command(wheel: Path, target: str, output: Path) -> int:
     """Write the friction model of a wheel file, its effects included, for other simulators.
@@ -21,6 +23,8 @@ def command(wheel: Path, target: str, output: Path) -> int:
 
     fmu: rwa_friction.fmu, FMI 3.0 for model exchange and co-simulation, with sources and a binary for Linux, which the
     system's C compiler builds.
+
+    basilisk: rwa_friction_basilisk.py, Basilisk's own message fitted, with what that costs, and the exact model.
 
     json: rwa_friction.json, constants and formulas.
 

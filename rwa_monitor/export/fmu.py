@@ -20,11 +20,11 @@ from typing import Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.export.c_source import c_files, render
-from rwa_monitor.export.cost import TEMPERATURE_degC
 from rwa_monitor.export.model import INPUTS, FrictionModel
+from rwa_monitor.wheel.effects.formula import ORIGIN_degC
 
 # No contraction to fused multiply-add: the bits of the package's own kernels.
-FLAGS: Final = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared", "-fvisibility=hidden")
+FLAGS: Final = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
 BUILD_DESCRIPTION: Final = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
@@ -51,8 +51,8 @@ def fmu_files(model: FrictionModel) -> dict[str, bytes]:
     """
     sources = c_files(model)
     token = sha256("".join(sources.values()).encode()).hexdigest()
-    sources["rwa_fmi3.c"] = render("rwa_fmi3.c", model, token=token, temperature=TEMPERATURE_degC)
-    description = render("modelDescription.xml", model, token=token, temperature=TEMPERATURE_degC, inputs=INPUTS)
+    sources["rwa_fmi3.c"] = render("rwa_fmi3.c", model, token=token, temperature=ORIGIN_degC)
+    description = render("modelDescription.xml", model, token=token, temperature=ORIGIN_degC, inputs=INPUTS)
     contents = {
         "modelDescription.xml": description.encode(),
         f"binaries/{platform.machine()}-linux/rwa_friction.so": shared_library(sources, "--to fmu"),
@@ -66,8 +66,11 @@ def fmu_files(model: FrictionModel) -> dict[str, bytes]:
     return {"rwa_friction.fmu": file.getvalue()}
 
 
-def shared_library(sources: dict[str, str], place: str) -> bytes:
-    """Compile C sources with the system's compiler, or that of the environment's CC; errors as in `fmu_files`."""
+def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> bytes:
+    """Compile C sources with the system's compiler, or that of the environment's CC; errors as in `fmu_files`.
+
+    Where `hidden`, only functions that ask for it are seen from outside: two FMUs in one process do not mix.
+    """
     compiler = shlex.split(os.environ.get("CC", "cc"))
     if sys.platform != "linux":
         raise InputError(place, "writes a binary for Linux; --to c gives the source, for any system")
@@ -76,7 +79,15 @@ def shared_library(sources: dict[str, str], place: str) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             Path(folder, name).write_text(text, encoding="utf-8")
-        command = [*compiler, *FLAGS, *(name for name in sources if name.endswith(".c")), "-lm", "-o", "model.so"]
+        command = [
+            *compiler,
+            *FLAGS,
+            *["-fvisibility=hidden"] * hidden,
+            *(name for name in sources if name.endswith(".c")),
+            "-lm",
+            "-o",
+            "model.so",
+        ]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603 - $CC is the user's
         if done.returncode != 0:
             raise RwaMonitorError(f"{place}: {compiler[0]} fails: {done.stderr.strip()[:500]}")
