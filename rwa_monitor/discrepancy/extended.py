@@ -237,7 +237,9 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
     if np.sum(((known - beside) / unit) ** 2) <= np.sum(((known - without) / unit) ** 2):
         return nominal, "kept"
     dry, viscous = np.maximum(known + beside - without, LEAST_SHARE * known).tolist()
-    return nominal.model_copy(update={"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}), "shifted"
+    shifted = {"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}
+    unknown = {"dry_torque_std_Nm": None, "viscous_std_Nm_s_rad": None}
+    return nominal.model_copy(update={**shifted, **unknown}), "shifted"
 
 
 def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = None) -> float:

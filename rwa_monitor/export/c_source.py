@@ -25,13 +25,17 @@ def comment(text: str) -> str:
     return re.sub(r"(?<=\?)(?=\?)", " ", text.replace("*/", "* /").replace("/*", "/ *"))
 
 
+def error(std: float | None) -> str:
+    """Return a standard deviation as it is stated."""
+    return "not known" if std is None else f"{std:.2g}"
+
+
 def constants(part: Part) -> str:
     """Return a line of comment for each constant of an effect, with its error."""
     lines = []
     for one in part.constants():
-        error = "not known" if one["std"] is None else f"{one['std']:.2g}"
         unit = "" if one["unit"] == "-" else f" {comment(one['unit'])}"
-        lines.append(f" *   {one['name']} = {one['value']!r}{unit}, error {error}")
+        lines.append(f" *   {one['name']} = {one['value']!r}{unit}, error {error(one['std'])}")
     return "\n".join(lines)
 
 
@@ -52,7 +56,7 @@ def render(template: str, model: FrictionModel, **more: Any) -> str:
         keep_trailing_newline=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters |= {"c": literal, "comment": comment}
+    environment.filters |= {"c": literal, "comment": comment, "error": error}
     environment.globals |= {"constants": constants, "cost": cost}
     known = {"model": model, "wheel": model.wheel, "software": SOFTWARE}
     return environment.get_template(f"{template}.jinja").render(**known, **more)

@@ -186,7 +186,9 @@ def to_json(model: FrictionModel, software: str) -> Mapping[str, Any]:
         "base": {
             "formula": r"\tau = \mathrm{level} \operatorname{sign}(\omega) + f_v\, \omega",
             "dry_level_Nm": model.nominal.dry_torque_Nm,
+            "dry_level_std_Nm": model.nominal.dry_torque_std_Nm,
             "viscous_Nm_s_rad": model.nominal.viscous_Nm_s_rad,
+            "viscous_std_Nm_s_rad": model.nominal.viscous_std_Nm_s_rad,
         },
         "inertia_kg_m2": wheel.inertia_kg_m2,
         "torque_constant_Nm_A": wheel.torque_constant_Nm_A,

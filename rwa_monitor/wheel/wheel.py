@@ -21,11 +21,16 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 class Nominal(Strict):
-    """Historical averages: torque is normalised by the dry torque, speed by the nominal speed."""
+    """Historical averages: torque is normalised by the dry torque, speed by the nominal speed.
+
+    Standard deviations where they are known, as of a wheel that was learned.
+    """
 
     dry_torque_Nm: Positive
     viscous_Nm_s_rad: Annotated[float, Field(ge=0)]
     nominal_speed_rad_s: Positive
+    dry_torque_std_Nm: NotNegative | None = None
+    viscous_std_Nm_s_rad: NotNegative | None = None
 
 
 class Noise(Strict):
