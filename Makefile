@@ -182,9 +182,22 @@ benchmark-adequacy: $(VENV)/.installed-dev ## whether a window's close shows wha
 benchmark-trend: $(VENV)/.installed-dev ## growth announced over the lives of wheels; writes docs/trend.md
 	$(BENCHMARK).trend -o docs/trend.md $(BENCHMARK_ARGS)
 
+.PHONY: false-alarms
+false-alarms: $(VENV)/.installed-dev ## error rates that hold online, FOCuS beside; writes docs/false_alarms.md
+	$(BENCHMARK).false_alarms -o docs/false_alarms.md $(BENCHMARK_ARGS)
+
+.PHONY: neighbours
+neighbours: $(VENV)/.installed-dev ## wheels of one spacecraft beside each other; writes docs/neighbours.md
+	$(BENCHMARK).neighbours -o docs/neighbours.md $(BENCHMARK_ARGS)
+
 .PHONY: benchmark-speed
 benchmark-speed: $(VENV)/.installed-dev ## time and memory; writes docs/speed.json and .md (BENCHMARK_ARGS="--windows 100")
 	$(BENCHMARK).speed --json docs/speed.json -o docs/speed.md $(BENCHMARK_ARGS)
+
+# RESULTS="soak restart" makes only some of them.
+.PHONY: results
+results: $(VENV)/.installed-dev ## makes every page of results anew, one after the other (many hours)
+	@for target in $${RESULTS:-$$($(BIN)/python -m benchmarks.results --targets)}; do $(MAKE) $$target; done
 
 .PHONY: load
 load: $(VENV)/.installed-dev ## the page under load: 1,000 wheels, 50 clients, a browser (LOAD_ARGS="--seconds 60"); docs/dashboard.md

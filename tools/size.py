@@ -17,7 +17,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 240, 29_000, 303_000, 910
+MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 245, 31_000, 322_000, 960
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

@@ -24,7 +24,7 @@ from rwa_monitor.wheel.wheel import Wheel
 RECIPES: Final = ("paper", "mild", "hard", "derived")
 WINDOWS: Final = 1250  # of which the protocol's 80 %, a thousand, are judged in each split
 SPLITS: Final = 5  # with a thousand windows judged in each, more add little
-SEED: Final = 61_803
+SEED: Final = 18_180
 # What earlier windows are worth and what identified laws cost is measured on wheels of their own: the data sets' seed
 # and these added.
 COURSE_SEED: Final = 1

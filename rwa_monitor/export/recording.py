@@ -66,7 +66,7 @@ def literal(cell: Cell) -> str:
     if isinstance(cell, bool | np.bool_):
         return str(bool(cell)).lower()
     if not math.isfinite(cell):
-        return "NAN" if math.isnan(cell) else "INFINITY" if cell > 0 else "(-INFINITY)"
+        return "((double)NAN)" if math.isnan(cell) else "((double)INFINITY)" if cell > 0 else "(-(double)INFINITY)"
     return repr(float(cell)) if math.copysign(1.0, cell) > 0 else f"({float(cell)!r})"
 
 

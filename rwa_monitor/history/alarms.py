@@ -17,6 +17,8 @@ from rwa_monitor.messages import AlarmPhase, Anomaly, Diagnosis
 
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
 MONITOR_ALARM: Final = "monitor"  # the alarm that the wheel is not watched: its monitor does not report
+# In place of a wheel's name: of the alarm that all wheels of a spacecraft share, see `neighbours`.
+ALL_WHEELS: Final = "all_wheels"
 
 
 class Level(IntEnum):
@@ -51,8 +53,12 @@ ADVICE: Final = {
         " it stops by itself)."
     ),
 }
-# Of alarms that are no anomaly of the wheel, at every level but normal.
+# Of alarms that are no anomaly of one wheel, at every level but normal.
 OWN_ADVICE: Final = {
+    ALL_WHEELS: (
+        "All wheels moved together, so none is to be unloaded for this: look at their temperature, at the supply and"
+        " calibration of the current sensors, and at what was commanded or changed at that time."
+    ),
     MODEL_ALARM: (
         "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
         " While friction grows, do not extend the wheel file: a drift can be the fault itself."

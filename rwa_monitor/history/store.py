@@ -13,11 +13,13 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, Final, Self
 
+import numpy as np
 from sqlalchemy import delete, func, select, tuple_
 from sqlalchemy.orm import Session, selectinload
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
+    ALL_WHEELS,
     MODEL_ALARM,
     MONITOR_ALARM,
     MONITOR_POLICY,
@@ -40,6 +42,16 @@ from rwa_monitor.history.database import (
     DiscrepancyRow,
     EstimateRow,
     WheelEventRow,
+)
+from rwa_monitor.history.neighbours import (
+    COMPARED,
+    FEWEST_WHEELS,
+    LATEST,
+    MOST_EARLIER,
+    MOST_WHEELS,
+    Moved,
+    moved,
+    shift_of,
 )
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
@@ -75,6 +87,7 @@ class History:
         self._wall_ns = wall_ns
         self._database = Database(place)
         self._session = self._database.session
+        self._wheels: dict[str, set[str]] = {}  # by spacecraft, those that were met
         self.retired = RetiredWheels(self._database, wall_ns)
 
     def __enter__(self) -> Self:
@@ -119,16 +132,45 @@ class History:
         )
         for estimate in _estimates(diagnosis):
             session.merge(EstimateRow(**place, **estimate))
+        session.flush()
         end_ns = diagnosis.window_end_ns
-        for name, level in observe(diagnosis).items():
-            key = (diagnosis.spacecraft, diagnosis.wheel, name)
+        for wheel, name, level, reason in self._observed(session, diagnosis):
+            key = (diagnosis.spacecraft, wheel, name)
             if level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
                 continue  # an alarm that never had cause to be needs no row
             state = _state_of(session, key)
             if end_ns > state.last_window_ns:  # an older window changes no alarm
-                self._advance(session, state, level, end_ns, WINDOW_POLICY, _reason(diagnosis, name))
+                self._advance(session, state, level, end_ns, WINDOW_POLICY, reason)
         session.flush()
         return True
+
+    def _observed(self, session: Session, diagnosis: Diagnosis) -> Iterator[tuple[str, str, Level, str]]:
+        """Yield the level that a window gives each alarm, of its wheel or of all: wheel, name, level, reason."""
+        siblings = self._wheels_of(session, diagnosis)
+        for name, level in observe(diagnosis).items():
+            compared = name in COMPARED and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
+            moved = _moved(session, diagnosis, name) if compared else None
+            if moved is None:
+                yield diagnosis.wheel, name, level, _reason(diagnosis, name)
+            elif moved.is_common:
+                yield diagnosis.wheel, name, Level.NORMAL, ""
+                yield ALL_WHEELS, name, level, moved.in_words
+            else:
+                early = level == Level.NORMAL and moved.is_alone
+                yield (
+                    (diagnosis.wheel, name, Level.WATCH, moved.in_words)
+                    if early
+                    else (diagnosis.wheel, name, level, _reason(diagnosis, name))
+                )
+                yield ALL_WHEELS, name, Level.NORMAL, ""
+
+    def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
+        """Return the wheels of a window's spacecraft, that of the window among them."""
+        known, wanted = self._wheels, select(DiagnosisRow.wheel).filter_by(spacecraft=diagnosis.spacecraft).distinct()
+        if diagnosis.spacecraft not in known:
+            known[diagnosis.spacecraft] = set(session.scalars(wanted))
+        known[diagnosis.spacecraft].add(diagnosis.wheel)
+        return known[diagnosis.spacecraft]
 
     def take_monitors(self, reports: Iterable[MonitorState]) -> list[AlarmRecord]:
         """Take in of which wheels the monitor reports, and of which not any more; returns the alarms that this changed.
@@ -323,6 +365,34 @@ class History:
         ended = _ALARMS.where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
         with self._session() as session:
             return _records(row for query in (open_ones, ended) for row in session.scalars(query))
+
+
+def _moved(session: Session, diagnosis: Diagnosis, name: str) -> Moved | None:
+    """Return how a coefficient of a window's wheel moved beside its siblings; None where that cannot be compared.
+
+    Of each wheel the latest window counts that ends within one window's length of this one.
+    """
+    length = diagnosis.window_end_ns - diagnosis.window_start_ns
+    wanted = (
+        select(EstimateRow)
+        .filter_by(spacecraft=diagnosis.spacecraft, name=name)
+        .where(EstimateRow.window_end_ns > diagnosis.window_end_ns - (MOST_EARLIER + LATEST) * length)
+        .where(EstimateRow.window_end_ns < diagnosis.window_end_ns + length)
+        .order_by(EstimateRow.window_end_ns)
+    )
+    windows: dict[str, list[EstimateRow]] = {}
+    for row in session.scalars(wanted):
+        windows.setdefault(row.wheel, []).append(row)
+    shifts = {}
+    for wheel, rows in windows.items():
+        latest = rows[-1]
+        numbers = np.array([(row.value, row.std) for row in rows], dtype=np.float64)  # None becomes NaN
+        values, stds = numbers.T
+        low, high = (np.nan if bound is None else bound for bound in (latest.nominal_low, latest.nominal_high))
+        shift = shift_of(values, stds, np.array([row.active for row in rows]), (low, high))
+        if latest.window_end_ns >= diagnosis.window_end_ns - length and shift is not None:
+            shifts[wheel] = shift
+    return moved(name, diagnosis.wheel, shifts)
 
 
 def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:

@@ -6,7 +6,6 @@
 namespace rwa {
 namespace {
 constexpr double LARGEST_VALUE = 1e4;  // normalised; speed or friction beyond is a broken word of telemetry
-constexpr double CONFIRMED_STATISTIC = 37.324893051362324;  // χ²₁ exceeds it with probability 1e-9, as in the paper
 constexpr double KEPT_STATISTIC = 12.0;     // peaks below are not kept: no threshold at the close is as low
 constexpr double CERTAIN_STATISTIC = 30.0;  // peaks that split the window while its slope is first estimated
 constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the slope: only keeps 0/0 away (errata 3)
@@ -69,9 +68,9 @@ struct WindowArrays {
 struct WindowSettings {
     double speed_unit, torque_unit, angle_per_x;
     int64_t block_hop, stretch_hop;
-    double start_std, prior_mean, prior_std, nominal_slope, outlier;
+    double start_std, prior_mean, prior_std, nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic;
     FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
-           nominal_slope, outlier)
+           nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
 };
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
@@ -98,15 +97,16 @@ struct Window {
         weight = prior_weight, band = dead_band, certain = certain_speed;
     }
 
-    // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outlier by
-    // chance. A tail is known to a factor: twice that is sure, half of it is worth keeping.
-    void set_outlier(double outlier) {
+    // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outliers by
+    // chance. A tail is known to a factor: half of the largest is worth keeping.
+    void set_outlier(double outlier, double sure_outlier) {
         for (std::size_t s = 0; s < variances.size(); ++s) {
             floors[s] = sure[s] = INFINITE;
             if (!isfinite(variances[s])) continue;
             const double by_chance = outlier * outlier / (2.0 * detector.scales[s]);
             floors[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
-            sure[s] = max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
+            const double lone = sure_outlier / sqrt(2.0 * detector.scales[s]) + by.sure_margin * sqrt(variances[s]);
+            sure[s] = max(by.sure_statistic * variances[s], lone * lone);
         }
     }
 
@@ -184,7 +184,8 @@ struct Window {
     bool refresh(int64_t done) {
         tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
         const double variance = variances[0];
-        set_outlier(isfinite(variance) ? by.outlier * sqrt(variance) : 0.0);
+        const double std = isfinite(variance) ? sqrt(variance) : 0.0;
+        set_outlier(by.outlier * std, by.sure_outlier * std);
         return isfinite(variance) && are_heavy(quantiles, variance);
     }
 

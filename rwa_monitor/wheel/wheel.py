@@ -61,11 +61,24 @@ class Limits(Strict):
 
 
 class Window(Strict):
-    """Window of diagnosis, in slots."""
+    """Window of diagnosis, in slots.
+
+    Attributes
+    ----------
+    samples
+        Slots of a window.
+    hop
+        From the beginning of one window to that of the next; unset: windows follow each other without overlap.
+    dead_band_rad_s
+        Below this speed samples are not used; unset: from the noise of the speed.
+    run_length
+        Samples between false jumps that are reported before the window closes; unset: a false one in 1e9 tests.
+    """
 
     samples: Annotated[int, Field(ge=16, le=10_000_000)] = 80_000
-    hop: Annotated[int, Field(ge=1, le=10_000_000)] | None = None  # None: windows follow each other without overlap
-    dead_band_rad_s: Annotated[float, Field(ge=0)] | None = None  # None: from the speed noise
+    hop: Annotated[int, Field(ge=1, le=10_000_000)] | None = None
+    dead_band_rad_s: Annotated[float, Field(ge=0)] | None = None
+    run_length: Annotated[float, Field(ge=1e4, le=1e12)] | None = None
 
     @property
     def hop_slots(self) -> int:
