@@ -128,6 +128,22 @@ sanitize: $(VENV)/.installed-dev ## the tests that reach the kernels, under Addr
 	  $(BIN)/python -m pytest -p tools.sanitized_kernels -p no:faulthandler -q -n $(CORES) --timeout $(TEST_TIMEOUT) \
 	  --durations=10 -m "not slow" $(SANITIZED_TESTS) $(PYTEST_ARGS)
 
+# No Python, no exceptions, no memory but the caller's. OUT/rwa_detector_settings.h is of `rwa-monitor export --to detector`.
+ONBOARD := rwa_monitor/kernels/onboard
+DETECTOR_OUT ?= build/detector
+DETECTOR_OBJECTS := $(addprefix $(DETECTOR_OUT)/,rwa_detector.o changepoints.o noise.o running_sums.o wglr.o)
+.PHONY: detector
+detector: $(DETECTOR_OBJECTS) ## stage 1 as a static library with a C header, for flight software (DETECTOR_OUT=build/detector)
+	$(AR) rcs $(DETECTOR_OUT)/librwa_detector.a $(DETECTOR_OBJECTS)
+	@if test -f $(DETECTOR_OUT)/rwa_detector_settings.h; then \
+	  $(CC) -std=c99 -O2 -Wall -Wextra -Werror -pedantic -I$(ONBOARD) -I$(DETECTOR_OUT) $(ONBOARD)/pipe.c \
+	    $(DETECTOR_OUT)/librwa_detector.a -lm -o $(DETECTOR_OUT)/pipe; fi
+
+$(DETECTOR_OUT)/%.o: $(wildcard rwa_monitor/kernels/*.?pp $(ONBOARD)/*)
+	@mkdir -p $(DETECTOR_OUT)
+	$(CXX) -std=c++17 -DRWA_ONBOARD -fno-exceptions -fno-rtti -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall \
+	  -Wextra -Wno-unused-function -c $(firstword $(wildcard $(ONBOARD)/$*.cpp rwa_monitor/kernels/$*.cpp)) -o $@
+
 # ---- what takes longer than the tests ---------------------------------------------------------------------------------
 
 .PHONY: schemas

@@ -13,7 +13,11 @@ from rwa_monitor.cli.options import FILE
 @click.command(name="export", short_help="Write a wheel's friction model for other simulators.")
 @click.argument("wheel", type=FILE, metavar="WHEEL.toml")
 @click.option(
-    "--to", "target", type=click.Choice(["c", "fmu", "basilisk", "json"]), required=True, help="What to write."
+    "--to",
+    "target",
+    type=click.Choice(["c", "fmu", "basilisk", "json", "detector"]),
+    required=True,
+    help="What to write.",
 )
 @click.option("-o", "--output", type=FILE, required=True, metavar="OUT", help="Folder to write to.")
 def command(wheel: Path, target: str, output: Path) -> int:
@@ -27,6 +31,8 @@ def command(wheel: Path, target: str, output: Path) -> int:
     basilisk: rwa_friction_basilisk.py, Basilisk's own message fitted, with what that costs, and the exact model.
 
     json: rwa_friction.json, constants and formulas.
+
+    detector: rwa_detector_settings.h, of the detector for flight software that `make detector` builds.
 
     What the model does not hold (noise, what changes when the dry level jumps) is logged, and is stated in the files.
     """

@@ -8,6 +8,7 @@ from typing import Final
 
 from rwa_monitor.export.basilisk import basilisk_files
 from rwa_monitor.export.c_source import c_files
+from rwa_monitor.export.detector import detector_files
 from rwa_monitor.export.fmu import fmu_files
 from rwa_monitor.export.model import FrictionModel, to_json
 from rwa_monitor.version import SOFTWARE
@@ -25,6 +26,7 @@ def _c_files(model: FrictionModel) -> dict[str, bytes]:
 FORMATS: Final[Mapping[str, Callable[[FrictionModel], Mapping[str, bytes]]]] = {
     "basilisk": basilisk_files,
     "c": _c_files,
+    "detector": detector_files,
     "fmu": fmu_files,
     "json": _json_files,
 }
