@@ -39,10 +39,19 @@ NORMAL_MAD: Final = 1.4826  # standard deviations of a normal variable in its me
 
 @dataclass(frozen=True, slots=True)
 class Shift:
-    """By how much a coefficient of one wheel moved, relative to what it was, with its variance."""
+    """By how much a coefficient of one wheel moved, relative to what it was.
+
+    Attributes
+    ----------
+    value, variance
+        The shift, and its variance [-].
+    nominal
+        Half the width of what is nominal, relative to what it was [-].
+    """
 
     value: float
     variance: float
+    nominal: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +98,9 @@ def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal
         variance = wander**2 * (1.0 + 0.5 * np.pi / earlier.size)
     else:
         was, variance = 0.5 * sum(nominal), ((nominal[1] - nominal[0]) / BOUNDS_APART) ** 2
-    return Shift(latest / was - 1.0, (std**2 + variance) / was**2) if was > 0.0 else None
+    if was <= 0.0:
+        return None
+    return Shift(latest / was - 1.0, (std**2 + variance) / was**2, 0.5 * (nominal[1] - nominal[0]) / was)
 
 
 def compare(shifts: Sequence[Shift]) -> Comparison | None:
@@ -133,12 +144,15 @@ class Moved:
     ----------
     is_common, is_alone
         Whether a cause that all share moved it, or it moved by itself; neither where it stayed, or that is not certain.
+    is_large
+        Whether what all share moved it by more than lies between the middle and a bound of what is nominal.
     in_words
         One sentence for an operator.
     """
 
     is_common: bool
     is_alone: bool
+    is_large: bool
     in_words: str
 
 
@@ -167,12 +181,13 @@ def moved(name: str, wheel: str, shifts: Mapping[str, Shift]) -> Moved | None:
             f"{COMPARED[name].capitalize()} moved by {_percent(own.value, own.variance**0.5)}, apart from that of the "
             f"other {len(names) - 1} wheels."
         )
-        return Moved(is_common=False, is_alone=alone, in_words=words)
+        return Moved(is_common=False, is_alone=alone, is_large=False, in_words=words)
     words = (
         f"{COMPARED[name].capitalize()} of all {len(names)} wheels moved by {_percent(found.shift, found.shift_std)}: "
         "a cause outside the wheels, such as temperature, the supply of the current sensors, or a change of software."
     )
-    return Moved(is_common=True, is_alone=False, in_words=words)
+    large = abs(found.shift) > float(np.median([shift.nominal for shift in shifts.values()]))
+    return Moved(is_common=True, is_alone=False, is_large=large, in_words=words)
 
 
 def _percent(value: float, std: float) -> str:

@@ -163,25 +163,30 @@ class History:
             state.recent, state.last_window_ns = recent, last_ns
 
     def _observed(self, session: Session, diagnosis: Diagnosis) -> Iterator[tuple[str, str, Level, str]]:
-        """Yield the level that a window gives each alarm, of its wheel or of all: wheel, name, level, reason."""
-        siblings = self._wheels_of(session, diagnosis)
-        for name, level in observe(diagnosis).items():
-            # Dumps arrive in any order, perhaps before those of the siblings: each is judged by itself.
-            compared = not diagnosis.data and name in COMPARED and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
-            moved = _moved(session, diagnosis, name) if compared else None
-            if moved is None:
-                yield diagnosis.wheel, name, level, _reason(diagnosis, name)
-            elif moved.is_common:
+        """Yield the level that a window gives each alarm, of its wheel or of all: wheel, name, level, reason.
+
+        A window that is undecided by itself gives no level, but where its siblings decide.
+        """
+        siblings, levels = self._wheels_of(session, diagnosis), observe(diagnosis)
+        # Dumps arrive in any order, perhaps before those of the siblings: each is judged by itself.
+        alike = not diagnosis.data and not diagnosis.partial and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
+        for name in [*levels, *(COMPARED.keys() - levels.keys() if alike else ())]:
+            level = levels.get(name)
+            moved = _moved(session, diagnosis, name) if alike and name in COMPARED else None
+            if moved is None or (level is None and not (moved.is_common or moved.is_alone)):
+                if level is not None:
+                    yield diagnosis.wheel, name, level, _reason(diagnosis, name)
+                continue
+            if moved.is_common:
                 yield diagnosis.wheel, name, Level.NORMAL, ""
-                yield ALL_WHEELS, name, level, moved.in_words
-            else:
-                early = level == Level.NORMAL and moved.is_alone
-                yield (
-                    (diagnosis.wheel, name, Level.WATCH, moved.in_words)
-                    if early
-                    else (diagnosis.wheel, name, level, _reason(diagnosis, name))
-                )
-                yield ALL_WHEELS, name, Level.NORMAL, ""
+                least = Level.WATCH if moved.is_large else Level.NORMAL
+                yield ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
+                continue
+            if moved.is_alone and not level:
+                yield diagnosis.wheel, name, Level.WATCH, moved.in_words
+            elif level is not None:
+                yield diagnosis.wheel, name, level, _reason(diagnosis, name)
+            yield ALL_WHEELS, name, Level.NORMAL, ""
 
     def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
         """Return the wheels of a window's spacecraft, that of the window among them."""

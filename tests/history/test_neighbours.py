@@ -28,7 +28,7 @@ def test_evidence_is_that_of_the_joint_gaussians() -> None:
     from scipy.stats import multivariate_normal
 
     r, own = np.array([0.05, 0.04, 0.11]), np.diag([1e-4, 2e-4, 1e-4])
-    found = compare([Shift(value, variance) for value, variance in zip(r, np.diag(own), strict=True)])
+    found = compare([Shift(value, variance, 0.05) for value, variance in zip(r, np.diag(own), strict=True)])
     assert found is not None
     weights = np.zeros((2, 4))
     for shared in (0, 1):
@@ -42,7 +42,7 @@ def test_evidence_is_that_of_the_joint_gaussians() -> None:
 
 
 def test_two_wheels_are_not_compared() -> None:
-    assert compare([Shift(0.1, 1e-4)] * 2) is None
+    assert compare([Shift(0.1, 1e-4, 0.05)] * 2) is None
 
 
 def test_anomalous_windows_do_not_become_what_a_wheel_was() -> None:
@@ -83,6 +83,29 @@ def test_a_wheel_that_moves_alone_has_an_alarm_before_its_windows_are_anomalous(
         (alarm,) = history.alarms()
     assert (alarm.wheel, alarm.level) == ("wheel_2", "watch")
     assert "apart from that of the other 3 wheels" in alarm.reason
+
+
+def test_windows_that_are_undecided_by_themselves_are_decided_by_the_siblings() -> None:
+    with History(None) as history:
+        for number in range(14):
+            for wheel in WHEELS:
+                odd = wheel == "wheel_2" and number >= 10
+                window = moved_a_little(diagnosis(number, wheel=wheel), 1.05 if odd else 1.0)
+                history.add(window.model_copy(update={"verdict": "inconclusive"}) if odd else window)
+        (alarm,) = history.alarms()
+    assert (alarm.wheel, alarm.name, alarm.level) == ("wheel_2", "viscous", "watch")
+
+
+@pytest.mark.parametrize(("factor", "alarms"), [(0.85, 1), (0.98, 0)])
+def test_a_shift_that_all_share_is_reported_once_it_is_larger_than_the_nominal_range(
+    factor: float, alarms: int
+) -> None:
+    with History(None) as history:
+        for number in range(14):
+            for wheel in WHEELS:
+                history.add(moved_a_little(diagnosis(number, wheel=wheel), factor if number >= 10 else 1.0))
+        found = history.alarms()
+    assert [(alarm.wheel, alarm.level) for alarm in found] == [(ALL_WHEELS, "watch")] * alarms
 
 
 def test_one_wheel_alone_is_judged_by_itself() -> None:
