@@ -73,7 +73,9 @@ def test_each_level_of_an_alarm_has_its_own_word_shape_and_colour(
         for level, severity in levels.items():
             for number in range(WINDOWS):
                 bad = severity if number else None
-                session.put(f"rwa/sat/{level}/diagnosis", diagnosis(number, severity=bad, wheel=level).to_json())
+                # Each on a spacecraft of its own: what wheels of one share would be an alarm of that spacecraft.
+                message = diagnosis(number, severity=bad).model_copy(update={"spacecraft": level})
+                session.put(f"rwa/{level}/wheel_1/diagnosis", message.to_json())
         for view in ("#/", "#/alarms"):
             page.goto(running.address + view)
             badges = page.locator(".level")

@@ -5,6 +5,7 @@ import { age, utc } from "./format.js";
 import { recordingsView, replayView } from "./replay_view.js";
 import { Store } from "./store.js";
 import { takeToken } from "./token.js";
+import { visits } from "./visits.js";
 import { wheelView } from "./wheel_view.js";
 
 const REDRAW_MS = 250;
@@ -14,6 +15,7 @@ takeToken();
 const store = new Store(true);
 let view = null;
 let due = false;
+const visit = visits(store);
 const feed = new Feed(store, redrawSoon, () => view?.refill?.());
 
 function route() {
@@ -27,7 +29,7 @@ function route() {
   } else if (parts[0] === "alarms") view = alarmsView(store);
   else if (parts[0] === "recordings") view = recordingsView();
   else if (parts[0] === "replay") view = replayView(parts[1], parts.slice(2));
-  else view = fleetView(store, "#");
+  else view = fleetView(store, "#", visit);
   const at = { alarms: "alarms", recordings: "recordings", replay: "recordings" }[parts[0]] ?? "";
   for (const link of document.querySelectorAll("nav a")) {
     if (link.hash === `#/${at}`) link.setAttribute("aria-current", "page");
