@@ -70,6 +70,8 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
         paths = {
             "/api/fleet": "api/fleet",
             wheel: "api/wheels/sat/wheel_1",
+            "/api/verdicts": "api/verdicts",
+            f"{wheel}/samples": "api/wheels/sat/wheel_1/samples",
             f"{wheel}/windows": "api/wheels/sat/wheel_1/windows?limit=2",
             f"{wheel}/estimates": "api/wheels/sat/wheel_1/estimates",
             f"{wheel}/trend": "api/wheels/sat/wheel_1/trend",

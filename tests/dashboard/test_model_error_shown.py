@@ -90,4 +90,4 @@ def test_each_level_of_an_alarm_has_its_own_word_shape_and_colour(
             assert len({tuple(colours) for _, *colours in looks}) == len(levels)
             assert serious(page) == []
         page.goto(running.address + "#/")
-        expect(page.locator(".wheel", has_text="sat").first).not_to_contain_text("·")
+        expect(page.locator(".wheel").first).not_to_contain_text("·")

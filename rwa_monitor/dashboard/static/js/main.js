@@ -2,6 +2,7 @@ import { alarmsView, shelved } from "./alarms_view.js";
 import { Feed } from "./feed.js";
 import { fleetView } from "./fleet_view.js";
 import { age, utc } from "./format.js";
+import { keys } from "./keys.js";
 import { recordingsView, replayView } from "./replay_view.js";
 import { Store } from "./store.js";
 import { takeToken } from "./token.js";
@@ -60,15 +61,10 @@ function redraw() {
 }
 
 addEventListener("hashchange", route);
-addEventListener("keydown", (event) => {
-  if (event.target.matches("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey) return;
-  const target = { f: "#/", a: "#/alarms", r: "#/recordings" }[event.key];
-  if (target) location.hash = target;
-  if (event.key === "/" && document.querySelector("input[type=search]")) { event.preventDefault(); document.querySelector("input[type=search]").focus(); }
-});
+keys();
 setInterval(() => {
   if (!feed.connected) store.now = Date.now(); // what is known gets older also while the server does not send the time
   redraw();
 }, 1000);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+addEventListener("themechange", redraw);
 route();
