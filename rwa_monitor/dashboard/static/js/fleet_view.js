@@ -101,21 +101,27 @@ export function fleetView(store, base, visit = null) {
     return { element, parts, drawn: "", texts: {} };
   }
 
-  function drawRow({ element, parts }, wheel, state) {
+  function drawRow({ element, parts, texts }, wheel, state) {
+    // Most of a row is as it was: a thousand rows of which nothing is written need no layout.
+    const put = (name, text) => { if (texts[name] !== text) parts[name].textContent = texts[name] = text; };
+    const kind = (one, name) => { if (one.className !== name) one.className = name; };
     const diagnosis = last(wheel);
     const stale = state !== "live";
     const verdict = diagnosis?.verdict ?? "waiting";
     const shown = diagnosis ? colour(diagnosis) : verdict;
-    element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
-    parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
-    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}`;
-    parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`;
+    kind(element, `wheel is-${shown}${stale ? " is-stale" : ""}`);
+    kind(parts.verdict, `verdict ${stale ? "silent" : shown}`);
+    put("verdict", `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}`);
+    put("reason", `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`);
     const alarm = store.worstAlarm(wheel.name);
-    parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
+    if (texts.level !== alarm?.level) parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
+    texts.level = alarm?.level;
     const facts = [alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not reporting` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
-    parts.since.textContent = facts.filter(Boolean).join("; ");
-    parts.windows.textContent = inWords(wheel);
-    parts.age.textContent = staleness(store, wheel, state) ?? (wheel.refused ? "messages refused" : fill(wheel));
+    put("since", facts.filter(Boolean).join("; "));
+    const windows = `${diagnosis?.window_end_ns} ${wheel.diagnoses.length} ${wheel.earlier.length}`;
+    if (texts.of !== windows) put("windows", inWords(wheel));
+    texts.of = windows;
+    put("age", staleness(store, wheel, state) ?? (wheel.refused ? "messages refused" : fill(wheel)));
   }
 
   refresh();
