@@ -73,7 +73,7 @@ def main() -> int:
     """Print the table; return 1 where a limit is passed."""
     rooms: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0, 0])
     for path in sorted(ROOT.rglob("*")):
-        count = {".py": of_python, ".cpp": of_cpp, ".hpp": of_cpp}.get(path.suffix)
+        count = {".py": of_python, ".cpp": of_cpp, ".hpp": of_cpp, ".h": of_cpp}.get(path.suffix)
         if count is None:
             continue
         parts = path.relative_to(ROOT).parts

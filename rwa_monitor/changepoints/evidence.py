@@ -137,6 +137,11 @@ class WindowAccumulator:
     slots
         Length of the window; the wheel's where None.
 
+    Attributes
+    ----------
+    settings
+        What the kernel goes by.
+
     Examples
     --------
     >>> import numpy as np
@@ -174,7 +179,7 @@ class WindowAccumulator:
         prior = self.slope_prior
         self._scales: IntArray = np.array(SCALES if prior else SCALES[1:], dtype=np.int64)
         asked, outlier = wheel.window.run_length, gaussian_outlier(outlier_chance(self.slots))
-        settings = WindowSettings(
+        self.settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
             angle_per_x=self._structure.angle_per_x,
@@ -196,7 +201,7 @@ class WindowAccumulator:
         )
         sums, structure = self._sums, self._structure.arrays
         arrays = (self._x, self._z, self._good, used, sums.arrays, sums.running, structure)
-        self._window = Window(arrays, settings, self._scales)
+        self._window = Window(arrays, self.settings, self._scales)
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 

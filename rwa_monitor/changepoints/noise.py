@@ -151,7 +151,7 @@ OUTLIERS: Final = 0.2  # outliers by chance in a window that are bearable; each 
 
 # Differences of two Student-t variables: 99.5 % quantile of the square over its median, against the degrees of
 # freedom (numerical convolution), and the t's scale over the difference's robust standard deviation of one sample.
-_TAIL_RATIO: Final = np.array(
+TAIL_RATIO: Final = np.array(
     [GAUSSIAN_RATIO, 18.53, 19.25, 20.07, 22.06, 23.92, 27.94, 32.25, 41.24, 50.24, 67.07, 104.8, 183.0]
 )
 _TAIL_SCALE: Final = np.array([1, 0.977, 0.966, 0.955, 0.933, 0.917, 0.890, 0.869, 0.838, 0.817, 0.789, 0.752, 0.711])
@@ -173,10 +173,10 @@ def largest_outlier(quantiles: tuple[float, float, float], variance: float, chan
     if not are_heavy(quantiles, variance):
         return math.sqrt(variance) * gaussian_outlier(chance)
     _, median, far = quantiles
-    freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
+    freedom = 1.0 / float(np.interp(far / median, TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
     # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
     robust_std = math.sqrt(median / CHI_MEDIAN)
-    scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
+    scale = robust_std * float(np.interp(far / median, TAIL_RATIO, _TAIL_SCALE))
     return float(-scale * special.stdtrit(freedom, 0.5 * chance))
 
 

@@ -19,7 +19,7 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.fleet import Received, record_entry
-from rwa_monitor.history.alarms import ALL_WHEELS
+from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Health, HealthAlarm, dump_json, health_message
@@ -219,6 +219,8 @@ def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
     """Return open alarms of a wheel, by name, as the health message has them."""
     found = {}
     for alarm in alarms:
+        if alarm.name.endswith(STORED_ALARM):
+            continue  # it is of earlier, and health of now
         seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
         by = seen[-1] if seen and alarm.phase == "acknowledged" else None
         found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)

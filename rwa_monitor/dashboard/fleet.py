@@ -169,6 +169,11 @@ class DecimatedSamples:
             self._thin()
         return picked
 
+    @property
+    def last_ns(self) -> int:
+        """Time of the last sample that was picked, -1 before the first [ns]."""
+        return int(self._kept.time_ns[-1]) if len(self._kept) else -1
+
     def keep_from(self, time_ns: int) -> None:
         """Drop what is older than a time; the stride is small again where there is room for it."""
         self._kept = self._kept[self._kept.time_ns >= time_ns]
@@ -325,6 +330,13 @@ class Fleet:
             known.verdicts.extend(earlier)
             return known
 
+    def begin_again(self, spacecraft: str, wheel: str) -> Wheel:
+        """Return a wheel of which nothing is known any more: of a replay that begins from the start."""
+        with self.lock:
+            known = Wheel(DerivedFriction(self.constants.of(spacecraft, wheel)))
+            self._wheels[spacecraft, wheel] = known
+            return known
+
     def wheels(self) -> list[tuple[str, str, Wheel]]:
         """Return all wheels with their names, sorted; to be looked at while the lock is held."""
         return [(*name, self._wheels[name]) for name in sorted(self._wheels)]
@@ -353,6 +365,9 @@ class Fleet:
                 case Diagnosis():
                     wheel.verdicts.extend([message])
                     received = replace(received, beside=wheel.verdicts.to_json())
+                    latest = wheel.diagnosis
+                    if message.data and latest is not None and message.window_end_ns < latest.window_end_ns:
+                        return received  # of a dump: the wheel's state is that of its latest window
                     wheel.latest[Diagnosis.kind] = received
                     wheel.diagnosis = message
                     wheel.provisional.clear()

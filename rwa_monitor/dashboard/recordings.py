@@ -14,7 +14,16 @@ from rwa_monitor.dashboard.feed import array_json
 from rwa_monitor.dashboard.fleet import KINDS, DecimatedSamples, DerivedFriction, Fleet, Received, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, key_of, split_key
+from rwa_monitor.messages import (
+    Diagnosis,
+    Discrepancy,
+    Health,
+    Message,
+    SamplesMessage,
+    dump_json,
+    key_of,
+    split_key,
+)
 from rwa_monitor.monitor.recording.reader import (
     RECORDING_SUFFIX,
     Recording,
@@ -156,7 +165,11 @@ def import_recordings(history: History, path: Path) -> tuple[int, int]:
     """
     windows = new = 0
     for recording in read_chain(path):
-        diagnoses = recording.parsed(Diagnosis)
+        late = {(one.spacecraft, one.wheel, one.window_end_ns) for one in recording.parsed(Health) if one.data}
+        diagnoses = [
+            one.model_copy(update={"data": "stored"}) if (one.spacecraft, one.wheel, one.window_end_ns) in late else one
+            for one in recording.parsed(Diagnosis)
+        ]
         for found in recording.parsed(Discrepancy):
             history.add_discrepancy(found)
         windows += len(diagnoses)

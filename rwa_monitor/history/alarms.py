@@ -16,6 +16,7 @@ from typing import Final, Literal
 from rwa_monitor.messages import AlarmPhase, Anomaly, Diagnosis
 
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
+STORED_ALARM: Final = " (stored)"  # behind the name of an alarm that stored telemetry raised: one of its own
 MONITOR_ALARM: Final = "monitor"  # the alarm that the wheel is not watched: its monitor does not report
 # In place of a wheel's name: of the alarm that all wheels of a spacecraft share, see `neighbours`.
 ALL_WHEELS: Final = "all_wheels"
@@ -71,8 +72,16 @@ OWN_ADVICE: Final = {
 }
 
 
+STORED_ADVICE: Final = (
+    "This is of earlier: stored telemetry showed it when it came, at the times given. Look at the windows since,"
+    " and acknowledge it, which closes it; what the wheel is like now has an alarm of its own."
+)
+
+
 def advice(name: str, level: Level) -> str:
     """Return what to do about an alarm."""
+    if name.endswith(STORED_ALARM):
+        return STORED_ADVICE
     return OWN_ADVICE.get(name, ADVICE[level]) if level > Level.NORMAL else ADVICE[level]
 
 

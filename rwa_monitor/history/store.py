@@ -1,7 +1,8 @@
 """The history on a database: takes diagnoses in, runs the alarms over them, and gives records of both.
 
 A window is taken in once, whether it comes live, again after a restart, or from an imported recording; what it means
-for the alarms is written in the same transaction.
+for the alarms is written in the same transaction. Stored telemetry may complete a window later, or change the state
+before it: then the later diagnosis takes the place of the earlier one. Its alarms are its own, with its windows' times.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from rwa_monitor.history.alarms import (
     MODEL_ALARM,
     MONITOR_ALARM,
     MONITOR_POLICY,
+    STORED_ALARM,
     WINDOW_POLICY,
     Alarm,
     AlarmEvent,
@@ -116,39 +118,56 @@ class History:
 
     def _add(self, session: Session, diagnosis: Diagnosis) -> bool:
         place = {"spacecraft": diagnosis.spacecraft, "wheel": diagnosis.wheel}
-        known = select(DiagnosisRow.id).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
+        wanted = select(DiagnosisRow).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
+        known, message = session.scalar(wanted), diagnosis.to_json().decode()
         newest_ns = session.scalar(select(func.max(EstimateRow.window_end_ns)).filter_by(**place))
         # Of an old recording that is imported again: older than any window that is kept.
         is_past = newest_ns is not None and diagnosis.window_end_ns < oldest_ns(newest_ns, DIAGNOSES_DAYS)
-        if is_past or session.scalar(known) is not None:
+        if is_past or (known is not None and (diagnosis.data is None or known.message == message)):
             return False
-        session.add(
-            DiagnosisRow(
-                **place,
-                window_start_ns=diagnosis.window_start_ns,
-                window_end_ns=diagnosis.window_end_ns,
-                message=diagnosis.to_json().decode(),
-            )
-        )
+        row = known or DiagnosisRow(**place, window_start_ns=diagnosis.window_start_ns)
+        row.window_end_ns, row.message = diagnosis.window_end_ns, message
+        session.add(row)
         for estimate in _estimates(diagnosis):
             session.merge(EstimateRow(**place, **estimate))
         session.flush()
         end_ns = diagnosis.window_end_ns
         for wheel, name, level, reason in self._observed(session, diagnosis):
-            key = (diagnosis.spacecraft, wheel, name)
+            key = (diagnosis.spacecraft, wheel, name + (STORED_ALARM if diagnosis.data else ""))
             if level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
                 continue  # an alarm that never had cause to be needs no row
             state = _state_of(session, key)
-            if end_ns > state.last_window_ns:  # an older window changes no alarm
+            if end_ns > state.last_window_ns:  # an older window changes no live alarm
                 self._advance(session, state, level, end_ns, WINDOW_POLICY, reason)
+            elif diagnosis.data and level > Level.NORMAL:
+                self._raise_earlier(session, state, diagnosis, name)
         session.flush()
-        return True
+        return known is None
+
+    def _raise_earlier(self, session: Session, state: AlarmStateRow, diagnosis: Diagnosis, name: str) -> None:
+        """Raise an alarm of stored telemetry by a window that comes after later ones, with those around it in time."""
+        policy, end = WINDOW_POLICY, DiagnosisRow.window_end_ns
+        of_wheel = select(DiagnosisRow.message).filter_by(spacecraft=state.spacecraft, wheel=state.wheel)
+        before = of_wheel.where(end < diagnosis.window_end_ns).order_by(end.desc()).limit(policy.n - 1)
+        after = of_wheel.where(end > diagnosis.window_end_ns).order_by(end).limit(policy.n - 1)
+        around = [*reversed(session.scalars(before).all()), diagnosis.to_json().decode(), *session.scalars(after)]
+        seen = [observe(Diagnosis.parse(text.encode(), "history")).get(name) for text in around]
+        levels = [level for level in seen if level is not None]
+        together = (sorted(levels[i : i + policy.n], reverse=True) for i in range(len(levels) - policy.k + 1))
+        level = max((some[policy.k - 1] for some in together if len(some) >= policy.k), default=Level.NORMAL)
+        open_row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
+        if level > (Level.NORMAL if open_row is None else open_row.level):
+            recent, last_ns = state.recent, state.last_window_ns
+            state.recent = str(int(level)) * (policy.n - 1)
+            self._advance(session, state, level, diagnosis.window_end_ns, policy, _reason(diagnosis, name))
+            state.recent, state.last_window_ns = recent, last_ns
 
     def _observed(self, session: Session, diagnosis: Diagnosis) -> Iterator[tuple[str, str, Level, str]]:
         """Yield the level that a window gives each alarm, of its wheel or of all: wheel, name, level, reason."""
         siblings = self._wheels_of(session, diagnosis)
         for name, level in observe(diagnosis).items():
-            compared = name in COMPARED and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
+            # Dumps arrive in any order, perhaps before those of the siblings: each is judged by itself.
+            compared = not diagnosis.data and name in COMPARED and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
             moved = _moved(session, diagnosis, name) if compared else None
             if moved is None:
                 yield diagnosis.wheel, name, level, _reason(diagnosis, name)
@@ -255,7 +274,10 @@ class History:
         """
         with self._session() as session:
             row, state = self._open_alarm(session, alarm_id)
-            after, events = acknowledge(_alarm(state, row), state.last_window_ns)
+            alarm = _alarm(state, row)
+            if row.name.endswith(STORED_ALARM):  # what was then needs no normal window now
+                alarm = replace(alarm, phase="returned")
+            after, events = acknowledge(alarm, state.last_window_ns)
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
             for happened in events:

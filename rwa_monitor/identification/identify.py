@@ -140,7 +140,13 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     dry_std = float(np.hypot(dry_std, base_std))
     wheel = bare.model_copy(
         update={
-            "nominal": Nominal(dry_torque_Nm=base, viscous_Nm_s_rad=viscous, nominal_speed_rad_s=nominal_speed),
+            "nominal": Nominal(
+                dry_torque_Nm=base,
+                viscous_Nm_s_rad=viscous,
+                nominal_speed_rad_s=nominal_speed,
+                dry_torque_std_Nm=_rounded(dry_std, 2) if np.isfinite(dry_std) else None,
+                viscous_std_Nm_s_rad=_rounded(viscous_std, 2) if np.isfinite(viscous_std) else None,
+            ),
             "noise": Noise(friction_std_Nm=problem.noise.std),
             "window": _window(start.window, problem),
             "fss": tuple(blocks),

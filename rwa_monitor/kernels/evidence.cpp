@@ -79,6 +79,19 @@ bool is_odd_power(int64_t chunks) {
     return chunks == 2;
 }
 
+// Memory whose pages the system need not give before they are written to.
+struct Untouched {
+    Untouched() = default;
+    Untouched(const Untouched&) = delete;
+    Untouched& operator=(const Untouched&) = delete;
+    ~Untouched() { if (data) allocator.deallocate(data, size); }
+    double* take(std::size_t count) { return data = allocator.allocate(size = count); }
+
+    NewFloats::allocator_type allocator;
+    double* data = nullptr;
+    std::size_t size = 0;
+};
+
 // A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and
 // what it learns of itself.
 struct Window {
@@ -87,9 +100,9 @@ struct Window {
           floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
         announced.fill(FAR_AWAY);
         const int64_t blocks = blocks_before(a.x.size());
-        memory.reset(new double[2 * blocks * LAGS]);  // not touched before there are samples for it
-        block_sums = Matrix<double>(memory.get(), {blocks, LAGS});
-        block_pairs = Matrix<double>(memory.get() + blocks * LAGS, {blocks, LAGS});
+        // Not touched before there are samples for it.
+        block_sums = Matrix<double>(memory.take(2 * blocks * LAGS), {blocks, LAGS});
+        block_pairs = Matrix<double>(block_sums.end(), {blocks, LAGS});
     }
 
     // What Python learned of the first chunk: weight of the slope's prior, dead band, speed whose sign is certain.
@@ -126,7 +139,9 @@ struct Window {
         const int64_t count = normalise(
             speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.x.data + filled, a.z.data + filled,
             a.good.data + filled);
+#ifndef RWA_ONBOARD  // of no use before the close
         count_signs(filled, speed, a.good.slice(filled, filled + n), a.structure.signs, a.structure.counts);
+#endif
         filled += n;
         reported = {};
         const Why why = detect_until(last ? filled : filled - filled % STEP, done, last);
@@ -173,7 +188,9 @@ struct Window {
         if (start >= CHUNK) mark_used(a.x.data + start, a.good.data + start, band, stop - start, a.used.data + start);
         scan(start, stop, start >= CHUNK);
         extend_sums(a.sums, a.running, start, stop);
+#ifndef RWA_ONBOARD
         extend_structure(a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
+#endif
         block_differences(
             a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight, block_sums,
             block_pairs);
@@ -238,7 +255,7 @@ struct Window {
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
-    std::unique_ptr<double[]> memory;
+    Untouched memory;
     Matrix<double> block_sums, block_pairs;  // see `block_differences`
     array<int64_t, STEP> announced;        // the last slots reported, in turns
     int64_t announcements = 0;
@@ -246,6 +263,7 @@ struct Window {
 };
 }  // namespace
 
+#ifndef RWA_ONBOARD
 void bind_evidence(nanobind::module_& module) {
     EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT, ALL_DONE, FIRST_CHUNK);
     nanobind::class_<Window>(module, "Window")
@@ -261,5 +279,6 @@ void bind_evidence(nanobind::module_& module) {
         .def_prop_ro("quantiles", [](const Window& window) { return window.quantiles; })
         .def_prop_ro("reported", [](const Window& window) { return window.reported; });
 }
+#endif
 
 }  // namespace rwa

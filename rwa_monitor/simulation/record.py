@@ -341,7 +341,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
             friction = friction + torque
     channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
     acting = _acting(scenario, effects)
-    coupled = _couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels)
+    coupled = couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels)
     for torque in coupled.values():
         friction = friction + torque
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
@@ -391,7 +391,7 @@ def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatAr
     return wheel.inertia_kg_m2 * motion.acceleration_rad_s2 + friction
 
 
-def _couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArray]:
+def couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArray]:
     """Return the torque of every mean effect, together with the motor torque that they themselves ask for.
 
     Friction that depends on the motor torque (a load, a wrong torque constant) changes the motor torque in turn. The

@@ -1,7 +1,7 @@
 /** Each estimate of a wheel with its interval, above those of its siblings: the other wheels of the spacecraft. */
 import { h } from "./dom.js";
 import { quantity, shownIn } from "./format.js";
-import { last } from "./store.js";
+import { REPLAY, last } from "./store.js";
 import { SIGN, colour } from "./verdict.js";
 
 const SIGMAS = 1.96; // of a normal distribution: 95 %
@@ -17,7 +17,7 @@ export function estimatesBeside(store, wheel, base) {
   let drawn = "";
 
   function refresh() {
-    const wheels = [wheel, ...[...store.wheels.values()].filter((one) => one !== wheel && one.spacecraft === wheel.spacecraft && !store.isRetired(one.name)).sort((a, b) => byName(a.name, b.name))].filter((one) => last(one)).slice(0, MOST);
+    const wheels = [wheel, ...[...store.wheels.values()].filter((one) => one !== wheel && !one.wheel.endsWith(REPLAY) && one.spacecraft === wheel.spacecraft && !store.isRetired(one.name)).sort((a, b) => byName(a.name, b.name))].filter((one) => last(one)).slice(0, MOST);
     const now = wheels.map((one) => `${one.name} ${last(one).window_end_ns} ${last(one).verdict}`).join();
     if (now === drawn) return;
     drawn = now;

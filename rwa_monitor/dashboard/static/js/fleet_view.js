@@ -4,7 +4,7 @@ import { h } from "./dom.js";
 import { age, counted, number, percent, span } from "./format.js";
 import { heatStrip, inWords } from "./heat_strip.js";
 import { badge } from "./levels.js";
-import { last, worstSeverity } from "./store.js";
+import { dataOf, isStored, last, worstSeverity } from "./store.js";
 import { SIGN, colour, misfit } from "./verdict.js";
 
 const ORDER = { anomalous: 0, inconclusive: 2, nominal: 4 };
@@ -52,7 +52,7 @@ export function fleetView(store, base, visit = null) {
     }
     const live = wheels.filter(({ state }) => state === "live");
     const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
-    const alarms = store.openAlarms().length;
+    const alarms = store.openAlarms().filter((alarm) => !isStored(alarm)).length;
     const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${live.length} of ${counted(wheels.length, "wheel")} reporting, ${bad} anomalous, ${counted(alarms, "open alarm")}` : `${counted(wheels.length, "wheel")}, ${bad} anomalous`;
     if (summary.textContent !== text) summary.textContent = text;
   }
@@ -116,7 +116,7 @@ export function fleetView(store, base, visit = null) {
     const alarm = store.worstAlarm(wheel.name);
     if (texts.level !== alarm?.level) parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
     texts.level = alarm?.level;
-    const facts = [alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not reporting` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
+    const facts = [dataOf(wheel, diagnosis), alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not reporting` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
     put("since", facts.filter(Boolean).join("; "));
     const windows = `${diagnosis?.window_end_ns} ${wheel.diagnoses.length} ${wheel.earlier.length}`;
     if (texts.of !== windows) put("windows", inWords(wheel));

@@ -1,5 +1,14 @@
 import { LEVELS } from "./levels.js";
 
+export const REPLAY = "@replay"; // what the name of a wheel ends with whose telemetry is only played again
+const STORED_ALARM = " (stored)";
+
+/** Whether an alarm is of stored telemetry: it is of earlier, and says nothing of now. */
+export const isStored = (alarm) => alarm.name.endsWith(STORED_ALARM);
+
+/** What a wheel's telemetry is where it is not live: of its latest window, or of a replay; "" where it is live. */
+export const dataOf = (wheel, diagnosis) => (wheel.wheel.endsWith(REPLAY) ? "replay: a recording that is played again" : diagnosis?.data ? "stored data: measured earlier, not live" : "");
+
 /** What is known of the fleet, from the entries of the feed. Live and replay each have one, and nothing else differs. */
 const MAX_WINDOWS = 1000;
 const MAX_POINTS = 12000;
@@ -68,6 +77,7 @@ export class Store {
 
   addDiagnosis(wheel, message) {
     const known = wheel.diagnoses;
+    if (wheel.wheel.endsWith(REPLAY) && message.window_end_ns < (last(wheel)?.window_end_ns ?? 0) && !message.data) known.length = wheel.earlier.length = wheel.t.length = wheel.speed.length = wheel.friction.length = wheel.temperature.length = 0; // it begins from the start
     const same = known.findIndex((other) => other.window_start_ns === message.window_start_ns);
     if (same >= 0) known[same] = message;
     else {
@@ -127,14 +137,14 @@ export class Store {
     return wheel.telemetry?.wall_ns == null ? 0 : this.now / 1e3 - wheel.telemetry.wall_ns / 1e9;
   }
 
-  /** The open alarm of a wheel with the highest level, null where it has none or all are shelved. */
+  /** The open live alarm of a wheel with the highest level, null where it has none or all are shelved. */
   worstAlarm(name) {
     const second = Math.floor(this.now / 1000);
     if (this.worst === null || this.worstOf !== second) {
       this.worst = new Map();
       this.worstOf = second;
       for (const alarm of this.openAlarms()) {
-        if ((alarm.shelved_until_wall_ns ?? 0) / 1e6 > this.now) continue;
+        if ((alarm.shelved_until_wall_ns ?? 0) / 1e6 > this.now || isStored(alarm)) continue;
         const of = `${alarm.spacecraft}/${alarm.wheel}`;
         const known = this.worst.get(of);
         if (!known || LEVELS.indexOf(alarm.level) > LEVELS.indexOf(known.level)) this.worst.set(of, alarm);

@@ -2,7 +2,7 @@
  *  A visit ends when the page was closed, or hidden, for some minutes. */
 import { h } from "./dom.js";
 import { age, counted, utc } from "./format.js";
-import { last } from "./store.js";
+import { REPLAY, isStored, last } from "./store.js";
 
 const ITEM = "rwa-monitor visits";
 const PAUSE_MS = 300e3;
@@ -34,7 +34,7 @@ export function visits(store) {
     save({ before, seen: picture() });
   }
 
-  const picture = () => ({ at: Date.now(), wheels: Object.fromEntries([...store.wheels.values()].filter((wheel) => !store.isRetired(wheel.name)).map((wheel) => [wheel.name, last(wheel)?.verdict ?? ""])) });
+  const picture = () => ({ at: Date.now(), wheels: Object.fromEntries([...store.wheels.values()].filter((wheel) => !store.isRetired(wheel.name) && !wheel.wheel.endsWith(REPLAY)).map((wheel) => [wheel.name, last(wheel)?.verdict ?? ""])) });
 
   function sentence(then) {
     const now = picture();
@@ -42,7 +42,7 @@ export function visits(store) {
     const known = names.filter((name) => name in then.wheels);
     const changed = (verdict) => known.filter((name) => now.wheels[name] === verdict && then.wheels[name] !== verdict);
     const verdicts = ["anomalous", "inconclusive", "nominal"].flatMap((verdict) => groups(changed(verdict), then).map(([was, wheels]) => `${list(wheels, store)} went from ${was || "no window"} to ${verdict}`));
-    const events = [...store.alarms.values()].map((alarm) => alarm.trail.filter((line) => line.wall_ns / 1e6 > then.at).map((line) => line.event));
+    const events = [...store.alarms.values()].filter((alarm) => !isStored(alarm)).map((alarm) => alarm.trail.filter((line) => line.wall_ns / 1e6 > then.at).map((line) => line.event));
     const alarms = ["raised", "acknowledged", "cleared"].map((event) => [event, events.filter((one) => one.includes(event)).length]).filter(([, count]) => count).map(([word, count]) => `${counted(count, "alarm")} ${count > 1 ? "were" : "was"} ${word}`);
     const added = names.length - known.length, gone = Object.keys(then.wheels).filter((name) => !(name in now.wheels)).length;
     const fleet = [added ? `${counted(added, "wheel")} ${added > 1 ? "are" : "is"} new` : "", gone ? `${counted(gone, "wheel")} left the list` : ""];

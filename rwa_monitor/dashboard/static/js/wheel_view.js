@@ -4,7 +4,7 @@ import { discrepancyReport } from "./discrepancy.js";
 import { h } from "./dom.js";
 import { firstWindow, staleness } from "./fleet_view.js";
 import { counted, number, percent, quantity, span, wheelTime } from "./format.js";
-import { last } from "./store.js";
+import { dataOf, last } from "./store.js";
 import { SIGN, colour, misfit, partVerdict, partsNote } from "./verdict.js";
 import { estimatesBeside } from "./estimates_beside.js";
 import { frictionLaws } from "./friction_laws.js";
@@ -94,6 +94,7 @@ export function wheelView(store, name, base) {
     const lines = [
       ["verdict " + (stale ? "silent" : diagnosis ? colour(diagnosis) : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale && diagnosis ? " (last known)" : ""}`],
       stale ? ["silent stale-note", `◌ ${stale}.${state === "unserved" ? "" : " This is the last known state, not the present one."}`] : null,
+      dataOf(wheel, diagnosis) ? ["stale-note", `◷ ${dataOf(wheel, diagnosis)}.`] : null,
       ["strong", diagnosis?.reason ?? (store.connected || !store.live ? firstWindow(wheel, state) : "Loading…")],
       diagnosis ? ["", diagnosis.explanation] : null,
       diagnosis && misfit(diagnosis) ? ["inconclusive", `? ${misfit(diagnosis)}`] : null,
@@ -129,6 +130,7 @@ export function wheelView(store, name, base) {
     if (status) facts.push(
       ["monitor", state === "silent" ? staleness(store, wheel, state) : "✓ reporting"],
       ["telemetry", telemetry(state)],
+      ["data", status.data],
       ["latest sample", status.last_sample_ns === null ? "none yet" : wheelTime(status.last_sample_ns)],
       ["running window", `${Math.round(100 * status.window_fill)} % full, ${counted(wheel.jumps.length, "jump")} so far`],
       ["samples", `${status.samples_received} received, ${status.samples_used} used, ${status.samples_masked} masked, ${status.samples_late} late, ${status.samples_duplicate} duplicate, ${status.samples_rejected} rejected, ${status.samples_queued} queued`],
