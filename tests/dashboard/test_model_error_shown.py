@@ -59,8 +59,8 @@ def test_nothing_is_green_while_the_model_does_not_fit_or_the_verdict_is_open(
             assert serious(page) == []
         page.goto(f"{running.address}#/wheel/sat/well")
         expect(page.locator("td.nominal")).to_have_text("✓ none")
-        # Nothing is drawn of samples that are not there.
-        expect(page.get_by_text("No samples now")).to_be_visible()
+        # Nothing is drawn of samples that are not there, but what the diagnosis estimated.
+        expect(page.get_by_text("No samples of this window are kept.")).to_be_visible()
         expect(page.get_by_role("img", name="speed [rad/s] over time")).to_have_count(0)
 
 
