@@ -77,7 +77,7 @@ def to_markdown(benchmark: Benchmark, command: str) -> str:
         "The recipes are ours; `paper` has the switching systems of the paper's examples and its number of jumps. "
         "Where `joint` and the oracles all reach 100 %, as in much of `paper` and `mild`, a recipe is too easy to set "
         "them apart: look at `flown`, whose noise, quanta and gaps are as measured and whose anomalies are of any "
-        "size, and at `hard`. In `flown` single samples far off look like the shortest bursts of fss_1, which last one slot. "
+        "size, and at `hard`. In `flown` single samples far off look like the shortest bursts of fss_1, one slot long. "
         "Rates are means over the splits with the 95 % interval (Wilson) of so many windows judged once.\n\n"
         "What an oracle misses, one window does not show:\n\n"
         "- oracle A is given all components and configurations;\n"
