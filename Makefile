@@ -52,7 +52,7 @@ $(VENV)/.installed-packages: requirements.txt | $(BIN)/python
 	@touch $@
 
 # The kernels are compiled here; what has not changed is not compiled again.
-$(VENV)/.installed-runtime: $(VENV)/.installed-packages pyproject.toml CMakeLists.txt $(wildcard rwa_monitor/kernels/*.?pp)
+$(VENV)/.installed-runtime: $(VENV)/.installed-packages pyproject.toml CMakeLists.txt $(wildcard rwa_monitor/kernels/*.?pp rwa_monitor/kernels/*.h)
 	@echo "building the kernels" >&2
 	@$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	@touch $@
@@ -128,6 +128,22 @@ sanitize: $(VENV)/.installed-dev ## the tests that reach the kernels, under Addr
 	  $(BIN)/python -m pytest -p tools.sanitized_kernels -p no:faulthandler -q -n $(CORES) --timeout $(TEST_TIMEOUT) \
 	  --durations=10 -m "not slow" $(SANITIZED_TESTS) $(PYTEST_ARGS)
 
+# No Python, no exceptions, no memory but the caller's. OUT/rwa_detector_settings.h is of `rwa-monitor export --to detector`.
+ONBOARD := rwa_monitor/kernels/onboard
+DETECTOR_OUT ?= build/detector
+DETECTOR_OBJECTS := $(addprefix $(DETECTOR_OUT)/,rwa_detector.o changepoints.o noise.o running_sums.o wglr.o)
+.PHONY: detector
+detector: $(DETECTOR_OBJECTS) ## stage 1 as a static library with a C header, for flight software (DETECTOR_OUT=build/detector)
+	$(AR) rcs $(DETECTOR_OUT)/librwa_detector.a $(DETECTOR_OBJECTS)
+	@if test -f $(DETECTOR_OUT)/rwa_detector_settings.h; then \
+	  $(CC) -std=c99 -O2 -Wall -Wextra -Werror -pedantic -I$(ONBOARD) -I$(DETECTOR_OUT) $(ONBOARD)/pipe.c \
+	    $(DETECTOR_OUT)/librwa_detector.a -lm -o $(DETECTOR_OUT)/pipe; fi
+
+$(DETECTOR_OUT)/%.o: $(wildcard rwa_monitor/kernels/*.?pp $(ONBOARD)/*)
+	@mkdir -p $(DETECTOR_OUT)
+	$(CXX) -std=c++17 -DRWA_ONBOARD -fno-exceptions -fno-rtti -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall \
+	  -Wextra -Wno-unused-function -c $(firstword $(wildcard $(ONBOARD)/$*.cpp rwa_monitor/kernels/$*.cpp)) -o $@
+
 # ---- what takes longer than the tests ---------------------------------------------------------------------------------
 
 .PHONY: schemas
@@ -182,9 +198,22 @@ benchmark-adequacy: $(VENV)/.installed-dev ## whether a window's close shows wha
 benchmark-trend: $(VENV)/.installed-dev ## growth announced over the lives of wheels; writes docs/trend.md
 	$(BENCHMARK).trend -o docs/trend.md $(BENCHMARK_ARGS)
 
+.PHONY: false-alarms
+false-alarms: $(VENV)/.installed-dev ## error rates that hold online, FOCuS beside; writes docs/false_alarms.md
+	$(BENCHMARK).false_alarms -o docs/false_alarms.md $(BENCHMARK_ARGS)
+
+.PHONY: neighbours
+neighbours: $(VENV)/.installed-dev ## wheels of one spacecraft beside each other; writes docs/neighbours.md
+	$(BENCHMARK).neighbours -o docs/neighbours.md $(BENCHMARK_ARGS)
+
 .PHONY: benchmark-speed
 benchmark-speed: $(VENV)/.installed-dev ## time and memory; writes docs/speed.json and .md (BENCHMARK_ARGS="--windows 100")
 	$(BENCHMARK).speed --json docs/speed.json -o docs/speed.md $(BENCHMARK_ARGS)
+
+# RESULTS="soak restart" makes only some of them.
+.PHONY: results
+results: $(VENV)/.installed-dev ## makes every page of results anew, one after the other (many hours)
+	@for target in $${RESULTS:-$$($(BIN)/python -m benchmarks.results --targets)}; do $(MAKE) $$target; done
 
 .PHONY: load
 load: $(VENV)/.installed-dev ## the page under load: 1,000 wheels, 50 clients, a browser (LOAD_ARGS="--seconds 60"); docs/dashboard.md
@@ -277,10 +306,12 @@ fuzz: $(VENV)/.installed-dev ## fuzzes every reader of outside bytes, 10 minutes
 # Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
 OUTSIDE_VENV := .outside-venv
 .PHONY: outside
-outside: $(VENV)/.installed-dev ## judges records of an outside wheel simulator (Basilisk)
+outside: $(VENV)/.installed-dev ## judges records of an outside wheel simulator (Basilisk), and runs an exported wheel in it
 	@test -x $(OUTSIDE_VENV)/bin/python || "$$(tools/find_python.sh)" -m venv $(OUTSIDE_VENV)
 	$(OUTSIDE_VENV)/bin/python -m pip install --quiet bsk==2.12.1
 	mkdir -p build/outside
+	$(BIN)/rwa-monitor export benchmarks/basilisk/wheel.toml --to basilisk -o build/outside/exported
+	$(OUTSIDE_VENV)/bin/python benchmarks/basilisk/exported.py build/outside/exported
 	for case in crossing rest; do \
 	  $(OUTSIDE_VENV)/bin/python benchmarks/basilisk/record.py $$case build/outside/$$case.csv build/outside/$$case.toml || exit 1; \
 	done

@@ -32,7 +32,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def made_at() -> str:
-    """Return the commit that a page was made at, its date, whether the tree differed from it, and the machine."""
+    """Return the end of a page: command, commit with its date and whether the tree differed from it, and machine."""
     git = ("git", "-C", str(Path(__file__).parent))
     try:
         commit, changed = (
@@ -41,7 +41,10 @@ def made_at() -> str:
         )
     except (OSError, subprocess.CalledProcessError):  # an archive, without its history
         commit, changed = "not known", ""
-    return f"Commit {commit}{', with changes' if changed else ''}; {describe_machine()['processor']}."
+    words = (Path(word).name if Path(word).is_absolute() else word for word in sys.orig_argv[1:])
+    command = " ".join(("python", *words))
+    where = f"commit {commit}{', with changes' if changed else ''}"
+    return f"\n*Made by `{command}`; {where}; {describe_machine()['processor']}.*\n"
 
 
 # ---- figures ---------------------------------------------------------------------------------------------------------
@@ -86,8 +89,8 @@ def add_output_option(parser: argparse.ArgumentParser) -> None:
 
 
 def put_out(text: str, output: Path | None) -> None:
-    """Print a page with the commit that it was made at, and write it to the file, None for no file."""
-    text += f"\n*{made_at()}*\n"
+    """Print a page with its end, see `made_at`, and write it to the file, None for no file."""
+    text += made_at()
     sys.stdout.write(text)
     if output is not None:
         output.write_text(text, encoding="utf-8")

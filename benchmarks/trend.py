@@ -156,7 +156,7 @@ def main() -> None:
     """Follow the lives and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, default=60)
-    parser.add_argument("--seed", type=int, default=7_001)
+    parser.add_argument("--seed", type=int, default=7_301)
     parser.add_argument("--workers", type=int, default=2)
     add_output_option(parser)
     options = parser.parse_args()

@@ -43,7 +43,7 @@ from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.reporting.trends import CoefficientTrend, wheel_trends
-from rwa_monitor.samples import Samples
+from rwa_monitor.samples import Samples, Timeliness
 from rwa_monitor.simulation.record import Telemetry
 from rwa_monitor.simulation.record import simulate as simulate_telemetry
 from rwa_monitor.simulation.scenario import Scenario
@@ -210,7 +210,9 @@ class Monitor:
         self._core = WheelCore(self.wheel, model or built_in_model(), method=method, carried=carried)
 
     @one_thread_of_algebra()
-    def feed(self, samples: Samples, publisher: str = "", batch: int | None = None) -> list[Diagnosis]:
+    def feed(
+        self, samples: Samples, publisher: str = "", batch: int | None = None, data: Timeliness | None = None
+    ) -> list[Diagnosis]:
         """Take samples, and return the diagnoses of the windows that they closed.
 
         Parameters
@@ -219,13 +221,15 @@ class Monitor:
             Any number, in order of time; late and double ones are counted and left out.
         publisher, batch
             Who sent them and as which message, where that is known: gaps are then seen.
+        data
+            "stored" for a dump, which may be late and out of order; "live" beside it; None where all come in order.
 
         Raises
         ------
         InputError
             If friction is neither given nor can be derived from current and the wheel's constants.
         """
-        return self._messages(self._core.feed(samples, publisher, batch))
+        return self._messages(self._core.feed(samples, publisher, batch, data))
 
     @one_thread_of_algebra()
     def finish(self) -> list[Diagnosis]:

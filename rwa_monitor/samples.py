@@ -21,6 +21,7 @@ from rwa_monitor.errors import InputError
 NANOSECONDS_PER_SECOND: Final = 1_000_000_000
 SECONDS_PER_HOUR: Final = 3_600.0
 SECONDS_PER_DAY: Final = 86_400.0
+Timeliness = Literal["live", "stored"]  # of samples: sent as they are measured, or kept before and sent in any order
 
 
 def _encoded(array: NDArray[Any]) -> str:

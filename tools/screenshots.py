@@ -49,7 +49,7 @@ def _shoot(page: Page, address: str) -> None:
     page.wait_for_timeout(9_000)  # one more window, so that there is something to see
     page.screenshot(path=FOLDER / "fleet.png")
     failing.click()
-    expect(page.get_by_text("Evidence of a jump")).to_be_visible()
+    expect(page.get_by_role("heading", name="Speed, friction and jumps")).to_be_visible()
     page.wait_for_timeout(2_000)
     page.screenshot(path=FOLDER / "wheel.png", full_page=True)
     page.emulate_media(color_scheme="dark")

@@ -17,7 +17,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 231, 29_000, 303_000, 935
+MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 245, 31_000, 322_000, 960
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,
@@ -73,7 +73,7 @@ def main() -> int:
     """Print the table; return 1 where a limit is passed."""
     rooms: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0, 0])
     for path in sorted(ROOT.rglob("*")):
-        count = {".py": of_python, ".cpp": of_cpp, ".hpp": of_cpp}.get(path.suffix)
+        count = {".py": of_python, ".cpp": of_cpp, ".hpp": of_cpp, ".h": of_cpp}.get(path.suffix)
         if count is None:
             continue
         parts = path.relative_to(ROOT).parts

@@ -62,8 +62,8 @@ class Size:
         These packages.
     """
 
-    windows: int = 300
-    seed: int = 8_130
+    windows: int = 1000
+    seed: int = 17_181
     splits: int = SPLITS
     swept: int = 300
     timed: int = 20

@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.paper.detection import SCALE
 from rwa_monitor.samples import FloatArray
 
 PENALTIES: Final = 2.0  # times BIC's 2 log n: about as many false changepoints as ours, which is next to none
-HALF_WIDTH: Final = 50  # samples, the paper's w
 
 
 class MissingPeerError(Exception):
@@ -47,7 +47,7 @@ def _package(name: str) -> ModuleType:
     try:
         return import_module(name)
     except ImportError as error:
-        package = name.partition(".")[0]
+        package = name.partition(".")[0].replace("_", "-")
         raise MissingPeerError(f"{package} is not installed (pip install {package}); it is left out") from error
 
 
@@ -71,7 +71,7 @@ def skchange_moving_window() -> Peer:
     detectors, scorers = _package("skchange.detectors"), _package("skchange.interval_scorers")
 
     def search(series: FloatArray) -> object:
-        detector = detectors.MovingWindow(scorers.CUSUM(), bandwidth=HALF_WIDTH)
+        detector = detectors.MovingWindow(scorers.CUSUM(), bandwidth=SCALE)
         return detector.fit(series.reshape(-1, 1)).predict(series.reshape(-1, 1))
 
     return Peer("skchange MovingWindow", search, rounds=5)
@@ -82,7 +82,7 @@ def ruptures_window() -> Peer:
     ruptures = _package("ruptures")
     return Peer(
         "ruptures Window",
-        lambda series: ruptures.Window(width=2 * HALF_WIDTH, model="l2").fit(series).predict(pen=_penalty(series)),
+        lambda series: ruptures.Window(width=2 * SCALE, model="l2").fit(series).predict(pen=_penalty(series)),
         rounds=1,
     )
 
@@ -129,6 +129,22 @@ def river_adwin() -> Peer:
     return Peer("river ADWIN, sample by sample", search, rounds=1)
 
 
+def focus() -> Peer:
+    """Return FOCuS of changepoint-online, sample by sample, begun anew at each changepoint; Python without a kernel."""
+    online = _package("changepoint_online")
+
+    def search(series: FloatArray) -> object:
+        detector, found, threshold = online.Focus(online.Gaussian()), [], 0.5 * _penalty(series)
+        for k, value in enumerate(series.tolist()):
+            detector.update(value)
+            if detector.statistic() >= threshold:  # a logarithm of a likelihood ratio
+                found.append(k)
+                detector = online.Focus(online.Gaussian())
+        return found
+
+    return Peer("changepoint-online FOCuS, sample by sample", search, rounds=1)
+
+
 PEERS: Final = (
     skchange_fpop,
     skchange_moving_window,
@@ -136,6 +152,7 @@ PEERS: Final = (
     ruptures_pelt,
     river_page_hinkley,
     river_adwin,
+    focus,
 )
 
 

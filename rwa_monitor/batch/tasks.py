@@ -118,7 +118,7 @@ class Diagnose:
                 carried=carried.get(key),
             )
             for batch in telemetry.batches:
-                found.diagnoses.extend(monitor.feed(batch.samples, batch.publisher, batch.batch))
+                found.diagnoses.extend(monitor.feed(batch.samples, batch.publisher, batch.batch, batch.data))
         except InputError as error:
             raise InputError(telemetry.source, f"{error.source}: {error.reason}", error.place) from error
         found.diagnoses.extend(monitor.finish())

@@ -10,6 +10,7 @@ Everything comes from running sums; a few samples are read around each candidate
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -28,6 +29,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 # candidate must also stand between its final neighbours: simulated windows without a jump show this many.
 TESTS_PER_SLOT: Final = 0.25
 LONG_GAP: Final = MAX_SCALE // 2  # slots without a used sample: too few left on either side
+_BOUNDS: Final = (2.0, 12.0, 10_001)  # standard deviations: run lengths of 10 to 1e30 samples
 _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
 
 
@@ -71,6 +73,26 @@ def choose(
 def threshold_for(false_alarms: float, tests: float) -> float:
     """Return the χ² (one degree of freedom) threshold that `tests` independent tests exceed `false_alarms` times."""
     return float(special.chdtri(1, min(false_alarms / max(tests, 1.0), 0.5)))
+
+
+@lru_cache
+def threshold_of_run_length(run_length: float, half_widths: tuple[int, ...]) -> float:
+    """Return the χ² threshold that the wGLR at these half-widths exceeds once in so many samples without a jump.
+
+    At half-width w the contrast of both means is, over its standard deviation, a stationary process whose
+    autocorrelation falls by α = 3/(2w) from slot to slot. Its maxima beyond ±b come 2·α·b·φ(b)·ν(b·√(2α)) times a slot,
+    ν for the slots between which it is not seen (D. Siegmund, B. Yakir, The Statistics of Gene Mapping, Springer 2007,
+    section 5.3).
+    """
+    b = np.linspace(*_BOUNDS)
+    rate = np.zeros(b.size)
+    for w in half_widths:
+        alpha = 1.5 / w
+        x = b * np.sqrt(2.0 * alpha)
+        density, share = np.exp(-x * x / 8.0) / np.sqrt(2.0 * np.pi), special.ndtr(x / 2.0)
+        unseen = (2.0 / x) * (share - 0.5) / (x / 2.0 * share + density)
+        rate += 2.0 * alpha * b * np.exp(-b * b / 2.0) / np.sqrt(2.0 * np.pi) * unseen
+    return float(np.interp(-np.log(run_length), np.log(rate[::-1]), b[::-1])) ** 2
 
 
 def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ import numpy as np
 from pydantic import Field
 from scipy import special
 
-from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshold_for
+from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshold_for, threshold_of_run_length
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
 from rwa_monitor.changepoints.noise import (
     NORMAL_MEDIAN,
@@ -26,6 +26,7 @@ from rwa_monitor.changepoints.noise import (
     gaussian_outlier,
     largest_outlier,
     median_size,
+    outlier_chance,
 )
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
@@ -39,6 +40,11 @@ from rwa_monitor.wheel.wheel import Wheel
 SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [slots] (errata 5)
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
+# Samples around an outlier add this to it at most, at some slot and scale: set on Student-t noise with 4 degrees of
+# freedom, of which the run length is then what is asked for (docs/false_alarms.md).
+BESIDE_OUTLIER: Final = 2.7
+FALSE_CONFIRMED: Final = 1e-9  # probability that a test reports a false jump at once, as in the paper
+UNKNOWN_TAIL: Final = 2.0  # the factor to which a tail is known, where no run length is asked for
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: sure signs of ω beyond
 UNKNOWN_K: Final = 1.0  # K: with a larger error a temperature counts as unknown, viscosity as off by 2 to 8 %
@@ -124,8 +130,13 @@ class WindowSettings(NamedTuple):
         What is known of the slope before the window.
     nominal_slope
         0 where there is none.
-    outlier
-        Largest outlier by chance of Gaussian noise, in standard deviations.
+    outlier, sure_outlier
+        Largest outlier by chance of Gaussian noise, and the size from which one is reported at once, in standard
+        deviations.
+    sure_margin
+        What the samples around such an outlier add to it at most, in standard deviations of a scale's contrast.
+    sure_statistic
+        The statistic from which a jump is reported at once, normalised.
     """
 
     speed_unit: float
@@ -138,6 +149,9 @@ class WindowSettings(NamedTuple):
     prior_std: float
     nominal_slope: float
     outlier: float
+    sure_outlier: float
+    sure_margin: float
+    sure_statistic: float
 
 
 class WindowAccumulator:
@@ -149,6 +163,11 @@ class WindowAccumulator:
         The wheel: units, nominal slope and noise, dead band.
     slots
         Length of the window; the wheel's where None.
+
+    Attributes
+    ----------
+    settings
+        What the kernel goes by.
 
     Examples
     --------
@@ -190,7 +209,8 @@ class WindowAccumulator:
         # Without any idea of the slope, two neighbouring samples show nothing of a jump.
         prior = self.slope_prior
         self._scales: IntArray = np.array(SCALES if prior else SCALES[1:], dtype=np.int64)
-        settings = WindowSettings(
+        asked, outlier = wheel.window.run_length, gaussian_outlier(outlier_chance(self.slots))
+        self.settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
             angle_per_x=self._structure.angle_per_x,
@@ -201,11 +221,18 @@ class WindowAccumulator:
             prior_mean=prior.mean if prior else math.nan,
             prior_std=prior.std if prior else math.nan,
             nominal_slope=prior.mean if prior else 0.0,
-            outlier=gaussian_outlier(self.slots),
+            outlier=outlier,
+            sure_outlier=UNKNOWN_TAIL * outlier if asked is None else 0.0,
+            sure_margin=0.0 if asked is None else BESIDE_OUTLIER,
+            sure_statistic=(
+                threshold_for(FALSE_CONFIRMED, 1.0)
+                if asked is None
+                else threshold_of_run_length(asked, tuple(self._scales.tolist()))
+            ),
         )
         sums, structure = self._sums, self._structure.arrays
         arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, structure)
-        self._window = Window(arrays, settings, self._scales)
+        self._window = Window(arrays, self.settings, self._scales)
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 
@@ -297,7 +324,8 @@ class WindowAccumulator:
             structure=self._structure.close(),
             heat=self._temperature(),
         )
-        candidates = choose(evidence, self._scales, variances, self._outlier(variances, quantiles), self.slope_prior)
+        outlier, _ = self._outliers(variances, quantiles)
+        candidates = choose(evidence, self._scales, variances, outlier, self.slope_prior)
         return replace(evidence, candidates=candidates)
 
     def _temperature(self) -> Temperature | None:
@@ -337,7 +365,7 @@ class WindowAccumulator:
             if why == FIRST_CHUNK:
                 self._window.begin(*self._first_learned(min(self.filled, CHUNK)))
             else:
-                self._window.set_outlier(self._outlier(self._window.variances, self._window.quantiles))
+                self._window.set_outlier(*self._outliers(self._window.variances, self._window.quantiles))
             speed_rad_s, torque_Nm, good, viscous_speed_rad_s = _NO_VALUES, _NO_VALUES, _NO_SLOTS, _NO_VALUES
 
     def _first_learned(self, stop: int) -> tuple[float, float, float]:
@@ -357,9 +385,13 @@ class WindowAccumulator:
         std = max(std, SMALLEST_STD)
         return std * std / (prior.std * prior.std), band, certain
 
-    def _outlier(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> float:
-        variance = float(variances[0])
-        return largest_outlier(quantiles, variance, self.slots) if math.isfinite(variance) else 0.0
+    def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> tuple[float, float]:
+        """Return the largest outlier by chance, and the size from which one is reported at once."""
+        variance, asked = float(variances[0]), self.wheel.window.run_length
+        if not math.isfinite(variance):
+            return 0.0, 0.0
+        largest = largest_outlier(quantiles, variance, outlier_chance(self.slots))
+        return largest, UNKNOWN_TAIL * largest if asked is None else largest_outlier(quantiles, variance, 1.0 / asked)
 
     def _announced(self) -> list[ConfirmedCandidate]:
         """Return the reported peaks as events."""

@@ -151,15 +151,15 @@ OUTLIERS: Final = 0.2  # outliers by chance in a window that are bearable; each 
 
 # Differences of two Student-t variables: 99.5 % quantile of the square over its median, against the degrees of
 # freedom (numerical convolution), and the t's scale over the difference's robust standard deviation of one sample.
-_TAIL_RATIO: Final = np.array(
+TAIL_RATIO: Final = np.array(
     [GAUSSIAN_RATIO, 18.53, 19.25, 20.07, 22.06, 23.92, 27.94, 32.25, 41.24, 50.24, 67.07, 104.8, 183.0]
 )
 _TAIL_SCALE: Final = np.array([1, 0.977, 0.966, 0.955, 0.933, 0.917, 0.890, 0.869, 0.838, 0.817, 0.789, 0.752, 0.711])
 _TAIL_INVERSE_FREEDOM: Final = 1.0 / np.array([np.inf, 30, 20, 15, 10, 8, 6, 5, 4, 3.5, 3, 2.5, 2.1])
 
 
-def largest_outlier(quantiles: tuple[float, float, float], variance: float, samples: int) -> float:
-    """Return the size that OUTLIERS samples of a window exceed by chance, normalised, by how heavy the tails are.
+def largest_outlier(quantiles: tuple[float, float, float], variance: float, chance: float) -> float:
+    """Return the size that a sample exceeds with a given probability, normalised, by how heavy the tails are.
 
     Parameters
     ----------
@@ -167,25 +167,25 @@ def largest_outlier(quantiles: tuple[float, float, float], variance: float, samp
         What `quantiles_of` returns of the histogram at scale 1, of half the squared neighbour difference.
     variance
         The robust variance of a sample.
-    samples
-        Used samples of the window.
+    chance
+        The probability: of a window, that of `outlier_chance`.
     """
     if not are_heavy(quantiles, variance):
-        return math.sqrt(variance) * gaussian_outlier(samples)
+        return math.sqrt(variance) * gaussian_outlier(chance)
     _, median, far = quantiles
-    freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
+    freedom = 1.0 / float(np.interp(far / median, TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
     # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
     robust_std = math.sqrt(median / CHI_MEDIAN)
-    scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
-    return float(-scale * special.stdtrit(freedom, 0.5 * _chance(samples)))
+    scale = robust_std * float(np.interp(far / median, TAIL_RATIO, _TAIL_SCALE))
+    return float(-scale * special.stdtrit(freedom, 0.5 * chance))
 
 
 @lru_cache(maxsize=256)
-def gaussian_outlier(samples: int) -> float:
-    """Return the size, in standard deviations, that OUTLIERS of so many Gaussian samples exceed by chance."""
-    return float(-special.ndtri(0.5 * _chance(samples)))
+def gaussian_outlier(chance: float) -> float:
+    """Return the size, in standard deviations, that a Gaussian sample exceeds with a given probability."""
+    return float(-special.ndtri(0.5 * chance))
 
 
-def _chance(samples: int) -> float:
-    """Return the probability with which one of so many samples is an outlier."""
+def outlier_chance(samples: int) -> float:
+    """Return the probability with which one of so many samples is an outlier, OUTLIERS of all."""
     return max(OUTLIERS / max(samples, 2), 1e-9)

@@ -30,8 +30,9 @@ if TYPE_CHECKING:
     default=256,
     help="Samples of one message at most.",
 )
+@click.option("--stored", is_flag=True, help="The packets are a dump: publish their samples as stored, not live.")
 @bus_options
-def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
+def command(udp: str, decoding: Decoding, batch: int, stored: bool, bus: BusOptions) -> None:
     """Bring CCSDS space packets from UDP onto the bus, as samples of the wheels that the map names.
 
     A datagram holds one packet or several. What cannot be read, is unknown or missing is logged on stderr as it comes;
@@ -52,7 +53,9 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     with stop_on_signals() as stop, ExitStack() as stack:
         receiver = stack.enter_context(listening(address))
         session = stack.enter_context(open_session(bus))
-        publishers = {wheel.key: SamplesPublisher(session, wheel.key) for wheel in decoder.wheels}
+        publishers = {
+            wheel.key: SamplesPublisher(session, wheel.key, "stored" if stored else None) for wheel in decoder.wheels
+        }
         for publisher in publishers.values():
             stack.callback(publisher.close)
         bridge = Bridge(decoder, publishers, batch)

@@ -36,6 +36,7 @@ COMMANDS: Final = (
     "train",
     "diagnose",
     "discrepancy",
+    "export",
     "identify",
     "tune",
     "replay",

@@ -56,6 +56,13 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     metavar="I/N",
     help="Serve share I of N: the wheels are divided among N of these.",
 )
+@click.option(
+    "--stored-after",
+    type=Real(min=0.0),
+    metavar="S",
+    help="Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
+    " not say, and the wheel's clock agrees with it; 0: never.  [default: 600]",
+)
 @click.option("--alive", type=FILE, metavar="FILE", help="Touched every second, for a container's health check.")
 @bus_options
 def command(
@@ -66,6 +73,7 @@ def command(
     record: Path | None,
     record_limit: float | None,
     shard: tuple[int, int],
+    stored_after: float | None,
     alive: Path | None,
     bus: BusOptions,
 ) -> None:
@@ -74,7 +82,7 @@ def command(
     Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
-    from rwa_monitor.monitor.monitor import RunOptions
+    from rwa_monitor.monitor.monitor import STORED_AFTER_S, RunOptions
     from rwa_monitor.monitor.service import Supervisor, run
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
@@ -94,6 +102,7 @@ def command(
         max_record_bytes=None if record_limit is None else int(record_limit * BYTES_PER_GB),
         bus=bus,
         shard=shard,
+        stored_after_s=STORED_AFTER_S if stored_after is None else stored_after,
     )
     with stop_on_signals() as stop:
         run(options, stop, log=log, supervisor=Supervisor(os.environ, alive))

@@ -27,9 +27,9 @@ from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from rwa_monitor.dashboard.feed import AlarmNotifier, Client, array_json, frame, pulse
-from rwa_monitor.dashboard.fleet import Fleet, Received, record_entry
+from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, VerdictHistory, record_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
-from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, replay_json
+from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, recorded_samples, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord, RetirementEvent, TrendRecord, trends
@@ -41,6 +41,7 @@ from rwa_monitor.messages import (
     Message,
     SamplesMessage,
     Status,
+    Verdict,
     dump_json,
     key_of,
 )
@@ -157,6 +158,15 @@ class WheelNow(_Shown):
     status: Status | None
 
 
+class RecentWindows(_Shown):
+    """The latest windows of a wheel, the oldest first: end [ns, wheel's clock], verdict, fit, worst severity."""
+
+    window_end_ns: list[int]
+    verdict: list[Verdict]
+    model_adequate: list[bool]
+    severity: list[float]
+
+
 class Replay(_Shown):
     """A recording, samples thinned: what could not be read, and entries in the order of the file."""
 
@@ -215,7 +225,9 @@ def _add_routes(app: FastAPI, api: Api) -> None:
     refused: dict[int | str, dict[str, Any]] = {401: {"model": Refusal}, 404: {"model": Refusal}}
     get("/api/feed", api.frames, response_model=list[Entry])
     get("/api/fleet", api.fleet, response_model=list[Entry])
+    get("/api/verdicts", api.verdicts, response_model=dict[str, RecentWindows])
     get(wheel, api.wheel, response_model=WheelNow, responses=refused)
+    get(f"{wheel}/samples", api.samples, response_model=SamplesMessage | None)
     get(f"{wheel}/windows", api.windows, response_model=list[Diagnosis])
     get(f"{wheel}/estimates", api.estimates, response_model=list[EstimateRecord])
     get(f"{wheel}/trend", api.trend, response_model=list[TrendRecord])
@@ -287,6 +299,7 @@ class Api:
 
     def __init__(self, fleet: Fleet, history: History, notifier: AlarmNotifier, recordings: Path | None) -> None:
         self._fleet, self._history, self.notifier, self._folder = fleet, history, notifier, recordings
+        self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # by what the latest window was
 
     def _first_frame(self) -> str:
         first = [Received("dashboard/software", dump_json({"software": SOFTWARE}), None)]
@@ -309,6 +322,22 @@ class Api:
         retired = [record_entry(event, "retirement") for event in history.retired.latest()]
         return [*live, *earlier, *(record_entry(alarm, "alarm") for alarm in history.alarms()), *retired]
 
+    def verdicts(self) -> Response:
+        """Answer with the verdicts of the latest windows of every wheel, by "{spacecraft}/{wheel}"."""
+        with self._fleet.lock:
+            known = {(spacecraft, wheel): [*one.verdicts.recent] for spacecraft, wheel, one in self._fleet.wheels()}
+        for name, latest in self._history.latest().items():
+            if name in known:
+                continue
+            if self._earlier.get(name, (b"", None))[0] != latest:
+                verdicts = VerdictHistory()
+                verdicts.extend(self._history.windows(*name, REMEMBERED))
+                self._earlier[name] = latest, verdicts
+            known[name] = [*self._earlier[name][1].recent]
+        fields = RecentWindows.model_fields
+        columns = {"/".join(name): zip(*rows, strict=True) for name, rows in known.items() if rows}
+        return _json(dump_json({name: dict(zip(fields, rows, strict=True)) for name, rows in columns.items()}))
+
     def wheel(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
         parts = dict.fromkeys(WheelNow.model_fields, b"null") | {"changepoints": b"[]"}
@@ -323,6 +352,11 @@ class Api:
         if parts["discrepancy"] == b"null":
             parts["discrepancy"] = self._history.discrepancy(spacecraft, wheel) or b"null"
         return _json(b"{" + b",".join(b'"%b":%b' % (name.encode(), part) for name, part in parts.items()) + b"}")
+
+    def samples(self, spacecraft: str, wheel: str) -> Response:
+        """Answer with the thinned samples of one wheel's latest window that the recordings hold; null for none."""
+        latest = self._history.windows(spacecraft, wheel, 1)
+        return _json(recorded_samples(self._folder, latest[0]) if latest else b"null")
 
     def windows(
         self, spacecraft: str, wheel: str, limit: Annotated[int, Query(ge=1, le=MAX_WINDOWS)] = DEFAULT_LIMIT

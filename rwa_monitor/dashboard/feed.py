@@ -11,7 +11,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from threading import Lock
 from typing import Final, Self
@@ -19,9 +19,10 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.fleet import Received, record_entry
+from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import HealthAlarm, dump_json, health_message
+from rwa_monitor.messages import Health, HealthAlarm, dump_json, health_message
 from rwa_monitor.monitor.bus import HealthAnswers
 
 FRAME_PERIOD_S: Final = 0.1
@@ -181,23 +182,45 @@ class AlarmNotifier:
             self._publish_health(*name)
 
     def _publish_health(self, spacecraft: str, wheel: str) -> None:
-        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed."""
+        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed.
+
+        Of all wheels of a spacecraft there is no diagnosis, only what they share.
+        """
         with self._publishing:  # else what was read before a change could be published after it
-            latest = self._history.windows(spacecraft, wheel, 1)
-            if not latest:
+            latest, records = self._history.windows(spacecraft, wheel, 1), self._history.open_alarms(spacecraft, wheel)
+            if latest:
+                health = health_message(latest[0])
+            elif wheel == ALL_WHEELS:
+                health = shared_health(spacecraft, records)
+            else:
                 return
-            alarms = states(self._history.open_alarms(spacecraft, wheel))
-            health = health_message(latest[0]).model_copy(update={"alarm_states": alarms})
+            health = health.model_copy(update={"alarm_states": states(records)})
             message = health.encoded(spacecraft, wheel)
             timestamp = self._health.stamp(message)
             with suppress(zenoh.ZError):  # the session is closed; a later query is answered
                 self._session.put(message.topic, message.payload, encoding=message.encoding, timestamp=timestamp)
 
 
+def shared_health(spacecraft: str, alarms: Sequence[AlarmRecord]) -> Health:
+    """Return the health of what all wheels of a spacecraft share, by its open alarms."""
+    raised = [alarm for alarm in alarms if alarm.level != "normal"]
+    return Health(
+        spacecraft=spacecraft,
+        wheel=ALL_WHEELS,
+        verdict="anomalous" if raised else "nominal",
+        severity=0.0,
+        reason=" ".join(alarm.reason for alarm in raised) or "Nothing moved in all wheels.",
+        window_end_ns=max((alarm.changed_ns for alarm in alarms), default=0),
+        alarms=[alarm.name for alarm in raised],
+    )
+
+
 def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
     """Return open alarms of a wheel, by name, as the health message has them."""
     found = {}
     for alarm in alarms:
+        if alarm.name.endswith(STORED_ALARM):
+            continue  # it is of earlier, and health of now
         seen = [line.person for line in alarm.trail if line.event == "acknowledged"]
         by = seen[-1] if seen and alarm.phase == "acknowledged" else None
         found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)

@@ -22,6 +22,7 @@ from rwa_monitor.messages import (
     SamplesMessage,
     Status,
     dump_json,
+    health_message,
     samples_json,
 )
 from rwa_monitor.monitor.setup import WheelSet
@@ -68,7 +69,8 @@ class DerivedFriction:
         torque = motor_torque(samples, self.wheel)
         if samples.friction_torque_Nm is not None or torque is None or self.wheel.inertia_kg_m2 is None:
             return samples
-        joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque)
+        warmth = _known(samples.bearing_temperature_degC, len(samples))
+        joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque, bearing_temperature_degC=warmth)
         tail, period_ns = self._tail, self.wheel.period_ns
         if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= 2 * self._half * period_ns:
             joined = concatenate([tail, joined])
@@ -84,7 +86,10 @@ class DerivedFriction:
         ready = (slot <= end) & (joined.time_ns > self._left_ns)
         if ready.any():
             self._left_ns = int(joined.time_ns[ready][-1])
-        return Samples(joined.time_ns[ready], joined.speed_rad_s[ready], friction[ready])
+        left = joined[ready]
+        return Samples(
+            left.time_ns, left.speed_rad_s, friction[ready], bearing_temperature_degC=left.bearing_temperature_degC
+        )
 
 
 def _on_grid(slots: IntArray, values: NDArray[np.floating[Any]]) -> FloatArray:
@@ -153,16 +158,21 @@ class DecimatedSamples:
     def __init__(self) -> None:
         self.stride = 1
         self._phase = 0  # samples to skip before the next one that is picked
-        self._kept = Samples(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+        self._kept = _shown(Samples(np.zeros(0, dtype=np.int64), np.zeros(0)))
 
     def add(self, samples: Samples) -> Samples:
         """Take samples in; returns those that were picked."""
         picked = samples[self._phase :: self.stride]
         self._phase = (self._phase - len(samples)) % self.stride
-        self._kept = concatenate([self._kept, Samples(picked.time_ns, picked.speed_rad_s, _friction(picked))])
+        self._kept = concatenate([self._kept, _shown(picked)])
         if len(self._kept) > MAX_POINTS:
             self._thin()
         return picked
+
+    @property
+    def last_ns(self) -> int:
+        """Time of the last sample that was picked, -1 before the first [ns]."""
+        return int(self._kept.time_ns[-1]) if len(self._kept) else -1
 
     def keep_from(self, time_ns: int) -> None:
         """Drop what is older than a time; the stride is small again where there is room for it."""
@@ -181,15 +191,28 @@ class DecimatedSamples:
 
 
 def thinned_json(samples: Samples) -> bytes:
-    """Return time, speed and friction of samples as the JSON of a `SamplesMessage`."""
-    speed, friction = np.round(samples.speed_rad_s, 9), np.round(_friction(samples), 9)
-    return samples_json(Samples(samples.time_ns, speed, friction), publisher="", batch=0)
+    """Return what is shown of samples as the JSON of a `SamplesMessage`."""
+    shown = _shown(samples)
+    warmth = _known(shown.bearing_temperature_degC, len(shown))
+    rounded = Samples(
+        shown.time_ns,
+        np.round(shown.speed_rad_s, 9),
+        np.round(_known(shown.friction_torque_Nm, len(shown)), 9),
+        bearing_temperature_degC=None if np.isnan(warmth).all() else warmth,  # most wheels have no sensor for it
+    )
+    return samples_json(rounded, publisher="", batch=0)
 
 
-def _friction(samples: Samples) -> FloatArray:
-    """Return the friction of samples, NaN where it was not measured."""
-    friction = samples.friction_torque_Nm
-    return np.full(len(samples), np.nan) if friction is None else friction
+def _shown(samples: Samples) -> Samples:
+    """Return time, speed, friction and bearing temperature of samples, NaN where one was not measured."""
+    friction = _known(samples.friction_torque_Nm, len(samples))
+    warmth = _known(samples.bearing_temperature_degC, len(samples))
+    return Samples(samples.time_ns, samples.speed_rad_s, friction, bearing_temperature_degC=warmth)
+
+
+def _known(values: FloatArray | None, count: int) -> FloatArray:
+    """Return values, NaN where they were not measured."""
+    return np.full(count, np.nan) if values is None else values
 
 
 # ---- the latest message of each kind of each wheel -------------------------------------------------------------------
@@ -236,10 +259,14 @@ class VerdictHistory:
         Beginning of the first of the windows in a row with the present verdict [ns, wheel's clock].
     windows
         How many these are.
+    recent
+        End [ns, wheel's clock], verdict, whether the friction model fits, and worst severity of the latest windows, the
+        oldest first.
     """
 
     since_ns: int | None = None
     windows: int = 0
+    recent: deque[tuple[int, str, bool, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
     _last: Diagnosis | None = None
 
     def extend(self, diagnoses: Iterable[Diagnosis]) -> None:
@@ -251,6 +278,8 @@ class VerdictHistory:
             if before is None or before.verdict != window.verdict:
                 self.since_ns, self.windows = window.window_start_ns, 0
             self.windows += 1
+            severity = health_message(window).severity
+            self.recent.append((window.window_end_ns, window.verdict, window.model_adequate, severity))
             self._last = window
 
     def to_json(self) -> bytes:
@@ -301,6 +330,13 @@ class Fleet:
             known.verdicts.extend(earlier)
             return known
 
+    def begin_again(self, spacecraft: str, wheel: str) -> Wheel:
+        """Return a wheel of which nothing is known any more: of a replay that begins from the start."""
+        with self.lock:
+            known = Wheel(DerivedFriction(self.constants.of(spacecraft, wheel)))
+            self._wheels[spacecraft, wheel] = known
+            return known
+
     def wheels(self) -> list[tuple[str, str, Wheel]]:
         """Return all wheels with their names, sorted; to be looked at while the lock is held."""
         return [(*name, self._wheels[name]) for name in sorted(self._wheels)]
@@ -329,6 +365,9 @@ class Fleet:
                 case Diagnosis():
                     wheel.verdicts.extend([message])
                     received = replace(received, beside=wheel.verdicts.to_json())
+                    latest = wheel.diagnosis
+                    if message.data and latest is not None and message.window_end_ns < latest.window_end_ns:
+                        return received  # of a dump: the wheel's state is that of its latest window
                     wheel.latest[Diagnosis.kind] = received
                     wheel.diagnosis = message
                     wheel.provisional.clear()

@@ -22,11 +22,12 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, Status, split_key
+from rwa_monitor.messages import REPLAY, Diagnosis, Discrepancy, Health, Message, SamplesMessage, Status, split_key
 from rwa_monitor.monitor.bus import BusThread, BusWatch
 from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
 
+RECEIVED: Final[dict[str, type[Message]]] = {**KINDS, Health.kind: Health}
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
@@ -74,6 +75,9 @@ class Listener:
         self.notifier, self.hub = notifier, notifier.hub
         self.log = log
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
+        self._late: deque[tuple[str, str, int]] = deque(
+            maxlen=MAX_WAITING
+        )  # windows whose samples were old by the clock
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
@@ -144,32 +148,48 @@ class Listener:
         """Pass on one message; one that is none of ours is dropped."""
         try:
             spacecraft, wheel, kind = split_key(key)
-            if kind not in KINDS:
+            if kind not in RECEIVED:
                 return
-            message = KINDS[kind].parse(payload, key)
+            message = RECEIVED[kind].parse(payload, key)
         except InputError:
+            return
+        if isinstance(message, Health):
+            if message.data == "stored":
+                self._late.append((spacecraft, wheel, message.window_end_ns))
             return
         known = self._wheel(spacecraft, wheel)
         if known is None:
             return
-        wall_ns = time.time_ns()
+        wall_ns, replayed = time.time_ns(), wheel.endswith(REPLAY)
         if isinstance(message, SamplesMessage):
-            self._telemetry_arrived(spacecraft, wheel)
-            self._monitors.expect(spacecraft, wheel)
-            picked = self.fleet.take_samples(known, message.samples(), wall_ns)
-            if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
-                self.hub.post(Received(key, thinned_json(picked), wall_ns))
+            self._receive_samples(known, key, message, wall_ns)
             return
         if isinstance(message, Diagnosis):
+            if (spacecraft, wheel, message.window_end_ns) in self._late:
+                message = message.model_copy(update={"data": "stored"})
             self._telemetry_arrived(spacecraft, wheel, message.window_end_ns)
-        elif isinstance(message, Status):
+        elif isinstance(message, Status) and not replayed:
             self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
             # The first status does not show how old its sample is.
             if known.status is not None and message.last_sample_ns not in {None, known.status.last_sample_ns}:
                 self._telemetry_arrived(spacecraft, wheel)
         self.hub.post(self.fleet.take(known, message, Received(key, message.model_dump_json().encode(), wall_ns)))
-        if isinstance(message, Diagnosis | Discrepancy):
+        # Nothing of a replay goes into the history.
+        if isinstance(message, Diagnosis | Discrepancy) and not replayed:
             self._waiting.append(message)
+
+    def _receive_samples(self, known: Wheel, key: str, message: SamplesMessage, wall_ns: int) -> None:
+        spacecraft, wheel, _ = split_key(key)
+        self._telemetry_arrived(spacecraft, wheel)
+        if not wheel.endswith(REPLAY):
+            self._monitors.expect(spacecraft, wheel)
+        elif message.time_ns[0] < known.decimated.last_ns:
+            known = self.fleet.begin_again(spacecraft, wheel)
+        if message.data == "stored":
+            return  # the picture, and the rhythm in which samples come, are of now
+        picked = self.fleet.take_samples(known, message.samples(), wall_ns)
+        if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
+            self.hub.post(Received(key, thinned_json(picked), wall_ns))
 
     def _telemetry_arrived(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
         """Bring a retired wheel back to the list, and have it written down."""

@@ -17,8 +17,9 @@ from prometheus_client.registry import Collector
 
 from rwa_monitor.build import build
 from rwa_monitor.dashboard.fleet import Fleet, Wheel
+from rwa_monitor.history.alarms import STORED_ALARM
 from rwa_monitor.history.records import AlarmRecord
-from rwa_monitor.messages import AlarmLevel, Diagnosis, Status, Verdict
+from rwa_monitor.messages import REPLAY, AlarmLevel, Diagnosis, Status, Verdict
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
 
@@ -44,14 +45,17 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
     found = _Metrics()
     with fleet.lock:
         for spacecraft, wheel, known in fleet.wheels():
-            if (spacecraft, wheel) not in retired:
+            if (spacecraft, wheel) not in retired and not wheel.endswith(REPLAY):
                 _add_wheel(partial(found.add, spacecraft=spacecraft, wheel=wheel), known)
     alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in retired]
+    stored = [alarm for alarm in alarms if alarm.name.endswith(STORED_ALARM)]
     for level in get_args(AlarmLevel):
         for phase in ("active", "acknowledged", "returned"):
-            count = sum(alarm.level == level and alarm.phase == phase for alarm in alarms)
+            count = sum(alarm.level == level and alarm.phase == phase for alarm in alarms if alarm not in stored)
             about = "Open alarms by level, and whether they are acknowledged."
             found.add("rwa_alarms", about, count, level=level, phase=phase)
+        about = "Alarms of stored telemetry, with times of then, that nobody has acknowledged, by level."
+        found.add("rwa_stored_alarms", about, sum(alarm.level == level for alarm in stored), level=level)
     found.add("rwa_dashboard_pages", "Pages that are open.", clients)
     found.add("rwa_dashboard_info", "Always 1; the labels name what runs.", 1, software=SOFTWARE, build=build())
     return generate_latest(found).decode()

@@ -11,10 +11,19 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.dashboard.feed import array_json
-from rwa_monitor.dashboard.fleet import KINDS, Fleet, Received, thinned_json
+from rwa_monitor.dashboard.fleet import KINDS, DecimatedSamples, DerivedFriction, Fleet, Received, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Diagnosis, Discrepancy, Message, SamplesMessage, dump_json, split_key
+from rwa_monitor.messages import (
+    Diagnosis,
+    Discrepancy,
+    Health,
+    Message,
+    SamplesMessage,
+    dump_json,
+    key_of,
+    split_key,
+)
 from rwa_monitor.monitor.recording.reader import (
     RECORDING_SUFFIX,
     Recording,
@@ -23,6 +32,7 @@ from rwa_monitor.monitor.recording.reader import (
     time_span,
 )
 from rwa_monitor.monitor.setup import COMMON, WheelSet
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
@@ -79,6 +89,29 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     return b'{"problems":' + problems + b',"entries":' + array_json(entries) + b"}"
 
 
+def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
+    """Return the samples of a window that the recordings of a folder hold, thinned, as the JSON of a `SamplesMessage`.
+
+    "null" where there are none.
+    """
+    start_ns, end_ns = window.window_start_ns, window.window_end_ns
+    topic = key_of(SamplesMessage, window.spacecraft, window.wheel)
+    decimated = DecimatedSamples()
+    for entry in reversed(list_recordings(folder)):
+        if entry.first_ns is None or entry.last_ns is None or entry.first_ns >= end_ns or entry.last_ns < start_ns:
+            continue
+        with suppress(InputError):  # damaged, or too large: what others hold is shown
+            recording = read_recording((folder or Path()) / entry.name, MAX_REPLAY_BYTES)
+            with_wheels = COMMON in recording.attachments
+            wheels = WheelSet.of_recording(recording) if with_wheels else WheelSet(built_in_wheel())
+            derived = DerivedFriction(wheels.of(window.spacecraft, window.wheel))
+            for message in recording.messages:
+                if message.topic == topic:
+                    samples = derived.add(SamplesMessage.parse(message.payload, topic).samples())
+                    decimated.add(samples[(start_ns <= samples.time_ns) & (samples.time_ns < end_ns)])
+    return decimated.message()
+
+
 def latest_wheels(folder: Path | None) -> WheelSet | None:
     """Return the constants in the latest recording of a folder that has some; None where there is none."""
     for entry in list_recordings(folder):
@@ -132,7 +165,11 @@ def import_recordings(history: History, path: Path) -> tuple[int, int]:
     """
     windows = new = 0
     for recording in read_chain(path):
-        diagnoses = recording.parsed(Diagnosis)
+        late = {(one.spacecraft, one.wheel, one.window_end_ns) for one in recording.parsed(Health) if one.data}
+        diagnoses = [
+            one.model_copy(update={"data": "stored"}) if (one.spacecraft, one.wheel, one.window_end_ns) in late else one
+            for one in recording.parsed(Diagnosis)
+        ]
         for found in recording.parsed(Discrepancy):
             history.add_discrepancy(found)
         windows += len(diagnoses)

@@ -24,9 +24,11 @@ from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Effect
 from rwa_monitor.wheel.effects.catalogue import build, effect_class, mean_effects, to_block
 from rwa_monitor.wheel.effects.current_delay import CurrentDelay
-from rwa_monitor.wheel.wheel import Nominal, Wheel
+from rwa_monitor.wheel.file_content import rounded
+from rwa_monitor.wheel.wheel import EffectBlock, Nominal, Wheel
 
 Treatment = Literal["kept", "one speed", "shifted", "absent"]
 LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above
@@ -123,8 +125,11 @@ def extended_wheel(search: Search) -> Wheel:
     return extend(search).wheel
 
 
-def extend(search: Search) -> Extension:
-    """Return the extended wheel, what was done with its nominal friction, and how it fits the records."""
+def extend(search: Search, report_sha256: str | None = None) -> Extension:
+    """Return the extended wheel, what was done with its nominal friction, and how it fits the records.
+
+    Its effects state the standard deviations of their parameters, and the hash of the report, where it is given.
+    """
     base, model = search.base, search.extended
     before, after = base_law(search.problem, base), base_law(search.problem, model)
     # By how much the level falls at the same samples: false jumps of the base model then do not count as friction.
@@ -140,7 +145,7 @@ def extend(search: Search) -> Extension:
             strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
         effect = effect_class(term.effect.name)
         shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
-        blocks.append(to_block(effect(**{**shape, **strengths})))
+        blocks.append(_with_errors(search, effect(**{**shape, **strengths}), report_sha256))
     wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})
     if any(term.effect.follows_temperature for term in model.terms):
         wheel = wheel.model_copy(update={"temperature": temperature_range(search.problem.records)})
@@ -156,8 +161,20 @@ def extend(search: Search) -> Extension:
     if search.delay_s is None:
         return extension
     # The records were searched, and are compared, without the delay.
-    late = to_block(CurrentDelay(strength_s=search.delay_s))
+    late = _with_errors(search, CurrentDelay(strength_s=search.delay_s), report_sha256)
     return replace(extension, wheel=wheel.model_copy(update={"effect": (*wheel.effect, late)}))
+
+
+def _with_errors(search: Search, effect: Effect, report_sha256: str | None) -> EffectBlock:
+    """Return the block of an effect found, with its errors where they are known."""
+    std = {
+        name: rounded(value.std)
+        for found in search.result.effects
+        if found.name == effect.name
+        for name, value in found.parameters.items()
+        if value.std is not None
+    }
+    return to_block(effect).model_copy(update={"std": std or None, "report_sha256": report_sha256})
 
 
 def base_law(problem: Problem, model: Model) -> BaseLaw:
@@ -223,7 +240,9 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
     if np.sum(((known - beside) / unit) ** 2) <= np.sum(((known - without) / unit) ** 2):
         return nominal, "kept"
     dry, viscous = np.maximum(known + beside - without, LEAST_SHARE * known).tolist()
-    return nominal.model_copy(update={"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}), "shifted"
+    shifted = {"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}
+    unknown = {"dry_torque_std_Nm": None, "viscous_std_Nm_s_rad": None}
+    return nominal.model_copy(update={**shifted, **unknown}), "shifted"
 
 
 def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = None) -> float:

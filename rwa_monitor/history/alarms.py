@@ -16,7 +16,10 @@ from typing import Final, Literal
 from rwa_monitor.messages import AlarmPhase, Anomaly, Diagnosis
 
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
+STORED_ALARM: Final = " (stored)"  # behind the name of an alarm that stored telemetry raised: one of its own
 MONITOR_ALARM: Final = "monitor"  # the alarm that the wheel is not watched: its monitor does not report
+# In place of a wheel's name: of the alarm that all wheels of a spacecraft share, see `neighbours`.
+ALL_WHEELS: Final = "all_wheels"
 
 
 class Level(IntEnum):
@@ -51,8 +54,12 @@ ADVICE: Final = {
         " it stops by itself)."
     ),
 }
-# Of alarms that are no anomaly of the wheel, at every level but normal.
+# Of alarms that are no anomaly of one wheel, at every level but normal.
 OWN_ADVICE: Final = {
+    ALL_WHEELS: (
+        "All wheels moved together, so none is to be unloaded for this: look at their temperature, at the supply and"
+        " calibration of the current sensors, and at what was commanded or changed at that time."
+    ),
     MODEL_ALARM: (
         "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
         " While friction grows, do not extend the wheel file: a drift can be the fault itself."
@@ -65,8 +72,16 @@ OWN_ADVICE: Final = {
 }
 
 
+STORED_ADVICE: Final = (
+    "This is of earlier: stored telemetry showed it when it came, at the times given. Look at the windows since,"
+    " and acknowledge it, which closes it; what the wheel is like now has an alarm of its own."
+)
+
+
 def advice(name: str, level: Level) -> str:
     """Return what to do about an alarm."""
+    if name.endswith(STORED_ALARM):
+        return STORED_ADVICE
     return OWN_ADVICE.get(name, ADVICE[level]) if level > Level.NORMAL else ADVICE[level]
 
 

@@ -33,7 +33,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column, rela
 from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.history.alarms import Level, advice
+from rwa_monitor.history.alarms import ALL_WHEELS, Level, advice
 from rwa_monitor.messages import AlarmPhase
 from rwa_monitor.telemetry.files import make_folder
 
@@ -315,7 +315,7 @@ class AlarmRow(Table):
     @property
     def advice(self) -> str:
         """What to do about it."""
-        return advice(self.name, Level(self.level))
+        return advice(ALL_WHEELS if self.wheel == ALL_WHEELS else self.name, Level(self.level))
 
 
 class AlarmEventRow(Table):

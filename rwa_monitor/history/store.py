@@ -1,7 +1,8 @@
 """The history on a database: takes diagnoses in, runs the alarms over them, and gives records of both.
 
 A window is taken in once, whether it comes live, again after a restart, or from an imported recording; what it means
-for the alarms is written in the same transaction.
+for the alarms is written in the same transaction. Stored telemetry may complete a window later, or change the state
+before it: then the later diagnosis takes the place of the earlier one. Its alarms are its own, with its windows' times.
 """
 
 from __future__ import annotations
@@ -13,14 +14,17 @@ from pathlib import Path
 from threading import RLock
 from typing import Any, Final, Self
 
+import numpy as np
 from sqlalchemy import delete, func, select, tuple_
 from sqlalchemy.orm import Session, selectinload
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
+    ALL_WHEELS,
     MODEL_ALARM,
     MONITOR_ALARM,
     MONITOR_POLICY,
+    STORED_ALARM,
     WINDOW_POLICY,
     Alarm,
     AlarmEvent,
@@ -40,6 +44,16 @@ from rwa_monitor.history.database import (
     DiscrepancyRow,
     EstimateRow,
     WheelEventRow,
+)
+from rwa_monitor.history.neighbours import (
+    COMPARED,
+    FEWEST_WHEELS,
+    LATEST,
+    MOST_EARLIER,
+    MOST_WHEELS,
+    Moved,
+    moved,
+    shift_of,
 )
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
@@ -75,6 +89,7 @@ class History:
         self._wall_ns = wall_ns
         self._database = Database(place)
         self._session = self._database.session
+        self._wheels: dict[str, set[str]] = {}  # by spacecraft, those that were met
         self.retired = RetiredWheels(self._database, wall_ns)
 
     def __enter__(self) -> Self:
@@ -103,32 +118,83 @@ class History:
 
     def _add(self, session: Session, diagnosis: Diagnosis) -> bool:
         place = {"spacecraft": diagnosis.spacecraft, "wheel": diagnosis.wheel}
-        known = select(DiagnosisRow.id).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
+        wanted = select(DiagnosisRow).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
+        known, message = session.scalar(wanted), diagnosis.to_json().decode()
         newest_ns = session.scalar(select(func.max(EstimateRow.window_end_ns)).filter_by(**place))
         # Of an old recording that is imported again: older than any window that is kept.
         is_past = newest_ns is not None and diagnosis.window_end_ns < oldest_ns(newest_ns, DIAGNOSES_DAYS)
-        if is_past or session.scalar(known) is not None:
+        if is_past or (known is not None and (diagnosis.data is None or known.message == message)):
             return False
-        session.add(
-            DiagnosisRow(
-                **place,
-                window_start_ns=diagnosis.window_start_ns,
-                window_end_ns=diagnosis.window_end_ns,
-                message=diagnosis.to_json().decode(),
-            )
-        )
+        row = known or DiagnosisRow(**place, window_start_ns=diagnosis.window_start_ns)
+        row.window_end_ns, row.message = diagnosis.window_end_ns, message
+        session.add(row)
         for estimate in _estimates(diagnosis):
             session.merge(EstimateRow(**place, **estimate))
+        session.flush()
         end_ns = diagnosis.window_end_ns
-        for name, level in observe(diagnosis).items():
-            key = (diagnosis.spacecraft, diagnosis.wheel, name)
+        for wheel, name, level, reason in self._observed(session, diagnosis):
+            key = (diagnosis.spacecraft, wheel, name + (STORED_ALARM if diagnosis.data else ""))
             if level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
                 continue  # an alarm that never had cause to be needs no row
             state = _state_of(session, key)
-            if end_ns > state.last_window_ns:  # an older window changes no alarm
-                self._advance(session, state, level, end_ns, WINDOW_POLICY, _reason(diagnosis, name))
+            if end_ns > state.last_window_ns:  # an older window changes no live alarm
+                self._advance(session, state, level, end_ns, WINDOW_POLICY, reason)
+            elif diagnosis.data and level > Level.NORMAL:
+                self._raise_earlier(session, state, diagnosis, name)
         session.flush()
-        return True
+        return known is None
+
+    def _raise_earlier(self, session: Session, state: AlarmStateRow, diagnosis: Diagnosis, name: str) -> None:
+        """Raise an alarm of stored telemetry by a window that comes after later ones, with those around it in time."""
+        policy, end = WINDOW_POLICY, DiagnosisRow.window_end_ns
+        of_wheel = select(DiagnosisRow.message).filter_by(spacecraft=state.spacecraft, wheel=state.wheel)
+        before = of_wheel.where(end < diagnosis.window_end_ns).order_by(end.desc()).limit(policy.n - 1)
+        after = of_wheel.where(end > diagnosis.window_end_ns).order_by(end).limit(policy.n - 1)
+        around = [*reversed(session.scalars(before).all()), diagnosis.to_json().decode(), *session.scalars(after)]
+        seen = [observe(Diagnosis.parse(text.encode(), "history")).get(name) for text in around]
+        levels = [level for level in seen if level is not None]
+        together = (sorted(levels[i : i + policy.n], reverse=True) for i in range(len(levels) - policy.k + 1))
+        level = max((some[policy.k - 1] for some in together if len(some) >= policy.k), default=Level.NORMAL)
+        open_row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
+        if level > (Level.NORMAL if open_row is None else open_row.level):
+            recent, last_ns = state.recent, state.last_window_ns
+            state.recent = str(int(level)) * (policy.n - 1)
+            self._advance(session, state, level, diagnosis.window_end_ns, policy, _reason(diagnosis, name))
+            state.recent, state.last_window_ns = recent, last_ns
+
+    def _observed(self, session: Session, diagnosis: Diagnosis) -> Iterator[tuple[str, str, Level, str]]:
+        """Yield the level that a window gives each alarm, of its wheel or of all: wheel, name, level, reason.
+
+        A window that is undecided by itself gives no level, but where its siblings decide.
+        """
+        siblings, levels = self._wheels_of(session, diagnosis), observe(diagnosis)
+        # Dumps arrive in any order, perhaps before those of the siblings: each is judged by itself.
+        alike = not diagnosis.data and not diagnosis.partial and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
+        for name in [*levels, *(COMPARED.keys() - levels.keys() if alike else ())]:
+            level = levels.get(name)
+            moved = _moved(session, diagnosis, name) if alike and name in COMPARED else None
+            if moved is None or (level is None and not (moved.is_common or moved.is_alone)):
+                if level is not None:
+                    yield diagnosis.wheel, name, level, _reason(diagnosis, name)
+                continue
+            if moved.is_common:
+                yield diagnosis.wheel, name, Level.NORMAL, ""
+                least = Level.WATCH if moved.is_large else Level.NORMAL
+                yield ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
+                continue
+            if moved.is_alone and not level:
+                yield diagnosis.wheel, name, Level.WATCH, moved.in_words
+            elif level is not None:
+                yield diagnosis.wheel, name, level, _reason(diagnosis, name)
+            yield ALL_WHEELS, name, Level.NORMAL, ""
+
+    def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
+        """Return the wheels of a window's spacecraft, that of the window among them."""
+        known, wanted = self._wheels, select(DiagnosisRow.wheel).filter_by(spacecraft=diagnosis.spacecraft).distinct()
+        if diagnosis.spacecraft not in known:
+            known[diagnosis.spacecraft] = set(session.scalars(wanted))
+        known[diagnosis.spacecraft].add(diagnosis.wheel)
+        return known[diagnosis.spacecraft]
 
     def take_monitors(self, reports: Iterable[MonitorState]) -> list[AlarmRecord]:
         """Take in of which wheels the monitor reports, and of which not any more; returns the alarms that this changed.
@@ -213,7 +279,10 @@ class History:
         """
         with self._session() as session:
             row, state = self._open_alarm(session, alarm_id)
-            after, events = acknowledge(_alarm(state, row), state.last_window_ns)
+            alarm = _alarm(state, row)
+            if row.name.endswith(STORED_ALARM):  # what was then needs no normal window now
+                alarm = replace(alarm, phase="returned")
+            after, events = acknowledge(alarm, state.last_window_ns)
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
             for happened in events:
@@ -323,6 +392,34 @@ class History:
         ended = _ALARMS.where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
         with self._session() as session:
             return _records(row for query in (open_ones, ended) for row in session.scalars(query))
+
+
+def _moved(session: Session, diagnosis: Diagnosis, name: str) -> Moved | None:
+    """Return how a coefficient of a window's wheel moved beside its siblings; None where that cannot be compared.
+
+    Of each wheel the latest window counts that ends within one window's length of this one.
+    """
+    length = diagnosis.window_end_ns - diagnosis.window_start_ns
+    wanted = (
+        select(EstimateRow)
+        .filter_by(spacecraft=diagnosis.spacecraft, name=name)
+        .where(EstimateRow.window_end_ns > diagnosis.window_end_ns - (MOST_EARLIER + LATEST) * length)
+        .where(EstimateRow.window_end_ns < diagnosis.window_end_ns + length)
+        .order_by(EstimateRow.window_end_ns)
+    )
+    windows: dict[str, list[EstimateRow]] = {}
+    for row in session.scalars(wanted):
+        windows.setdefault(row.wheel, []).append(row)
+    shifts = {}
+    for wheel, rows in windows.items():
+        latest = rows[-1]
+        numbers = np.array([(row.value, row.std) for row in rows], dtype=np.float64)  # None becomes NaN
+        values, stds = numbers.T
+        low, high = (np.nan if bound is None else bound for bound in (latest.nominal_low, latest.nominal_high))
+        shift = shift_of(values, stds, np.array([row.active for row in rows]), (low, high))
+        if latest.window_end_ns >= diagnosis.window_end_ns - length and shift is not None:
+            shifts[wheel] = shift
+    return moved(name, diagnosis.wheel, shifts)
 
 
 def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:

@@ -138,6 +138,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
                 dry_torque_Nm=base,
                 viscous_Nm_s_rad=viscous,
                 nominal_speed_rad_s=nominal_speed,
+                dry_torque_std_Nm=_rounded(dry_std, 2) if np.isfinite(dry_std) else None,
+                viscous_std_Nm_s_rad=_rounded(viscous_std, 2) if np.isfinite(viscous_std) else None,
                 viscous_spread=None if heat.spread is None else _rounded(heat.spread, 3),
             ),
             "temperature": start.temperature,

@@ -9,9 +9,13 @@
 // with every index checked, under AddressSanitizer.
 #pragma once
 
+#ifdef RWA_ONBOARD  // without Python, all memory from a block of fixed size
+#include "onboard/pool.hpp"
+#else
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/tuple.h>
+#endif
 
 #include <algorithm>
 #include <array>
@@ -51,16 +55,26 @@
     auto fields() { return tie(__VA_ARGS__); }
 
 // The functions and numbers of a stage, by their own names.
+#ifdef RWA_ONBOARD
+#define STAGE(stage, ...)
+#else
 #define EXPORT(...) define(module, #__VA_ARGS__, __VA_ARGS__)
 #define STAGE(stage, ...) \
     void bind_##stage(nanobind::module_& module) { EXPORT(__VA_ARGS__); }
+#endif
 
 namespace rwa {
 using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
     std::max, std::min, std::pow, std::rint, std::sqrt;
 using std::all_of, std::any_of, std::copy, std::copy_n, std::fill, std::fill_n, std::find, std::iota, std::max_element,
     std::min_element, std::none_of, std::nth_element, std::reverse, std::sort, std::stable_sort, std::swap;
-using std::array, std::int64_t, std::make_tuple, std::tie, std::tuple, std::vector;
+using std::array, std::int64_t, std::make_tuple, std::tie, std::tuple;
+#ifdef RWA_ONBOARD
+template <typename T>
+using vector = std::vector<T, Pooled<T>>;
+#else
+using std::vector;
+#endif
 constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 template <typename T, std::size_t N>
@@ -148,6 +162,7 @@ inline double median_in_place(vector<double>& values) {
     return n % 2 == 1 ? above : 0.5 * (*max_element(values.begin(), values.begin() + half) + above);
 }
 
+#ifndef RWA_ONBOARD
 // Bind functions and numbers under their names, which stand in one text with ", " between them.
 template <typename... Values>
 void define(nanobind::module_& module, std::string_view names, Values... values) {
@@ -162,9 +177,11 @@ void define(nanobind::module_& module, std::string_view names, Values... values)
     };
     (bind(values), ...);
 }
+#endif
 
 }  // namespace rwa
 
+#ifndef RWA_ONBOARD
 namespace nanobind::detail {
 
 template <typename T, std::size_t N>
@@ -239,3 +256,4 @@ struct type_caster<T, enable_if_t<is_named_tuple<T>::value>> {
 };
 
 }  // namespace nanobind::detail
+#endif

@@ -152,6 +152,7 @@ void block_differences(
 
 // How many statistics are counted, their median and 99.5 % quantile: the middles of bins of the histogram.
 using Quantiles = tuple<double, double, double>;
+constexpr double CHI_MEDIAN = 0.4549364231195728;  // median of χ²₁
 bool are_heavy(const Quantiles& quantiles, double variance);
 
 // Levels and counts of the complete blocks (`quiet_levels`), the variance of each scale's contrast, and the quantiles

@@ -1,38 +1,33 @@
 #include "arrays.hpp"
+#include "recursions.h"
 
 namespace rwa {
 namespace {
 
-double sign(double value) { return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : value; }
-
-// The bristle's deflection z/z_c after sliding by an angle in one direction.
-double slide(double bristle, double angle_rad, double scale_rad) {
-    const double side = sign(angle_rad);
-    return side + (bristle - side) * exp(-abs(angle_rad) / scale_rad);
-}
-
 // Dahl's bristle dz/dt = ω − |ω| z/z_c by its exact step in angle; `state` is z/z_c and the last ω.
 NewFloats dahl_bristle(Floats speed_rad_s, Flags usable, double period_s, double scale_rad, Vector<double> state) {
     NewFloats bristle(speed_rad_s.size());
-    double z = state[0], before = state[1];
-    for (int64_t k = 0; k < speed_rad_s.size(); ++k) {
-        if (usable[k]) {
-            const double after = speed_rad_s[k];
-            if (isnan(z)) {
-                z = sign(after);
-            } else if (before * after < 0.0) {  // a slot in which ω changes its sign is two steps
-                const double crossing_s = period_s * before / (before - after);
-                z = slide(z, 0.5 * before * crossing_s, scale_rad);
-                z = slide(z, 0.5 * after * (period_s - crossing_s), scale_rad);
-            } else {
-                z = slide(z, 0.5 * (before + after) * period_s, scale_rad);
-            }
-            before = after;
-        }
-        bristle[k] = z;
-    }
-    state[0] = z, state[1] = before;
+    for (int64_t k = 0; k < speed_rad_s.size(); ++k)
+        bristle[k] = usable[k] ? rwa_dahl_bristle(&state[0], speed_rad_s[k], period_s, scale_rad) : state[0];
     return bristle;
+}
+
+// A first-order lag, exact for values that are linear between slots; `state` is x and the last value.
+NewFloats first_order_lag(Floats values, Flags usable, double period_s, double time_constant_s, Vector<double> state) {
+    NewFloats lagged(values.size());
+    double weights[3];
+    rwa_lag_weights(weights, period_s, time_constant_s);
+    for (int64_t k = 0; k < values.size(); ++k)
+        lagged[k] = usable[k] ? rwa_lag_step(&state[0], values[k], weights) : state[0];
+    return lagged;
+}
+
+// Time since |value| was above a threshold; `state` is that time.
+NewFloats time_since(Floats values, Flags usable, double period_s, double threshold, Vector<double> state) {
+    NewFloats since(values.size());
+    for (int64_t k = 0; k < values.size(); ++k)
+        since[k] = usable[k] ? rwa_time_since(&state[0], values[k], period_s, threshold) : state[0];
+    return since;
 }
 
 // The log-likelihood of a burst chain but for its constant, by the forward recursion (Rabiner 1989); writes each slot's
@@ -76,6 +71,6 @@ void smooth(Vector<double> probability, double on, double off) {
 
 }  // namespace
 
-STAGE(effects, dahl_bristle, forward, smooth)
+STAGE(effects, dahl_bristle, first_order_lag, forward, smooth, time_since)
 
 }  // namespace rwa

@@ -18,6 +18,20 @@ def dahl_bristle(
     in [-1, 1], NaN before the first usable slot.
     """
 
+def first_order_lag(
+    values: FloatArray, usable: BoolArray, period_s: float, time_constant_s: float, state: FloatArray
+) -> FloatArray:
+    """Follow `values` with a first-order lag, dx/dt = (u - x)/τ, exact for values that are linear between slots.
+
+    At the start of a record x equals u: the wheel has run at that speed for long. `state` is x and the last u, NaN at
+    the start. Returns x, NaN before the first usable slot.
+    """
+
+def time_since(
+    values: FloatArray, usable: BoolArray, period_s: float, threshold: float, state: FloatArray
+) -> FloatArray:
+    """Return the time since |value| was above a threshold [s]; `state` is that time, infinite at the start."""
+
 def forward(
     squares: FloatArray,
     inside: BoolArray,

@@ -6,7 +6,6 @@
 namespace rwa {
 namespace {
 constexpr double LARGEST_VALUE = 1e4;  // normalised; speed or friction beyond is a broken word of telemetry
-constexpr double CONFIRMED_STATISTIC = 37.324893051362324;  // χ²₁ exceeds it with probability 1e-9, as in the paper
 constexpr double KEPT_STATISTIC = 12.0;     // peaks below are not kept: no threshold at the close is as low
 constexpr double CERTAIN_STATISTIC = 30.0;  // peaks that split the window while its slope is first estimated
 constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the slope: only keeps 0/0 away (errata 3)
@@ -70,9 +69,9 @@ struct WindowArrays {
 struct WindowSettings {
     double speed_unit, torque_unit, angle_per_x;
     int64_t block_hop, stretch_hop;
-    double start_std, prior_mean, prior_std, nominal_slope, outlier;
+    double start_std, prior_mean, prior_std, nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic;
     FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
-           nominal_slope, outlier)
+           nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
 };
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
@@ -80,6 +79,19 @@ bool is_odd_power(int64_t chunks) {
     while (chunks > 2) chunks /= 4;
     return chunks == 2;
 }
+
+// Memory whose pages the system need not give before they are written to.
+struct Untouched {
+    Untouched() = default;
+    Untouched(const Untouched&) = delete;
+    Untouched& operator=(const Untouched&) = delete;
+    ~Untouched() { if (data) allocator.deallocate(data, size); }
+    double* take(std::size_t count) { return data = allocator.allocate(size = count); }
+
+    NewFloats::allocator_type allocator;
+    double* data = nullptr;
+    std::size_t size = 0;
+};
 
 // A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and
 // what it learns of itself.
@@ -89,9 +101,9 @@ struct Window {
           floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
         announced.fill(FAR_AWAY);
         const int64_t blocks = blocks_before(a.x.size());
-        memory.reset(new double[2 * blocks * LAGS]);  // not touched before there are samples for it
-        block_sums = Matrix<double>(memory.get(), {blocks, LAGS});
-        block_pairs = Matrix<double>(memory.get() + blocks * LAGS, {blocks, LAGS});
+        // Not touched before there are samples for it.
+        block_sums = Matrix<double>(memory.take(2 * blocks * LAGS), {blocks, LAGS});
+        block_pairs = Matrix<double>(block_sums.end(), {blocks, LAGS});
     }
 
     // What Python learned of the first chunk: weight of the slope's prior, dead band, speed whose sign is certain.
@@ -99,15 +111,16 @@ struct Window {
         weight = prior_weight, band = dead_band, certain = certain_speed;
     }
 
-    // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outlier by
-    // chance. A tail is known to a factor: twice that is sure, half of it is worth keeping.
-    void set_outlier(double outlier) {
+    // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outliers by
+    // chance. A tail is known to a factor: half of the largest is worth keeping.
+    void set_outlier(double outlier, double sure_outlier) {
         for (std::size_t s = 0; s < variances.size(); ++s) {
             floors[s] = sure[s] = INFINITE;
             if (!isfinite(variances[s])) continue;
             const double by_chance = outlier * outlier / (2.0 * detector.scales[s]);
             floors[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
-            sure[s] = max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance);
+            const double lone = sure_outlier / sqrt(2.0 * detector.scales[s]) + by.sure_margin * sqrt(variances[s]);
+            sure[s] = max(by.sure_statistic * variances[s], lone * lone);
         }
     }
 
@@ -131,7 +144,9 @@ struct Window {
         for (int64_t k = 0; k < viscous_speed.size(); ++k) {
             a.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
         }
+#ifndef RWA_ONBOARD  // of no use before the close
         count_signs(filled, speed, a.good.slice(filled, filled + n), a.structure.signs, a.structure.counts);
+#endif
         filled += n;
         reported = {};
         const Why why = detect_until(last ? filled : filled - filled % STEP, done, last);
@@ -180,8 +195,10 @@ struct Window {
         }
         scan(start, stop, start >= CHUNK);
         extend_sums(a.sums, a.running, start, stop);
+#ifndef RWA_ONBOARD
         extend_structure(
             a.motion, a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
+#endif
         block_differences(
             a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight, block_sums,
             block_pairs);
@@ -192,7 +209,8 @@ struct Window {
     bool refresh(int64_t done) {
         tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
         const double variance = variances[0];
-        set_outlier(isfinite(variance) ? by.outlier * sqrt(variance) : 0.0);
+        const double std = isfinite(variance) ? sqrt(variance) : 0.0;
+        set_outlier(by.outlier * std, by.sure_outlier * std);
         return isfinite(variance) && are_heavy(quantiles, variance);
     }
 
@@ -245,7 +263,7 @@ struct Window {
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
-    std::unique_ptr<double[]> memory;
+    Untouched memory;
     Matrix<double> block_sums, block_pairs;  // see `block_differences`
     array<int64_t, STEP> announced;        // the last slots reported, in turns
     int64_t announcements = 0;
@@ -253,6 +271,7 @@ struct Window {
 };
 }  // namespace
 
+#ifndef RWA_ONBOARD
 void bind_evidence(nanobind::module_& module) {
     EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT, ALL_DONE, FIRST_CHUNK);
     nanobind::class_<Window>(module, "Window")
@@ -268,5 +287,6 @@ void bind_evidence(nanobind::module_& module) {
         .def_prop_ro("quantiles", [](const Window& window) { return window.quantiles; })
         .def_prop_ro("reported", [](const Window& window) { return window.reported; });
 }
+#endif
 
 }  // namespace rwa

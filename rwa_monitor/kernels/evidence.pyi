@@ -75,8 +75,8 @@ class Window:
     def begin(self, weight: float, dead_band: float, certain_speed: float) -> None:
         """Set what was learned of the first chunk: weight of the slope's prior, dead band, speed of certain sign."""
 
-    def set_outlier(self, outlier: float) -> None:
-        """Set the largest outlier by chance, normalised."""
+    def set_outlier(self, outlier: float, sure_outlier: float) -> None:
+        """Set the largest outlier by chance, and the size from which one is reported at once; normalised."""
 
     def noise(self, done: int) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
         """Return the noise of the slots [0, done).

@@ -203,7 +203,6 @@ NewFloats contrast_variances(Floats levels, Integers scales) {
 
 namespace {
 constexpr double FEWEST = 200.0;                   // counted statistics below which nothing follows of tails
-constexpr double CHI_MEDIAN = 0.4549364231195728;  // median of χ²₁
 constexpr double LATTICE = 0.5;                    // of the median that the variance lets expect
 constexpr double GAUSSIAN_RATIO = 17.32;  // 99.5 % quantile over the median of squared Gaussian differences
 constexpr double LIGHT_TAIL = 1.05;  // a ratio this close to it is Gaussian: its standard error is 1.5 %

@@ -123,6 +123,9 @@ Detector::Detector(Integers half_widths)
     double most = 0.0;
     for (int64_t w : scales) most += 2.0 * CHUNK / (w + 1);
     chunk_peaks = static_cast<std::size_t>(std::ceil(most)) + 2 * scales.size();
+#ifdef RWA_ONBOARD
+    peaks.reserve(MOST_PEAKS);
+#endif
 }
 
 // Add local maxima above `floor` to the list of peaks. A slot belongs to the last peak of its sign when it lies within
@@ -168,7 +171,7 @@ void Detector::prune(Floats variances) {
     }
     NewIntegers kept(peaks.size()), place(peaks.size(), -1);
     iota(kept.begin(), kept.end(), 0);
-    stable_sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return strength[a] > strength[b]; });
+    sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return tie(strength[b], a) < tie(strength[a], b); });
     kept.resize(peaks.size() / 2);
     sort(kept.begin(), kept.end());
     for (std::size_t i = 0; i < kept.size(); ++i) {
@@ -222,7 +225,7 @@ vector<Peak> Detector::above(double threshold, Floats variances) const {
         const double statistic = value / variances[scale];
         if (statistic >= threshold) found.push_back({index, scales[scale], statistic, jump});
     }
-    stable_sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
+    sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
         return tie(a.index, a.scale) < tie(b.index, b.scale);
     });
     return found;
@@ -246,11 +249,13 @@ tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, 
     return {std::move(statistic), std::move(jump)};
 }
 
+#ifndef RWA_ONBOARD
 void bind_wglr(nanobind::module_& module) {
     EXPORT(CHUNK, STEP, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
     nanobind::class_<Detector>(module, "Detector")
         .def(nanobind::init<Integers>())
         .def("scan", &Detector::scan);
 }
+#endif
 
 }  // namespace rwa

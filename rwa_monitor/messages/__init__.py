@@ -22,7 +22,7 @@ from pydantic_core import from_json
 
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, FloatArray, Samples
+from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, FloatArray, Samples, Timeliness
 
 MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
@@ -38,6 +38,8 @@ Name = Annotated[str, Field(max_length=200)]
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
 AlarmLevel = Literal["normal", "watch", "warning", "distress", "critical"]
 AlarmPhase = Literal["quiet", "active", "acknowledged", "returned"]
+Stored = Literal["stored"]
+Data = Literal["live", "stored", "replay"]  # telemetry of now, of earlier, or of a recording that is played again
 
 
 class Message(BaseModel):
@@ -125,6 +127,7 @@ def dump_json(content: Any) -> bytes:
 
 
 KEY_PREFIX: Final = "rwa"
+REPLAY: Final = "@replay"  # what the name of a wheel ends with whose telemetry is only played again
 # What a spacecraft or wheel may be called on the bus: no wildcards of key expressions, nothing that a path could use.
 _NAME: Final = re.compile(r"[A-Za-z0-9_@+~-][A-Za-z0-9_.@+~-]{0,99}")
 
@@ -161,13 +164,16 @@ class SamplesMessage(Message):
     """Telemetry of a wheel: arrays of one length, null where a value was not measured.
 
     `publisher` is a random name per start of a publisher and `batch` counts its messages, so that a gap shows; any
-    publisher that writes the arrays is served without them.
+    publisher that writes the arrays is served without them. `data` is "stored" where they were kept before they were
+    sent, in any order, and "live" from a publisher of a wheel whose stored samples come, too; such messages are
+    numbered apart.
     """
 
     kind: ClassVar[str] = "samples"
 
     publisher: Annotated[str, Field(max_length=64)] = ""
     batch: Count | None = None
+    data: Timeliness | None = None
     time_ns: Annotated[list[TimeNs], Field(min_length=1, max_length=MAX_SAMPLES)]
     speed_rad_s: Readings
     friction_torque_Nm: Readings | None = None
@@ -207,9 +213,10 @@ def is_json(payload: bytes) -> bool:
     return True
 
 
-def samples_json(samples: Samples, publisher: str, batch: int) -> bytes:
+def samples_json(samples: Samples, publisher: str, batch: int, data: Timeliness | None = None) -> bytes:
     """Write samples as the JSON of a `SamplesMessage`, null where a value is not finite."""
-    content: dict[str, Any] = {"publisher": publisher, "batch": batch, "time_ns": samples.time_ns.tolist()}
+    content: dict[str, Any] = {"publisher": publisher, "batch": batch} | ({"data": data} if data else {})
+    content["time_ns"] = samples.time_ns.tolist()
     for name in CHANNELS:
         values: FloatArray | None = getattr(samples, name)
         if values is not None:
@@ -294,15 +301,17 @@ class Provenance(Message):
 class Diagnosis(Message):
     """The diagnosis of one window, [window_start_ns, window_end_ns). Nothing in it depends on the wall clock.
 
-    `samples` is the window's length in slots, `coverage` the share of slots with a good sample.
+    `samples` is the window's length in slots, `coverage` the share of slots with a good sample. `data` is "stored"
+    where stored samples are in it, or changed the state before it: of several such ones of a window the latest holds.
     """
 
     kind: ClassVar[str] = "diagnosis"
-    omitted: ClassVar[tuple[str, ...]] = ("source",)
+    omitted: ClassVar[tuple[str, ...]] = ("source", "data")
 
     spacecraft: Name
     wheel: Name
     source: str | None = None
+    data: Stored | None = None
     window_start_ns: ClockNs
     window_end_ns: ClockNs
     samples: Count
@@ -355,11 +364,12 @@ class HealthAlarm(Message):
 class Health(Message):
     """A wheel's health in brief: `severity` of its worst active anomaly, `alarms` the names of all of them.
 
-    `alarm_states` are the open alarms by name, where a dashboard keeps them; a monitor has none.
+    `alarm_states` are the open alarms by name, where a dashboard keeps them; a monitor has none. `data` is there where
+    the window is not of live telemetry; then nothing is in `alarms`.
     """
 
     kind: ClassVar[str] = "health"
-    omitted: ClassVar[tuple[str, ...]] = ("alarm_states",)
+    omitted: ClassVar[tuple[str, ...]] = ("alarm_states", "data")
 
     spacecraft: Name
     wheel: Name
@@ -369,6 +379,7 @@ class Health(Message):
     window_end_ns: ClockNs
     alarms: list[str]
     alarm_states: dict[str, HealthAlarm] | None = None
+    data: Literal["stored", "replay"] | None = None
 
 
 MODEL_LACKS: Final = (
@@ -377,8 +388,9 @@ MODEL_LACKS: Final = (
 )
 
 
-def health_message(diagnosis: Diagnosis) -> Health:
-    """Return the wheel's health by its latest diagnosis."""
+def health_message(diagnosis: Diagnosis, data: Literal["stored", "replay"] | None = None) -> Health:
+    """Return the wheel's health by its latest diagnosis; `data` names telemetry that is not live, if that does not."""
+    data = data or diagnosis.data
     active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
     alarmed = diagnosis.verdict == "anomalous"
     reason = diagnosis.reason if diagnosis.model_adequate else f"{diagnosis.reason} {MODEL_LACKS}"
@@ -389,7 +401,8 @@ def health_message(diagnosis: Diagnosis) -> Health:
         severity=max((anomaly.severity or 0.0 for anomaly in active.values()), default=0.0) if alarmed else 0.0,
         reason=reason,
         window_end_ns=diagnosis.window_end_ns,
-        alarms=list(active) if alarmed else [],
+        alarms=list(active) if alarmed and data is None else [],
+        data=data,
     )
 
 
@@ -398,7 +411,7 @@ class Status(Message):
 
     `messages_rejected` and `messages_missed` count this wheel's messages, `messages_dropped` and `queue_depth` those of
     the process. `window_fill` is the share of the running window that has passed, `recording` the file, null without
-    one. Times of the monitor's own clock end in `_wall_ns`, durations in `_s`.
+    one, `data` what the latest samples were. Times of the monitor's own clock end in `_wall_ns`, durations in `_s`.
     """
 
     kind: ClassVar[str] = "status"
@@ -427,6 +440,7 @@ class Status(Message):
     last_sample_ns: ClockNs | None
     diagnosis_s: Number | None
     now_wall_ns: TimeNs
+    data: Data = "live"
 
 
 # ---- discrepancy -----------------------------------------------------------------------------------------------------

@@ -15,6 +15,7 @@ from rwa_monitor.changepoints.evidence import Gathered
 from rwa_monitor.messages import ClockNs, Count, Slot
 from rwa_monitor.monitor.ingest.sequencer import Sequencer
 from rwa_monitor.monitor.ingest.slot_assignment import Rows
+from rwa_monitor.monitor.ingest.stored import StoredTelemetry
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
@@ -94,6 +95,8 @@ class Checkpoint(Hashed):
     done, next_start, last_end, open
         Where the windows stand: slots worked off, the first of the next window, the end of the last that was closed,
         and of each open one the first slot and what it has gathered.
+    carried_ns, stored
+        End of the window that `carried` is from, and the stored telemetry of a wheel that has some.
     """
 
     what: ClassVar[str] = "checkpoint"
@@ -119,6 +122,8 @@ class Checkpoint(Hashed):
     next_start: Slot
     last_end: Slot
     open: list[tuple[Slot, Gathered]]
+    carried_ns: ClockNs | None = None
+    stored: StoredTelemetry | None = None
 
     def fits(self, ring: RingBuffer, memories: int) -> bool:
         """Return whether it can be of a core with such a ring buffer and so many memories of effects."""

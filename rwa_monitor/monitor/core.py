@@ -10,6 +10,7 @@ result does not depend on how the samples are cut into messages.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
@@ -24,8 +25,17 @@ from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
+from rwa_monitor.monitor.ingest.stored import StoredTelemetry, StoredWindow
 from rwa_monitor.paper import method as paper
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid
+from rwa_monitor.samples import (
+    NANOSECONDS_PER_SECOND,
+    SECONDS_PER_HOUR,
+    FloatArray,
+    IntArray,
+    Samples,
+    SlotGrid,
+    Timeliness,
+)
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.friction import BLOCK_SLOTS, FrictionSource
 from rwa_monitor.telemetry.ring_buffer import RingBuffer
@@ -91,6 +101,7 @@ class WheelCore:
         self._reported_missing = False
         self._settings_check = SettingsCheck(wheel)
         self._waiting: Rows | None = None  # one sample that the next one judges
+        self._stored: StoredTelemetry | None = None  # of a wheel whose publishers distinguish live and stored samples
 
     @property
     def why_masked(self) -> dict[str, int]:
@@ -113,7 +124,13 @@ class WheelCore:
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
-    def feed(self, samples: Samples, publisher: str = "", batch: int | None = None) -> list[Event]:
+    def feed(
+        self,
+        samples: Samples,
+        publisher: str = "",
+        batch: int | None = None,
+        data: Timeliness | None = None,
+    ) -> list[Event]:
         """Take samples in any cut and return what happened, in order.
 
         Parameters
@@ -124,6 +141,9 @@ class WheelCore:
             Who sent it; "" where it is not named.
         batch
             Its number, counted up by one by each publisher; None where it has none.
+        data
+            "stored" for samples that were kept before they were sent: they may come in any order, late by hours, and
+            leave the live windows as they are. "live" where both come; None where the publisher does not distinguish.
 
         Raises
         ------
@@ -135,7 +155,22 @@ class WheelCore:
             self._source = source_of(samples, self.wheel)
             if self._source != self._windows.friction.source:
                 self._windows.begin_source(self._source)
-        return self._take_all(self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns))
+        if data is not None and self._stored is None and len(samples):
+            grid, first_ns = self._assignment.grid, int(samples.time_ns[0])
+            period_ns, slots = self.wheel.period_ns, self.wheel.window.samples
+            # On the windows of live samples, so that it is these that are completed; else not on what comes first.
+            step_ns = period_ns if grid is None and data == "stored" else period_ns * slots
+            self._stored = StoredTelemetry(period_ns, slots, (grid.origin_ns if grid else first_ns) % step_ns)
+            if self._windows.carried_ns is not None:
+                self._stored.note(self._windows.carried_ns, without_positions(self.carried))
+        if data == "stored":
+            return self._take_stored(samples)
+        events = self._take_all(self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns))
+        if self._stored is not None:
+            for event in events:
+                if isinstance(event, WindowDiagnosed):
+                    self._stored.note(event.end_ns, event.carried)
+        return events + self._diagnose_stored()
 
     def finish(self) -> list[Event]:
         """Take what waits, close the open window as it is, and return what happened: nothing more will come."""
@@ -145,7 +180,7 @@ class WheelCore:
             self._waiting = None
         events += self._windows.end_epoch()
         self._assignment.grid = None  # the next sample begins a new epoch
-        return events
+        return events + self._diagnose_stored(to_the_end=True)
 
     @property
     def window_fill(self) -> float:
@@ -166,7 +201,14 @@ class WheelCore:
         return events
 
     def _take(self, message: Batch) -> list[Event]:
-        samples, friction = message.samples, self._windows.friction
+        rows, events = self._rows(message.samples)
+        if self._stored is not None:
+            self._stored.add(rows, None)
+        return events + self._place(rows, passed=message.passed)
+
+    def _rows(self, samples: Samples) -> tuple[Rows, list[Event]]:
+        """Return samples that are within the wheel's limits, and what they show of the settings."""
+        friction = self._windows.friction
         torque = friction.torque(samples)
         allowed = self._assignment.reject_beyond_limits(samples)
         beyond = 0 if allowed is None else int(np.count_nonzero(~allowed))
@@ -185,7 +227,7 @@ class WheelCore:
         if allowed is not None:
             time_ns = time_ns[allowed]
             values = {name: np.where(np.isfinite(array), array, np.nan)[allowed] for name, array in values.items()}
-        return events + self._place(Rows(time_ns, values), passed=message.passed)
+        return Rows(time_ns, values), events
 
     def _place(self, rows: Rows, *, passed: bool = False, last: bool = False) -> list[Event]:
         """Bring samples into their slots; one that the next sample must judge waits for it."""
@@ -212,26 +254,50 @@ class WheelCore:
                     )
                     events.append(Trouble("clock step", text))
             taken = rows if piece.slots.size == len(rows) else rows[piece.rows]
-            events += self._write(piece.slots, taken.values)
+            if piece.slots.size:
+                events += windows.write(piece.slots, taken.values, int(piece.slots[-1]) + 1)
             start = piece.stop
         if strays:
             rejected = f"{counted(len(strays), 'sample')} rejected with a time far from those before and after"
             events.append(Trouble("stray samples", f"{rejected}, the first at {time_text(strays[0])}"))
         return events
 
-    def _write(self, slots: IntArray, values: Mapping[str, FloatArray]) -> list[Event]:
-        """Bring new slots, and the empty ones before them, into the ring buffer piece by piece."""
-        events: list[Event] = []
-        ring = self._windows.ring
-        frontier = int(slots[-1]) + 1 if slots.size else 0
-        while ring.end < frontier:
-            end = min(ring.end + PIECE_SLOTS, frontier)
-            if ring.end <= slots[0] and end == frontier:  # all at once
-                ring.extend(end, slots, values)
-            else:
-                rows = slice(*np.searchsorted(slots, (ring.end, end)))
-                ring.extend(end, slots[rows], {name: array[rows] for name, array in values.items()})
-            events += self._windows.advance()
+    # ---- stored samples -------------------------------------------------------------------------------------------
+
+    def _take_stored(self, samples: Samples) -> list[Event]:
+        assert self._stored is not None
+        self.counts.received += len(samples)
+        self.counts.queued += len(samples)
+        rows, events = self._rows(samples)
+        if self._stored.add(rows, self.counts):
+            hours = self._stored.kept * self.wheel.window.samples * self.wheel.sample_period_s / SECONDS_PER_HOUR
+            text = f"stored samples older than the latest {hours:.1f} hours: they are recorded, and not diagnosed"
+            events.append(Trouble("stored samples late", text))
+        return events + self._diagnose_stored()
+
+    def _diagnose_stored(self, *, to_the_end: bool = False) -> list[Event]:
+        """Diagnose the windows of stored samples that are due; the live window goes on from their state."""
+        stored, events = self._stored, list[Event]()
+        if stored is None:
+            return events
+        if to_the_end and stored.waiting is not None:
+            rows, stored.waiting, stored.newest = stored.waiting, None, None
+            stored.add(rows, self.counts)
+
+        def diagnose(grid: SlotGrid, window: StoredWindow, before: CarriedState, follows: bool) -> CarriedState:
+            carried = before if follows else without_positions(before)
+            windows = Windows(self.wheel, self.model, self.method, carried, Counts())
+            windows.begin_source(self._source or windows.friction.source)
+            windows.begin_epoch(grid)
+            slots = window.slots()
+            values = {name: array[slots] for name, array in window.values.items()}
+            happened = [*windows.write(slots, values, self.wheel.window.samples), *windows.end_epoch()]
+            (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
+            events.append(replace(diagnosed, data="stored"))
+            self._windows.go_on_from(diagnosed)
+            return diagnosed.carried
+
+        stored.diagnose(diagnose, to_the_end=to_the_end)
         return events
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------
@@ -248,6 +314,7 @@ class WheelCore:
             origin_ns=grid.origin_ns if grid else None,
             frontier=self._windows.ring.end,
             last_ns=self._assignment.last_ns,
+            stored=self._stored,
             **self._windows.state(),
         )
 
@@ -269,6 +336,7 @@ class WheelCore:
         assignment.grid = None if origin_ns is None else SlotGrid(origin_ns, wheel.period_ns)
         assignment.last_ns = checkpoint.last_ns
         core._windows.resume(checkpoint)
+        core._stored = checkpoint.stored
         return core
 
 
@@ -331,8 +399,8 @@ class Windows:
 
     Attributes
     ----------
-    carried
-        The state that the windows closed so far hand to the next one.
+    carried, carried_ns
+        The state that the windows closed so far hand to the next one, and the end of the last of them, None for none.
     ring, screen, friction
         What the slots go through, anew for each source of friction.
     grid
@@ -351,6 +419,7 @@ class Windows:
         self.model = model
         self.method = method
         self.carried = carried
+        self.carried_ns: int | None = None
         self.counts = counts
         self.grid = SlotGrid(0, wheel.period_ns)
         self._samples, self._hop = wheel.window.samples, wheel.window.hop_slots
@@ -403,7 +472,28 @@ class Windows:
         self.carried = without_positions(self.carried)
         return events
 
+    def go_on_from(self, diagnosed: WindowDiagnosed) -> None:
+        """Hand the state after a window to the next one to be closed, where it lies between that and the last one."""
+        next_ns = self.grid.time_of(self._open[0].start if self._open else self._done)
+        follows = self.carried_ns is None or diagnosed.end_ns >= self.carried_ns
+        if follows and (not self.ring.end or diagnosed.end_ns <= next_ns):
+            self.carried, self.carried_ns = without_positions(diagnosed.carried), diagnosed.end_ns
+
     # ---- slots into windows -----------------------------------------------------------------------------------------
+
+    def write(self, slots: IntArray, values: Mapping[str, FloatArray], frontier: int) -> list[Event]:
+        """Bring slots up to `frontier`, those without a sample too, into the ring buffer piece by piece."""
+        events: list[Event] = []
+        ring = self.ring
+        while ring.end < frontier:
+            end = min(ring.end + PIECE_SLOTS, frontier)
+            if ring.end <= slots[0] and end == frontier:  # all at once
+                ring.extend(end, slots, values)
+            else:
+                rows = slice(*np.searchsorted(slots, (ring.end, end)))
+                ring.extend(end, slots[rows], {name: array[rows] for name, array in values.items()})
+            events += self.advance()
+        return events
 
     def advance(self, *, to_the_end: bool = False) -> list[Event]:
         """Work off all blocks that are complete, the stencil around them included."""
@@ -494,6 +584,7 @@ class Windows:
         if partial:
             self.carried = without_positions(self.carried)
         self._last_end = end
+        self.carried_ns = self.grid.time_of(end)
         return WindowDiagnosed(
             start_ns=self.grid.time_of(window.start),
             end_ns=self.grid.time_of(end),
@@ -521,6 +612,7 @@ class Windows:
             "done": self._done,
             "next_start": self._next_start,
             "last_end": self._last_end,
+            "carried_ns": self.carried_ns,
             "open": [(window.start, window.accumulator.gathered()) for window in self._open],
         }
 
@@ -532,7 +624,9 @@ class Windows:
         InputError
             If it does not fit the wheel.
         """
-        if not checkpoint.fits(self.ring, len(self.friction.memories)):
+        stored, window = checkpoint.stored, self.wheel.window.samples
+        fits = stored is None or stored.fits(self.wheel.period_ns, window, self.ring.channels)
+        if not fits or not checkpoint.fits(self.ring, len(self.friction.memories)):
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         self.grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
         checkpoint.slots.restore(self.ring)
@@ -542,6 +636,7 @@ class Windows:
         self.friction.last_speed_rad_s = checkpoint.last_speed_rad_s
         self.friction.memories = list(checkpoint.memories)
         self._done, self._next_start, self._last_end = checkpoint.done, checkpoint.next_start, checkpoint.last_end
+        self.carried_ns = checkpoint.carried_ns
         for start, gathered in checkpoint.open:
             accumulator = WindowAccumulator(self.wheel)
             try:

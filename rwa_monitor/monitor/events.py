@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Literal
 
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.messages import (
+    REPLAY,
     Changepoints,
     Diagnosis,
     EncodedMessage,
@@ -50,6 +51,8 @@ class WindowDiagnosed:
         Of the window.
     carried
         The wheel's state after it.
+    data
+        "stored" where stored telemetry, or what it changed, was diagnosed; None where it was live.
     """
 
     start_ns: int
@@ -58,6 +61,7 @@ class WindowDiagnosed:
     partial: bool
     diagnosis: WindowDiagnosis
     carried: CarriedState
+    data: Literal["stored"] | None = None
 
     def message(self, spacecraft: str, wheel: str, source: str | None = None) -> Diagnosis:
         """Return the diagnosis as a message; of a table `spacecraft` is "" and `source` its file."""
@@ -66,6 +70,7 @@ class WindowDiagnosed:
             "spacecraft": spacecraft,
             "wheel": wheel,
             "source": source,
+            "data": self.data,
             "window_start_ns": self.start_ns,
             "window_end_ns": self.end_ns,
             "samples": found.slots,
@@ -103,19 +108,25 @@ class Carried(Message):
     state: dict[str, Any]
 
 
-def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[EncodedMessage]:
-    """Return the messages for events of a wheel, in order; all but `Carried` are published."""
+def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str, *, late: bool = False) -> list[EncodedMessage]:
+    """Return the messages for events of a wheel, in order; all but `Carried` are published.
+
+    What a replay gives is, but for its key, what its telemetry gave live. `late` is whether the samples were
+    old by the clock when they came, of which the health alone gives notice: no diagnosis depends on the clock.
+    """
     outputs: list[EncodedMessage] = []
+    name, replayed = wheel.removesuffix(REPLAY), wheel.endswith(REPLAY)
     for event in events:
         if isinstance(event, ProvisionalChangepoint):
             found = Changepoints(
-                spacecraft=spacecraft, wheel=wheel, window_start_ns=event.window_start_ns, changepoints=[event.jump]
+                spacecraft=spacecraft, wheel=name, window_start_ns=event.window_start_ns, changepoints=[event.jump]
             )
             outputs.append(found.encoded(spacecraft, wheel, event.jump.time_ns))
         elif isinstance(event, WindowDiagnosed):
-            diagnosis, end_ns = event.message(spacecraft, wheel), event.end_ns
+            diagnosis, end_ns = event.message(spacecraft, name), event.end_ns
             state = event.carried.model_dump(mode="json")
             carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
-            of_window = (diagnosis, carried, health_message(diagnosis))
+            data: Literal["stored", "replay"] | None = "replay" if replayed else "stored" if late else None
+            of_window = (diagnosis, carried, health_message(diagnosis, data))
             outputs += [message.encoded(spacecraft, wheel, end_ns) for message in of_window]
     return outputs

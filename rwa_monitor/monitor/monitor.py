@@ -19,8 +19,12 @@ import zenoh
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
+    MAX_CLOCK_NS,
+    REPLAY,
+    Data,
     Diagnosis,
     EncodedMessage,
+    Health,
     SamplesMessage,
     Status,
     health_message,
@@ -36,6 +40,7 @@ from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, 
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey, WheelSet
 from rwa_monitor.monitor.state_recovery import RecoveredState
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import counted, time_text
@@ -47,6 +52,9 @@ STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time i
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 STATUS_PERIOD_S: Final = 1.0
+# Samples as old as this when they come are no longer live: a message spans half a minute (256 samples at 8 Hz), a
+# link and its ground segment add seconds to minutes, and a pass after which a satellite dumps what it stored lasts ten.
+STORED_AFTER_S: Final = 600.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +83,9 @@ class RunOptions:
         (I, N): this process serves share I of N, 1 ≤ I ≤ N.
     status_period_s
         Wall-clock time from one status message to the next [s].
+    stored_after_s
+        Age by this machine's clock from which samples of a wheel whose clock agrees with it are stored ones [s], where
+        their publisher does not say; 0 for none. It is for health and status: no diagnosis depends on it.
     log_verdicts
         Whether each change of a verdict is logged, too; not where another view shows the diagnoses.
     """
@@ -89,6 +100,7 @@ class RunOptions:
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
     status_period_s: float = STATUS_PERIOD_S
+    stored_after_s: float = STORED_AFTER_S
     log_verdicts: bool = True
 
     def setup(self) -> Setup:
@@ -111,7 +123,11 @@ class _Served:
     last_error: str | None = None
     last_sample_ns: int | None = None
     publisher: str = ""
-    verdict: tuple[str, ...] = ()  # and what is anomalous, as it was logged last
+    source: str = ""  # of a replay: who publishes it in Zenoh
+    data: Data = "live"  # what the latest samples were
+    on_wall_clock: bool = False  # whether some samples were of now by this machine's clock
+    health_ns: int = -MAX_CLOCK_NS  # end of the window that the latest health is of
+    verdicts: dict[Data, tuple[str, ...]] = field(default_factory=dict)  # and what is anomalous, as last logged
     windows: int = 0
     diagnosis_s: float | None = None
     reported: set[str] = field(default_factory=set)  # kinds of trouble, of this window
@@ -122,6 +138,11 @@ class _Served:
     def name(self) -> str:
         """Spacecraft and wheel, as the log has them."""
         return "/".join(self.key)
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether its state goes into recordings."""
+        return self.core is not None and not self.key[1].endswith(REPLAY)
 
     def checkpoint(self) -> bytes:
         """Return the state of its core."""
@@ -181,16 +202,19 @@ class Monitor:
         if self.recorder is not None:
             self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
             self._log_recorder()
-        health = {}
+        health: dict[WheelKey, Health] = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
             self._publish(output)
             if output.schema == Diagnosis.schema_name():
                 with suppress(InputError):  # of another release
                     found = health_message(Diagnosis.parse(output.payload, output.topic))
-                    wheel = found.spacecraft, found.wheel
-                    health[wheel] = found.encoded(*wheel, found.window_end_ns)
-        for output in health.values():
-            self._publish(output)
+                    key = found.spacecraft, found.wheel
+                    if not found.data or key not in health or found.window_end_ns >= health[key].window_end_ns:
+                        health[key] = found
+        for key, found in health.items():
+            self._publish(found.encoded(*key, found.window_end_ns))
+            if key in self._served:
+                self._served[key].health_ns = found.window_end_ns
 
     def step(self) -> None:
         """Process one message, or wait a little for one; do what is due."""
@@ -199,7 +223,7 @@ class Monitor:
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self.receive(message.key, message.payload, partial(self.bus.ask_again, message))
+            self.receive(message.key, message.payload, partial(self.bus.ask_again, message), message.source)
         self.tick()
 
     def tick(self) -> None:
@@ -238,8 +262,12 @@ class Monitor:
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def receive(self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False) -> bool:
+    def receive(
+        self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False, source: str = ""
+    ) -> bool:
         """Process one message from beginning to end: record, diagnose, record, publish.
+
+        A replay is not recorded, as it is a recording already, and each one begins with nothing known of the wheel.
 
         Parameters
         ----------
@@ -247,6 +275,8 @@ class Monitor:
             The message.
         ask_again
             Called for one that is no JSON, as if it was damaged on its way: requests it again, False if that is no use.
+        source
+            Who published it in Zenoh, "" where that is not known.
 
         Returns
         -------
@@ -260,6 +290,8 @@ class Monitor:
             message = SamplesMessage.parse(payload, key)
             samples = message.samples()
             served = self._serve(spacecraft, wheel)
+            if wheel.endswith(REPLAY) and served.source != source:
+                self._served[served.key] = served = _Served(served.key, source=source)
             core = served.core
             if core is None:
                 core = self._setup.new_core(spacecraft, wheel)
@@ -273,15 +305,29 @@ class Monitor:
             self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
-        served.publisher = message.publisher
-        self.searches.take_input(served.key, payload)
+        if message.data != "stored":
+            served.publisher = message.publisher
+        served.data = self._data_of(served, message)
+        if served.data != "replay" and message.data != "stored":
+            self.searches.take_input(served.key, payload)
         begin_s = self.clock.monotonic_s()
-        events = core.feed(samples, message.publisher, message.batch)
+        events = core.feed(samples, message.publisher, message.batch, message.data)
         served.last_sample_ns = core.last_sample_ns
         if any(isinstance(event, WindowDiagnosed) for event in events):
             served.diagnosis_s = self.clock.monotonic_s() - begin_s
         self._handle(served, events)
         return True
+
+    def _data_of(self, served: _Served, message: SamplesMessage) -> Data:
+        """Return what samples are: as their publisher states it, or else by this machine's clock."""
+        if served.key[1].endswith(REPLAY):
+            return "replay"
+        if message.data is not None:
+            return message.data
+        age_s = (self.clock.wall_ns() - message.time_ns[-1]) / NANOSECONDS_PER_SECOND
+        limit_s = self.options.stored_after_s
+        served.on_wall_clock |= abs(age_s) <= limit_s  # clocks that count from another day show no age
+        return "stored" if served.on_wall_clock and 0 < limit_s < age_s else "live"
 
     def _handle(self, served: _Served, events: list[Event]) -> None:
         """Record what the core reports, bring a diagnosis to the disk, then publish."""
@@ -292,13 +338,19 @@ class Monitor:
             if event.kind not in served.reported:  # a broken sensor may give thousands in a window
                 served.reported.add(event.kind)
                 self.log(f"{served.name}: {event.text}")
-        outputs = outputs_of(events, *served.key)
+        outputs = outputs_of(events, *served.key, late=served.data == "stored")
         closed = [event for event in events if isinstance(event, WindowDiagnosed)]
         for output in outputs:
             self._record(output)
         if closed and self.recorder is not None:
             self.recorder.sync(self.clock.monotonic_s())
-        for output in outputs:
+        dumped = {event.end_ns for event in closed if event.data}
+        # The health comes first: it shows of what data the window is to whoever then takes the diagnosis in.
+        for output in sorted(outputs, key=lambda output: output.schema != Health.schema_name()):
+            if output.schema == Health.schema_name():
+                if output.time_ns in dumped and output.time_ns < served.health_ns:
+                    continue  # the wheel's health is that of its latest window
+                served.health_ns = output.time_ns
             self._publish(output)
         if closed:
             served.reported.clear()
@@ -306,17 +358,18 @@ class Monitor:
             self._status(served, record=True)
         for event in closed:
             self._log_verdict(served, event)
-            if not event.partial:
+            if not event.partial and event.data is None and served.data != "replay":
                 self.searches.take_diagnosis(served.key, adequate=event.diagnosis.model_adequate)
 
     def _log_verdict(self, served: _Served, event: WindowDiagnosed) -> None:
         """Log what a window amounts to where the verdict changes; a line for each window of a fleet would hide it."""
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
-        if verdict != served.verdict and self.options.log_verdicts:
-            until = time_text(event.end_ns)
-            self.log(f"{served.name}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
-        served.verdict = verdict
+        data = event.data or served.data
+        if verdict != served.verdicts.get(data) and self.options.log_verdicts:
+            until, label = time_text(event.end_ns), "" if data == "live" else f"{data} data, "
+            self.log(f"{served.name}: {label}window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
+        served.verdicts[data] = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
         """Count and record a message that cannot be used; it changes nothing else."""
@@ -351,7 +404,7 @@ class Monitor:
     # ---- out -----------------------------------------------------------------------------------------------------
 
     def _record(self, output: EncodedMessage) -> None:
-        if self.recorder is not None:
+        if self.recorder is not None and f"{REPLAY}/" not in output.topic:
             self.recorder.write(output)
 
     def _publish(self, output: EncodedMessage) -> None:
@@ -397,6 +450,7 @@ class Monitor:
             last_sample_ns=served.last_sample_ns,
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
+            data=served.data,
         )
         published = status.encoded(spacecraft, wheel)
         if record:
@@ -405,7 +459,7 @@ class Monitor:
 
     def _checkpoints(self) -> Checkpoints:
         """Return what makes the checkpoint of each wheel, as it then stands."""
-        return {served.name: served.checkpoint for served in self._served.values() if served.core is not None}
+        return {served.name: served.checkpoint for served in self._served.values() if served.is_recorded}
 
     def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:

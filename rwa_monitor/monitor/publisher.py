@@ -12,10 +12,10 @@ from typing import Any, Final, TypeVar
 
 import zenoh
 
-from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.messages import REPLAY, SamplesMessage, key_of, samples_json, split_key
 from rwa_monitor.monitor.bus import reliable_publisher
 from rwa_monitor.monitor.recording.reader import recorded_inputs
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, Timeliness
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
 Content = TypeVar("Content")
@@ -28,16 +28,17 @@ def messages_publisher(session: zenoh.Session, key: str, history: int = HISTORY_
 
 
 class SamplesPublisher:
-    """Numbers one wheel's samples and publishes them reliably, under a random name."""
+    """Numbers one wheel's samples and publishes them reliably, under a random name; `data` as in `SamplesMessage`."""
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
+    def __init__(self, session: zenoh.Session, key: str, data: Timeliness | None = None) -> None:
         self.name = secrets.token_hex(8)
+        self.data = data
         self.batch = 0
         self._publisher = messages_publisher(session, key)
 
     def put(self, samples: Samples) -> None:
         """Publish samples as the next message."""
-        self._publisher.put(samples_json(samples, self.name, self.batch))
+        self._publisher.put(samples_json(samples, self.name, self.batch, self.data))
         self.batch += 1
 
     def close(self) -> None:
@@ -125,6 +126,8 @@ def replay_to_bus(
 ) -> int:
     """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
 
+    They go out under the name of their wheel with `REPLAY` behind it, so that nobody takes them for the wheel's own.
+
     Parameters
     ----------
     recordings
@@ -153,7 +156,9 @@ def replay_to_bus(
         inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
         for topic, payload in _paced(inputs, speed, stop):
             if topic not in publishers:
-                publishers[topic] = messages_publisher(session, topic)
+                spacecraft, wheel, _ = split_key(topic)
+                key = key_of(SamplesMessage, spacecraft, wheel.removesuffix(REPLAY) + REPLAY)
+                publishers[topic] = messages_publisher(session, key)
             publishers[topic].put(payload)
             sent += 1
         stop.wait(LINGER_S)

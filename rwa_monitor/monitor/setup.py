@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
+from rwa_monitor.messages import KEY_PREFIX, REPLAY, SamplesMessage, split_key
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recording.reader import Recording
 from rwa_monitor.wheel.wheel import Wheel
@@ -39,8 +39,8 @@ class WheelSet:
     own: Mapping[WheelKey, Wheel] = field(default_factory=dict)
 
     def of(self, spacecraft: str, wheel: str) -> Wheel:
-        """Return the constants of a wheel."""
-        return self.own.get((spacecraft, wheel), self.common)
+        """Return the constants of a wheel, which are those of its replay, too."""
+        return self.own.get((spacecraft, wheel.removesuffix(REPLAY)), self.common)
 
     def attachments(self) -> dict[str, bytes]:
         """Return all constants as attachments of a recording, by name."""

@@ -120,7 +120,7 @@ def _run_input(path: Path, recorded: EncodedMessage, setup: Setup, run: Recordin
     message = SamplesMessage.parse(recorded.payload, f"{path}: {recorded.topic}")
     if (spacecraft, wheel) not in run.cores:
         run.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
-    events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
+    events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch, message.data)
     run.inputs += 1
     run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
 

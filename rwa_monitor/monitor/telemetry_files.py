@@ -96,7 +96,7 @@ def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> 
         except InputError as error:
             refused.append(error)
             continue
-        batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch))
+        batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch, parsed.data))
     notes = [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else []
     found = []
     for topic, batches in sorted(wheels.items()):

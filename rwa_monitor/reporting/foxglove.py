@@ -24,6 +24,7 @@ from typing import Any, Final
 from rwa_monitor.messages import (
     KEY_PREFIX,
     MESSAGES,
+    REPLAY,
     Changepoints,
     Diagnosis,
     Discrepancy,
@@ -129,7 +130,10 @@ def _beside(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
             values = {one: value for one in PART_FIELDS if (value := getattr(anomaly, one)) is not None}
             content = _stamp(message.window_end_ns) | {"active": anomaly.active} | values
             yield EncodedMessage(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), message.window_end_ns)
-        yield _log(wheel, VERDICT_LEVELS[message.verdict], message.reason, message.window_end_ns)
+        level, text = VERDICT_LEVELS[message.verdict], message.reason
+        if message.data or wheel.name.endswith(REPLAY):  # nothing to be done about it now
+            level, text = LogLevel.INFO, f"{message.data or 'replayed'} data: {text}"
+        yield _log(wheel, level, text, message.window_end_ns)
     elif isinstance(message, Discrepancy):
         level = LogLevel.WARNING if message.verdict == "inadequate" else LogLevel.INFO
         found = ", ".join(effect.name for effect in message.effects) or "no effect named"

@@ -20,6 +20,7 @@ from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
+from rwa_monitor.wheel.effects.run_in_drift import HOUR_S
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
@@ -271,6 +272,7 @@ class _Streams:
     noise: np.random.Generator
     sensors: np.random.Generator
     faults: np.random.Generator
+    drift: np.random.Generator
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,6 +310,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
         scenario.anomalies.get(name, _NO_ANOMALY).factor_at(time) for name in ("dry", "viscous")
     )
     dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * dry_factor
+    dry += wheel.nominal.dry_torque_Nm * _drift(scenario, wheel, slots, streams.drift)
     viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * viscous_factor
     # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
     power = np.abs(speed) * (dry + viscous * np.abs(speed))
@@ -343,10 +346,17 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     acting = _acting(scenario, effects)
     nominal = wheel.nominal.viscous_Nm_s_rad
     share = viscous / nominal if nominal > 0.0 else np.ones(slots)
-    coupled = _couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels, share)
+    coupled = couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels, share)
     for torque in coupled.values():
         friction = friction + torque
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
+
+
+def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: np.random.Generator) -> FloatArray:
+    """Return the random walk of base dry friction, relative to its average, float64 (n,)."""
+    step = scenario.base.dry_drift_per_sqrt_h * np.sqrt(wheel.sample_period_s / HOUR_S)
+    walk: FloatArray = np.cumsum(step * rng.standard_normal(slots)) if step > 0.0 else np.zeros(slots)
+    return walk
 
 
 def _systems(
@@ -393,14 +403,16 @@ def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatAr
     return wheel.inertia_kg_m2 * motion.acceleration_rad_s2 + friction
 
 
-def _couple(effects: list[MeanEffect], channels: Channels, viscous_share: FloatArray) -> dict[str, FloatArray]:
+def couple(
+    effects: list[MeanEffect], channels: Channels, viscous_share: FloatArray | float = 1.0
+) -> dict[str, FloatArray]:
     """Return the torque of every mean effect, together with the motor torque that they themselves ask for.
 
     Friction that depends on the motor torque (a load, a wrong torque constant) changes the motor torque in turn. The
     loop friction → motor torque → friction is a contraction, since no effect hands on more of the motor torque than a
     part of it; it is repeated until nothing changes. The rate of the motor torque is that of the motion without
     effects: a delayed current does not delay itself again. What is a share of the viscous friction has that of the
-    nominal one, and grows with it by `viscous_share`, float64 (n,).
+    nominal one, and grows with it by `viscous_share`, float64 (n,) or a number.
     """
     plain = channels.motor_torque_Nm
     if plain is not None:
@@ -502,7 +514,7 @@ def _measure(
         "bearing_temperature_degC": measure(parts.temperature, sensors["temperature_noise_K"], 0.0, temperature_rng),
     }
     if scenario.friction_given:
-        channels["friction_torque_Nm"] = torque
+        channels["friction_torque_Nm"] = quantised(torque, sensors["friction_quantum_Nm"])
     if motor is not None and wheel.torque_constant_Nm_A is not None:
         per_ampere = torque_balance.torque_per_ampere(motor, motion.speed_rad_s, wheel)
         current = motor / per_ampere
@@ -526,10 +538,13 @@ def _measure(
 
 def measure(true: FloatArray, noise_std: float, quantum: float, rng: np.random.Generator) -> FloatArray:
     """Return a sensor's reading, float64 (n,): the truth plus white noise, rounded to the quantum."""
-    reading = true + noise_std * rng.standard_normal(true.size)
-    if quantum > 0.0:
-        reading = quantum * np.rint(reading / quantum)
-    return reading
+    return quantised(true + noise_std * rng.standard_normal(true.size), quantum)
+
+
+def quantised(values: FloatArray, quantum: float) -> FloatArray:
+    """Return values rounded to a quantum; as they are where it is zero."""
+    rounded: FloatArray = quantum * np.rint(values / quantum) if quantum > 0.0 else values
+    return rounded
 
 
 def bearing_temperature(

@@ -60,6 +60,7 @@ class Sensors(Strict):
     speed_quantum_rad_s: NoNegative | None = None
     current_noise_A: NoNegative | None = None
     current_quantum_A: NoNegative | None = None
+    friction_quantum_Nm: NoNegative = 0.0
     voltage_noise_V: NoNegative = VOLTAGE_NOISE_V
     temperature_noise_K: NoNegative = TEMPERATURE_NOISE_K
 
@@ -201,10 +202,15 @@ class Anomaly(Strict):
 
 
 class Base(Strict):
-    """Where this wheel's healthy friction lies beside its wheel file's historical averages, as factors on them."""
+    """Where this wheel's healthy friction lies beside its wheel file's historical averages, as factors on them.
+
+    Base dry friction wanders from there as a random walk: `dry_drift_per_sqrt_h` is its standard deviation after an
+    hour, relative to the average [1/√h].
+    """
 
     dry: Annotated[float, Field(gt=0)] = 1.0
     viscous: NoNegative = 1.0
+    dry_drift_per_sqrt_h: NoNegative = 0.0
 
 
 class Scenario(TomlFile):

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
@@ -144,6 +146,32 @@ def atomic_write(path: Path) -> Iterator[Path]:
         raise RwaMonitorError(f"{display_name(path)}: writing failed: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def write_files(folder: Path, contents: Mapping[str, bytes], place: str = "") -> None:
+    """Write files, by their names, into a folder that is made where it is missing: all of them whole, or none begun.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or be written to; names the option `place`.
+    RwaMonitorError
+        If writing fails later, for instance because the disk is full.
+    """
+    make_folder(folder, place)
+    try:
+        part = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=folder))
+    except OSError as error:
+        raise InputError(display_name(folder), f"cannot be written to: {error.strerror or error}", place) from error
+    try:
+        for name, content in contents.items():
+            (part / name).write_bytes(content)
+        for name in contents:
+            (part / name).replace(folder / name)
+    except OSError as error:
+        raise RwaMonitorError(f"{display_name(folder)}: writing failed: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
 
 
 def write_text(path: Path, text: str) -> None:

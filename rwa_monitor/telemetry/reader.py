@@ -18,7 +18,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import Samples, concatenate
+from rwa_monitor.samples import Samples, Timeliness, concatenate
 from rwa_monitor.telemetry.files import PathLike, display_name, read_text
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -28,11 +28,12 @@ MAX_XTCE_BYTES: Final = 4_000_000  # the telemetry of a whole satellite has some
 
 @dataclass(frozen=True, slots=True)
 class SampleBatch:
-    """Samples that came together; publisher and batch number where they came as a message."""
+    """Samples that came together; publisher, batch number and data as in the message, where they came as one."""
 
     samples: Samples
     publisher: str = ""
     batch: int | None = None
+    data: Timeliness | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
-from rwa_monitor.wheel.file_content import Range, Strict, TomlFile
+from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile
 
 MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
 
@@ -21,13 +21,18 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
 class Nominal(Strict):
-    """Historical averages: torque is normalised by the dry torque, speed by the nominal speed."""
+    """Historical averages: torque is normalised by the dry torque, speed by the nominal speed.
+
+    Standard deviations where they are known, as of a wheel that was learned.
+    """
 
     dry_torque_Nm: Positive
     viscous_Nm_s_rad: Annotated[float, Field(ge=0)]
     nominal_speed_rad_s: Positive
     # Standard deviation of a healthy wheel's viscous friction where no temperature explains it, of itself.
     viscous_spread: Annotated[float, Field(ge=0)] | None = None
+    dry_torque_std_Nm: NotNegative | None = None
+    viscous_std_Nm_s_rad: NotNegative | None = None
 
 
 class Noise(Strict):
@@ -58,11 +63,24 @@ class Limits(Strict):
 
 
 class Window(Strict):
-    """Window of diagnosis, in slots."""
+    """Window of diagnosis, in slots.
+
+    Attributes
+    ----------
+    samples
+        Slots of a window.
+    hop
+        From the beginning of one window to that of the next; unset: windows follow each other without overlap.
+    dead_band_rad_s
+        Below this speed samples are not used; unset: from the noise of the speed.
+    run_length
+        Samples between false jumps that are reported before the window closes; unset: a false one in 1e9 tests.
+    """
 
     samples: Annotated[int, Field(ge=16, le=10_000_000)] = 80_000
-    hop: Annotated[int, Field(ge=1, le=10_000_000)] | None = None  # None: windows follow each other without overlap
-    dead_band_rad_s: Annotated[float, Field(ge=0)] | None = None  # None: from the speed noise
+    hop: Annotated[int, Field(ge=1, le=10_000_000)] | None = None
+    dead_band_rad_s: Annotated[float, Field(ge=0)] | None = None
+    run_length: Annotated[float, Field(ge=1e4, le=1e12)] | None = None
 
     @property
     def hop_slots(self) -> int:
@@ -128,11 +146,16 @@ class SwitchingSystem(Strict):
 
 
 class EffectBlock(Strict):
-    """One effect beyond the base model, by its catalogue name, with its parameters in SI units; a formula has a law."""
+    """One effect beyond the base model, by its catalogue name, with its parameters in SI units; a formula has a law.
+
+    What a search writes beside: the parameters' standard deviations, where known, and the hash of its report.json.
+    """
 
     name: str
     law: Annotated[str, Field(max_length=200)] | None = None
+    report_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
     parameters: dict[str, float]
+    std: dict[str, NotNegative] | None = None
 
     def __hash__(self) -> int:
         """Hash by content, as the other parts do: what is worked out for a wheel is kept by the wheel."""

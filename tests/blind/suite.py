@@ -15,6 +15,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import rwa_monitor
+from benchmarks.page import made_at
 from tests.blind.formulas import MEAN, OUTSIDE, PAIRS
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, plan
 from tests.blind.table import report
@@ -113,7 +114,7 @@ def main(argv: list[str] | None = None) -> int:
     _write(outcomes, options.json, code)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     planned = len(cases(options.seed))
-    options.out.write_text(report(outcomes, options.seed, planned) + "\n" + NOTES.read_text())
+    options.out.write_text(report(outcomes, options.seed, planned) + "\n" + NOTES.read_text() + made_at())
     print(options.out.read_text())
     if failed:
         print("without an answer:", *failed, sep="\n", file=sys.stderr)

@@ -13,6 +13,7 @@ from rwa_monitor.changepoints.noise import (
     gaussian_outlier,
     largest_outlier,
     mean_variance_factor,
+    outlier_chance,
 )
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
@@ -51,7 +52,7 @@ def _blocks(z, hop=4 * NOISE_BLOCK, used=None):
 
 def _outlier(z, variance=1.0):
     statistic = np.maximum(np.diff(z) ** 2 / 2, 1e-300)
-    return largest_outlier(quantiles_of(_histogram(statistic)), variance, N)
+    return largest_outlier(quantiles_of(_histogram(statistic)), variance, outlier_chance(N))
 
 
 def _estimate(z, **kwargs):
@@ -155,7 +156,7 @@ def test_block_differences_imply_the_variance_of_each_contrast(phi):
 
 def test_a_lattice_has_no_heavy_tails():
     z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
-    assert _outlier(z, 0.05) == 0.05**0.5 * gaussian_outlier(N)
+    assert _outlier(z, 0.05) == 0.05**0.5 * gaussian_outlier(outlier_chance(N))
 
 
 def test_variance_of_a_mean_is_the_double_sum_over_its_samples():

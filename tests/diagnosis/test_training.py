@@ -1,5 +1,6 @@
 """Training: deterministic, honest about what it was not shown, and accurate on simulated windows."""
 
+import json
 from collections.abc import Iterator
 from itertools import islice
 
@@ -10,6 +11,7 @@ from benchmarks.accuracy.benchmark import detection, false_positives
 from benchmarks.accuracy.campaign import outcomes
 from benchmarks.accuracy.outcome import JumpScore, Outcome
 from benchmarks.accuracy.splits import judge, measure, wilson
+from benchmarks.built_in_model import train_built_in_model
 from rwa_monitor.diagnosis.features import Features, SystemFeatures
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.training import LabelledFeatures, fit_levels, train
@@ -169,3 +171,22 @@ def test_friction_worked_out_from_speed_and_current_does_as_well_as_friction_giv
         wrong[recipe] = int(((judge(found, "joint", "joint", model, WHEEL) > 0.5) != truth).any(axis=1).sum())
     assert wrong["derived"] <= wrong["mild"] + 1
     assert wrong["mild"] <= 2
+
+
+def leaves(value: object, place: str = "") -> Iterator[tuple[str, object]]:
+    """Places and values of a JSON document."""
+    if isinstance(value, dict | list):
+        for key, part in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(part, f"{place}/{key}")
+    else:
+        yield place, value
+
+
+@pytest.mark.slow
+def test_the_built_in_model_is_what_its_command_makes() -> None:
+    kept, made = (
+        dict(leaves(json.loads(model.to_json()))) for model in (built_in_model(), train_built_in_model(workers=2))
+    )
+    assert made.keys() == kept.keys()
+    for place, value in kept.items():
+        assert made[place] == (pytest.approx(value, rel=1e-9) if isinstance(value, float) else value), place

@@ -47,12 +47,17 @@ def left_by(search: Search, wheel: Wheel) -> float:
 
 @pytest.mark.parametrize("factor", [1.0, 1.4])
 def test_a_file_that_holds_the_wheel_without_the_effect_is_kept_and_takes_up_no_anomaly(factor: float) -> None:
-    extension = extend(searched(record(11, viscous=factor), built_in_wheel()))
+    search = searched(record(11, viscous=factor), built_in_wheel())
+    extension = extend(search, report_sha256="0f" * 32)
     assert extension.treatment == "kept"
     assert extension.wheel.nominal == built_in_wheel().nominal
     assert abs(extension.after.viscous_Nm_s_rad - factor * VISCOUS) < 4 * extension.after.viscous_std
     assert extension.to_toml().startswith("# In [nominal]")
     assert Wheel.from_toml(extension.to_toml(), "extended") == extension.wheel
+    (block,), (found,) = extension.wheel.effect, search.result.effects
+    assert block.report_sha256 == "0f" * 32
+    assert block.std["strength_Nm"] == pytest.approx(found.parameters["strength_Nm"].std, rel=1e-9)
+    assert block.parameters["strength_Nm"] == pytest.approx(found.parameters["strength_Nm"].value, rel=1e-9)
 
 
 def test_a_file_learned_with_the_effect_in_it_gives_back_what_the_effect_takes_over() -> None:

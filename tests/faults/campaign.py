@@ -17,6 +17,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
+from benchmarks.page import put_out
 from tests.faults.history import LOSING, RECOVERABLE, WINDOW
 from tests.faults.trial import Outcome, losing, run_trial
 
@@ -98,9 +99,7 @@ def main() -> int:
             outcomes.append(future.result())
             _tell(outcomes[-1], talk=bool(arguments.only))
     text = report(sorted(outcomes, key=lambda outcome: outcome.number), arguments.seed, time.monotonic() - begin_s)
-    print(text)
-    if arguments.output:
-        arguments.output.write_text(text)
+    put_out(text, arguments.output)
     return 1 if any(outcome.problems for outcome in outcomes) else 0
 
 

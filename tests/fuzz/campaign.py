@@ -23,6 +23,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+from benchmarks.page import made_at
+
 ROOT: Final = Path(__file__).parents[2]
 SEED: Final = 20_261_121
 MAX_INPUT_BYTES: Final = 100_000
@@ -217,7 +219,8 @@ def main() -> int:
         told = {key: value for key, value in results[name].items() if key != "findings"}
         print(name, json.dumps(told), results[name]["findings"] or "nothing found", flush=True)
     if given.page:
-        given.page.write_text(page(given.folder, given.seconds, "atheris" if has_atheris else "hypothesis"), "utf-8")
+        text = page(given.folder, given.seconds, "atheris" if has_atheris else "hypothesis")
+        given.page.write_text(text + made_at(), encoding="utf-8")
     return 1 if any(figures["findings"] for figures in results.values()) else 0
 
 

@@ -133,7 +133,8 @@ def read_message(data: bytes) -> None:
         core = WheelCore(small_wheel(), built_in_model())
         samples = message.samples()
         core.check(samples)
-        events = [*core.feed(samples, message.publisher, message.batch), *core.feed(samples, message.publisher, None)]
+        events = core.feed(samples, message.publisher, message.batch, message.data)
+        events += core.feed(samples, message.publisher, None)
         for output in outputs_of([*events, *core.finish()], "sat", "wheel_1"):
             json.loads(output.payload)
         assert adds_up(core.counts)
@@ -164,8 +165,16 @@ def show(message: object) -> None:
 def message_seeds() -> list[bytes]:
     names = [message.schema_name() for message in MESSAGES]
     status = dict.fromkeys(Status.model_fields, 0) | {"spacecraft": "sat", "wheel": "w", "last_error": None}
-    status |= {"recording": None, "software": "s", "model_sha256": "", "publisher": "p", "now_wall_ns": 1}
-    own = [("rwa.Samples", samples_json(small_samples()[:20], "p", 0)), ("rwa.Status", dump_json(status))]
+    status |= {
+        "recording": None,
+        "software": "s",
+        "model_sha256": "",
+        "publisher": "p",
+        "now_wall_ns": 1,
+        "data": "live",
+    }
+    own = [("rwa.Samples", samples_json(small_samples()[:20], "p", 0, data)) for data in (None, "stored")]
+    own.append(("rwa.Status", dump_json(status)))
     found = [schema_payload for schema_payload in (*said(), *own) if schema_payload[0] in names]
     return [bytes([names.index(schema)]) + payload for schema, payload in found]
 

@@ -170,13 +170,14 @@ def test_only_loopback_is_listened_on_without_a_warning(tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
-def test_from_simulated_packets_over_udp_to_the_bus(tmp_path: Path) -> None:
+@pytest.mark.parametrize("data", [None, "stored"])
+def test_from_simulated_packets_over_udp_to_the_bus(tmp_path: Path, data: str | None) -> None:
     """A socket → `bridge` → a subscriber: what is published is what was simulated."""
     sent = simulate(Scenario(duration_s=60.0), built_in_wheel(), np.random.default_rng(0)).samples
     xtce, telemetry_map = described(tmp_path)
     endpoint, address = f"tcp/127.0.0.1:{free_port()}", free_udp()
     udp = f"{address.host}:{address.port}"
-    how = ("--xtce", xtce, "--map", telemetry_map, "--batch", "100", "-e", endpoint)
+    how = ("--xtce", xtce, "--map", telemetry_map, "--batch", "100", "-e", endpoint, *(["--stored"] if data else []))
     with (
         open_session(BusOptions(listen=(endpoint,))) as session,
         process("bridge", "--udp", udp, *how) as child,
@@ -196,6 +197,7 @@ def test_from_simulated_packets_over_udp_to_the_bus(tmp_path: Path) -> None:
     assert (counts["bad"], counts["gaps"]) == (0, 0)
     assert np.abs(read.time_ns - sent.time_ns).max() <= 30
     np.testing.assert_allclose(read.speed_rad_s, sent.speed_rad_s, atol=5.1e-6, rtol=0)
+    assert {SamplesMessage.parse(payload, "test").data for payload in listener.kind("samples")} == {data}
 
 
 def received(listener: Listener) -> Samples:

@@ -146,6 +146,25 @@ def test_each_change_of_an_alarm_is_a_line() -> None:
     ]
 
 
+def test_a_window_that_is_not_live_is_no_error_in_the_log() -> None:
+    recorded = read_recording(REPLAY / "dry" / "rwa-000001.mcap").messages
+    payload = next(message.payload for message in recorded if message.schema == Diagnosis.schema_name())
+    bad = Diagnosis.parse(payload, "dry").model_copy(update={"verdict": "anomalous", "reason": "It is."})
+    late = bad.model_copy(update={"data": "stored"})
+    for key, message, expected in (
+        (KEY, bad, (4, "It is.")),
+        (KEY, late, (2, "stored data: It is.")),
+        (f"{KEY}@replay", bad, (2, "replayed data: It is.")),
+    ):
+        (view,) = (
+            view
+            for view in Translator().translate(f"{key}/{Diagnosis.kind}", message.to_json())
+            if view.schema == "foxglove.Log"
+        )
+        line = json.loads(view.payload)
+        assert (line["level"], line["message"]) == expected
+
+
 def test_a_topic_with_other_signs_stands_in_quotes() -> None:
     seen = Seen()
     seen.add([EncodedMessage("rwa/sat-1/wheel.2/telemetry", "rwa.Telemetry", b'{"speed_rad_s":1.0}', 0)])

@@ -19,6 +19,8 @@ from rwa_monitor.simulation.datasets import (
     scaled_law,
     truth_document,
 )
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Uniform, Weibull
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
@@ -118,6 +120,39 @@ def test_a_record_depends_on_seed_and_number_only():
     assert list(generate("mild", 0, 7)) == []
 
 
+def test_flown_is_as_measured():
+    spreads, tails = [], []
+    for window in means("flown", 20):
+        truth, wheel, scenario = window.telemetry.truth, window.wheel, window.scenario
+        slots = np.flatnonzero(truth.used)
+        quantum = scenario.sensors.friction_quantum_Nm
+        steps = window.telemetry.samples.friction_torque_Nm / quantum
+        assert np.nanmax(np.abs(steps - np.rint(steps))) < 1e-6
+        assert 0.1 < quantum / wheel.noise.friction_std_Nm < 1.01
+        speed = np.abs(truth.speed_rad_s)
+        fast, slow = (truth.noise_Nm[slots][at[slots]] for at in (speed > 200.0, speed < 50.0))
+        if min(fast.size, slow.size) > 5_000:
+            spreads.append(fast.std() / slow.std())
+        tails.append(np.mean(np.abs(truth.noise_Nm) > 5.0 * truth.noise_std_Nm))
+        drift = np.ptp(truth.base_dry_Nm) / wheel.nominal.dry_torque_Nm
+        assert drift < 0.08
+        assert len(window.telemetry.samples) < 80_000
+        assert sum(window.labels.values()) <= 1
+    assert min(spreads) < 1.5
+    assert 2.0 < max(spreads) < 3.2
+    assert np.mean(tails) > 100 * 5.7e-7  # a hundred times as many as of Gaussian noise
+
+
+def test_drift_is_a_random_walk_of_the_stated_size():
+    wheel = built_in_wheel()
+    ends = []
+    for number in range(40):
+        still = {"duration_s": 3600.0, "base": {"dry_drift_per_sqrt_h": 0.01}}
+        truth = simulate(Scenario.model_validate(still), wheel, np.random.default_rng([5, number])).truth
+        ends.append(truth.base_dry_Nm[-1] / wheel.nominal.dry_torque_Nm - 1.0)
+    assert np.std(ends) == pytest.approx(0.01, rel=0.35)  # three standard errors of forty
+
+
 def test_labels_and_truth_can_be_written():
     window = list(generate("hard", 3, 2))[2]
     assert list(window.labels) == ["dry", "viscous", "fss_1", "fss_2", "fss_3"]
@@ -150,7 +185,7 @@ def test_scaling_a_law_scales_its_mean(law):
 
 def test_wrong_use_is_named():
     with pytest.raises(
-        InputError, match=r"'soft' is none of paper, mild, hard, derived, orbit, orbit_blind, orbit_still, fleet"
+        InputError, match=r"'soft' is none of paper, mild, hard, flown, derived, orbit, orbit_blind, orbit_still, fleet"
     ):
         next(generate("soft", 1, 1))
     for bad in ({"count": -1, "seed": 0}, {"count": 1, "seed": -1}, {"count": 1, "seed": 1, "windows": 0}):

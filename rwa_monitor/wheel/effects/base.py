@@ -12,7 +12,7 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, Self
+from typing import ClassVar, Final, Literal, Protocol, Self
 
 import numpy as np
 
@@ -152,6 +152,8 @@ class Effect:
     comes_and_goes: ClassVar[bool] = False
     # True where it may drive the wheel, so that dry friction seems to be negative.
     may_drive: ClassVar[bool] = False
+    # Why an exported friction model does not hold it; "" where it does.
+    not_exported: ClassVar[str] = ""
 
     def __init__(self, **values: float) -> None:
         known = {parameter.name: parameter for parameter in self.parameters}
@@ -355,6 +357,30 @@ def known_or_nan(channel: FloatArray | None, channels: Channels) -> FloatArray:
     return np.full(len(channels), np.nan) if channel is None else channel
 
 
+Recursion = Callable[[FloatArray, BoolArray, float, float, FloatArray], FloatArray]
+
+
+class Recorded(Protocol):
+    """A channel of which is written down what becomes of it, instead of computed; see `rwa_monitor.export`."""
+
+    def follow(self, recursion: str, usable: BoolArray, parameter: float, state: FloatArray) -> FloatArray:
+        """Return what a recursion makes of it, by its name."""
+
+
+def follow(
+    recursion: Recursion,
+    values: FloatArray | Recorded,
+    usable: BoolArray,
+    period_s: float,
+    parameter: float,
+    state: FloatArray,
+) -> FloatArray:
+    """Return what a recursion of the kernels, which names the other arguments, makes of values, float64 (n,)."""
+    if isinstance(values, np.ndarray):
+        return recursion(values, usable, period_s, parameter, state)
+    return values.follow(recursion.__name__, usable, parameter, state)
+
+
 NEAR_ZERO: Final = 0.05  # share of the largest speed that counts as near zero, where the speed step is measured
 
 
@@ -468,6 +494,7 @@ class NoiseEffect(Effect, ABC):
     """An effect that changes the noise of the friction torque, or of the speed that it is derived from."""
 
     family: ClassVar[Family] = "noise"
+    not_exported = "it is noise around the torque, not a torque"
     fewest: ClassVar[int] = 10  # usable slots that a fit needs
 
     @abstractmethod

@@ -47,6 +47,7 @@ class CageInstability(NoiseEffect):
         "1991 (torque, temperature and noise rise, at certain speeds and conditions); P. K. Gupta, Advanced "
         "Dynamics of Rolling Elements, Springer 1984. Sizes are a working assumption."
     )
+    not_exported = "it comes in bursts at random, with noise; its drag is the strength, in the band and in a burst"
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 2.0e-4),
         Parameter("noise_strength", "-", 0.0, 100.0, 2.0),

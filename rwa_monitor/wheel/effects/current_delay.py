@@ -39,6 +39,10 @@ class CurrentDelay(MeanEffect):
         "working assumption."
     )
     needs = frozenset({"motor_torque_Nm"})
+    not_exported = (
+        "no torque acts on the rotor: it is a shift in time between two channels of telemetry, and a simulator that"
+        " feeds a rate of its own motor torque back is unstable; delay its current instead"
+    )
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("strength_s", "s", -5.0, 5.0, 0.25, linear=True),)
 
     @classmethod

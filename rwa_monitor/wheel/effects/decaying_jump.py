@@ -33,6 +33,7 @@ class DecayingJump(SwitchingEffect):
         "E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in 1997–2013, Journal of Spacecraft "
         "and Rockets 52(2), 2015. That their drag relaxes exponentially is a working assumption."
     )
+    not_exported = ""
     parameters = (
         Parameter("strength", "-", 0.0, 1.0, 0.5, linear=True),
         Parameter("time_constant_s", "s", 1e-3, 1e5, 60.0),
@@ -41,8 +42,5 @@ class DecayingJump(SwitchingEffect):
     @classmethod
     def columns(cls, channels: Channels, jumps: Jumps, shape: Mapping[str, float]) -> FloatArray:
         slots = len(channels)
-        segment = jumps.segment(slots)
-        begin = np.concatenate([[0], jumps.index])[segment]
-        size = np.concatenate([[0.0], jumps.size_Nm])[segment]
-        since_s = (np.arange(slots) - begin) * channels.sample_period_s
-        return stack(channels.direction * size * np.expm1(-since_s / shape["time_constant_s"]))
+        since_s = jumps.since_s(slots, channels.sample_period_s)
+        return stack(channels.direction * jumps.last(slots) * np.expm1(-since_s / shape["time_constant_s"]))

@@ -16,8 +16,20 @@ from typing import Any, ClassVar, Final, cast
 import numpy as np
 
 from rwa_monitor.errors import InputError, did_you_mean
+from rwa_monitor.kernels.effects import time_since
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, known_or_nan, narrowed
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    Shape,
+    begun,
+    follow,
+    known_or_nan,
+    narrowed,
+    stack,
+)
 from rwa_monitor.wheel.effects.torque_ripple import LOWEST_ORDER, ORDERS, angle_turned, half_a_line
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
@@ -95,12 +107,10 @@ class Carrier:
 
 
 def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
-    """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot in slots."""
-    slot = np.arange(len(channels), dtype=np.float64)
-    slews = np.abs(channels.acceleration_rad_s2) > shape["slew_rad_s2"]
-    before = -np.inf if memory is None else -1.0 - memory[0]
-    since = slot - np.maximum.accumulate(np.where(slews, slot, before))
-    return since * channels.sample_period_s, since[-1:].copy() if since.size else memory
+    """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot."""
+    state, every = begun(memory, np.inf), np.ones(len(channels), dtype=np.bool_)
+    rate, period_s = channels.acceleration_rad_s2, channels.sample_period_s
+    return follow(time_since, rate, every, period_s, shape["slew_rad_s2"], state), state
 
 
 FUNCTIONS: Final = {
@@ -231,8 +241,8 @@ class Formula(MeanEffect):
         if "centre" not in function.roles:
             x = x - variable.origin
         value = function.value(x, *(shape[variable.constants[role][1].name] for role in function.roles))
-        columns = np.atleast_2d(value).T * CARRIERS[cls.carrier].values(channels)[:, None]
-        return np.ascontiguousarray(columns), memory
+        carrier = CARRIERS[cls.carrier].values(channels)
+        return stack(*(row * carrier for row in np.atleast_2d(value))), memory
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:

@@ -16,6 +16,7 @@ from rwa_monitor.wheel.effects.base import (
     Shape,
     begun,
     duration,
+    follow,
     speed_step,
     stack,
     used_speed,
@@ -64,7 +65,8 @@ class Presliding(MeanEffect):
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         speed, state = channels.speed_rad_s, begun(memory, np.nan, np.nan)
-        bristle = dahl_bristle(speed, channels.moving, channels.sample_period_s, shape["breakaway_angle_rad"], state)
+        scale_rad, period_s = shape["breakaway_angle_rad"], channels.sample_period_s
+        bristle = follow(dahl_bristle, speed, channels.moving, period_s, scale_rad, state)
         return stack(bristle - channels.direction), state
 
     @classmethod

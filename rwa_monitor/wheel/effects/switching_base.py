@@ -50,6 +50,15 @@ class Jumps:
         # A running sum over the jumps, looked up: the same value in each slot of a segment.
         return np.concatenate([[0.0], np.cumsum(self.size_Nm)])[self.segment(slots)]
 
+    def last(self, slots: int) -> FloatArray:
+        """Return the size of the last jump at or before each slot, float64 (slots,) [N m]; 0 before the first."""
+        return np.concatenate([[0.0], self.size_Nm])[self.segment(slots)]
+
+    def since_s(self, slots: int, period_s: float) -> FloatArray:
+        """Return the time since that jump, or since the record's start, float64 (slots,) [s]."""
+        begin = np.concatenate([[0], self.index])[self.segment(slots)]
+        return np.asarray((np.arange(slots) - begin) * period_s)
+
 
 @dataclass(frozen=True, slots=True)
 class Sojourns:
@@ -160,6 +169,7 @@ class SwitchingEffect(Effect):
     """
 
     family: ClassVar[Family] = "switching"
+    not_exported = "it changes when the dry level jumps, and the level is set by the caller"
 
     def change_system(self, system: SwitchingSystem) -> SwitchingSystem:
         """Return the switching system that is simulated in place of the one in wheel.toml."""

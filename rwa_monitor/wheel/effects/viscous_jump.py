@@ -26,6 +26,7 @@ class ViscousJump(SwitchingEffect):
         "The paper keeps the viscous coefficient constant between jumps (section III-A); that a change of the "
         "lubricant distribution changes it is a working assumption without a verified size."
     )
+    not_exported = ""
     parameters = (Parameter("strength_s_rad", "s/rad", -1.0, 1.0, 3.0e-3, linear=True),)
 
     @classmethod

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.kernels.effects import dahl_bristle
+from rwa_monitor.kernels.effects import dahl_bristle, first_order_lag
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.current_delay import backward_difference
-from rwa_monitor.wheel.effects.lubricant_lag import first_order_lag
 from rwa_monitor.wheel.effects.torque_ripple import coherent_slots, turned_angle
 
 

@@ -2,22 +2,23 @@ import { h } from "./dom.js";
 import { number, percent, quantity, utc, wheelTime } from "./format.js";
 import { LEVELS, badge } from "./levels.js";
 import { signature } from "./signature.js";
-import { last } from "./store.js";
+import { isStored, last } from "./store.js";
 
 const HOURS = [1, 8, 24, 168];
 const MONITOR = "monitor"; // the alarm of a monitor that does not report: one process that died is one card
+const ALL_WHEELS = "all_wheels"; // in place of a wheel: the alarm of what all wheels of a spacecraft share
 const TOGETHER_NS = 10e9;
 
 /** Whether an alarm is shelved, for now. */
 export const shelved = (alarm, now) => alarm.closed_ns === null && (alarm.shelved_until_wall_ns ?? 0) / 1e6 > now;
 
-/** All alarms: open ones first, the worst first, then shelved ones, then closed ones. */
+/** All alarms: open ones first, the worst first, then shelved ones and those of stored data, then closed ones. */
 export function alarmsView(store) {
   const list = h("div", {});
   let drawn = "";
 
   function refresh({ changed = false } = {}) {
-    const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || retired(alarm) ? 1 : 0);
+    const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || retired(alarm) || isStored(alarm) ? 1 : 0);
     const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
     all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
     const cards = gathered(all);
@@ -38,15 +39,16 @@ export function alarmsView(store) {
   function card(alarms, group) {
     const [alarm] = alarms;
     const open = group < 2;
-    const sign = !open ? ["✓ cleared"] : [group === 1 ? `‖ ${retired(alarm) ? "wheel retired" : "shelved"} ` : null, badge(alarm.level)];
+    const sign = !open ? ["✓ cleared"] : [group === 1 ? `‖ ${retired(alarm) ? "wheel retired" : isStored(alarm) ? "stored data" : "shelved"} ` : null, badge(alarm.level)];
     const several = alarms.length > 1;
-    return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${several ? `${alarms.length} wheels` : alarm.wheel}` },
-      h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${several ? `${alarms.length} wheels` : `${alarm.spacecraft} / ${alarm.wheel}`} · ${alarm.name}`),
+    const whose = several ? `${alarms.length} wheels` : alarm.wheel === ALL_WHEELS ? `${alarm.spacecraft} / all wheels` : `${alarm.spacecraft} / ${alarm.wheel}`;
+    return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${several ? whose : alarm.wheel}` },
+      h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${whose} · ${alarm.name}`),
       h("p", {}, alarm.reason),
       open ? latestFigures(alarm, latestOf(alarm)) : null,
       open ? h("p", { class: "advice" }, h("strong", {}, "To do: "), alarm.advice) : null,
       h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. ${raised(alarm)} ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
-      several ? h("p", {}, "Wheels: ", alarms.flatMap((one) => [h("a", { href: `#/wheel/${one.spacecraft}/${one.wheel}` }, `${one.spacecraft} / ${one.wheel}`), " "])) : h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
+      several ? h("p", {}, "Wheels: ", alarms.flatMap((one) => [h("a", { href: `#/wheel/${one.spacecraft}/${one.wheel}` }, `${one.spacecraft} / ${one.wheel}`), " "])) : alarm.wheel === ALL_WHEELS ? null : h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
       open ? form(alarms) : null,
       h("details", {}, h("summary", {}, `Audit trail (${several ? `of each; that of ${alarm.wheel}: ` : ""}${alarm.trail.length})`), h("ul", {}, alarm.trail.map((line) => h("li", {}, `${utc(line.wall_ns)}: ${line.event}, ${line.level}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`)))));
   }

@@ -15,16 +15,17 @@ const ink = (name) => getComputedStyle(document.documentElement).getPropertyValu
 
 /** A chart that follows the width of its place and the page's colours.
  *  `series`: {label, colour, points, width, fill, paths, dash, steps}; `bands`: [upper, lower, colour] by series number;
- *  `sync`: charts with the same word share cursor and zoom. */
-export function chart({ label, unit, series, height = 210, draw, zero = false, bands = [], sync }) {
-  const place = h("div", { class: "chart", role: "img", "aria-label": `${label}${unit ? ` [${unit}]` : ""} over time` });
+ *  `sync`: charts with the same word share cursor and zoom;
+ *  `over`: {label, unit} of what the x-axis is, where it is not time. */
+export function chart({ label, unit, series, height = 210, draw, zero = false, bands = [], sync, over }) {
+  const place = h("div", { class: "chart", role: "img", "aria-label": `${label}${unit ? ` [${unit}]` : ""} over ${over?.label ?? "time"}` });
   const reading = h("p", { class: "reading soft" }, " ");
   let plot = null;
   let made = "";
   function make(data) {
     plot?.destroy();
     const axis = { stroke: ink("--soft"), grid: { stroke: ink("--line"), width: 1 }, ticks: { stroke: ink("--line") } };
-    const clock = !data[0].length || tellsUtc(data[0][0] * 1e9) ? "time [UTC]" : "spacecraft clock [s]";
+    const clock = over ? `${over.label} [${over.unit}]` : !data[0].length || tellsUtc(data[0][0] * 1e9) ? "time [UTC]" : "spacecraft clock [s]";
     const drawn = (one) => ({
       label: one.label, stroke: one.colour, width: one.width ?? 1.5, dash: one.dash, fill: one.fill,
       paths: one.paths ?? (one.steps ? uPlot.paths.stepped({ align: -1 }) : undefined),
@@ -33,11 +34,11 @@ export function chart({ label, unit, series, height = 210, draw, zero = false, b
     plot = new uPlot({
       width: place.clientWidth, height, tzDate: (s) => uPlot.tzDate(new Date(s * 1e3), "Etc/UTC"), legend: { show: false },
       cursor: { drag: { x: true, y: false }, sync: sync ? { key: sync, scales: ["x", null] } : undefined },
-      scales: { y: zero ? { range: (u, low, high) => [Math.min(0, low), (high || 1) * 1.05] } : {} },
-      axes: [{ ...axis, label: clock, labelSize: 18, size: 34, space: 75, values: clockTicks }, { ...axis, size: 68, label: unit ? `${label} [${unit}]` : label, labelSize: 18, values: (u, ticks) => ticks.map((tick) => (tick === null ? "" : String(Number(tick.toPrecision(4))))) }],
+      scales: { x: { time: !over }, y: zero ? { range: (u, low, high) => [Math.min(0, low), (high || 1) * 1.05] } : {} },
+      axes: [{ ...axis, label: clock, labelSize: 18, size: 34, space: 75, values: over ? plainTicks : clockTicks }, { ...axis, size: 68, label: unit ? `${label} [${unit}]` : label, labelSize: 18, values: plainTicks }],
       series: [{}, ...series.map(drawn)],
       bands: bands.map(([upper, lower, fill]) => ({ series: [upper, lower], fill })),
-      hooks: { draw: draw ? [draw] : [], setCursor: [(u) => read(u, series, unit, reading)] },
+      hooks: { draw: draw ? [draw] : [], setCursor: [(u) => read(u, series, unit, reading, over)] },
     }, data, place);
   }
   return {
@@ -61,12 +62,15 @@ function zoomed(u) {
 }
 
 /** Below a chart: time, on both clocks, and values at the cursor. */
-function read(u, series, unit, reading) {
+function read(u, series, unit, reading, over) {
   const i = u.cursor.idx;
   const time = i === null || i === undefined ? undefined : u.data[0][i];
   const values = time === undefined ? [] : series.map((one, n) => [one.label, u.data[n + 1][i]]).filter(([, value]) => value !== null && value !== undefined);
-  reading.textContent = time === undefined ? " " : `${wheelTime(time * 1e9)}: ${values.map(([label, value]) => `${label} ${Number(value.toPrecision(4))} ${unit ?? ""}`).join(", ")}`;
+  const at = over && time !== undefined ? `${over.label} ${Number(time.toPrecision(4))} ${over.unit}` : time === undefined ? "" : wheelTime(time * 1e9);
+  reading.textContent = time === undefined ? " " : `${at}: ${values.map(([label, value]) => `${label} ${Number(value.toPrecision(4))} ${unit ?? ""}`).join(", ")}`;
 }
+
+const plainTicks = (u, ticks) => ticks.map((tick) => (tick === null ? "" : String(Number(tick.toPrecision(4)))));
 
 /** Hours and minutes, with the date where it begins, or days where the ticks are days apart; seconds of a clock that
  *  gives no UTC. */
@@ -106,4 +110,4 @@ export function marks(u, entries) {
   });
 }
 
-export { COLOURS, GREY };
+export { COLOURS, GREY, ink };

@@ -20,3 +20,11 @@ export function simulated(diagnoses, timeNs, speed) {
 export function meanFriction(sojourns, samples) {
   return sojourns.start_index.reduce((sum, start, i) => sum + sojourns.friction_Nm[i] * ((sojourns.start_index[i + 1] ?? samples) - start), 0) / samples;
 }
+
+/** Dry friction of a window by its diagnosis [N m], base and switching systems, with times [s]: where no sample is known. */
+export function dryFriction(window) {
+  const step = (window.window_end_ns - window.window_start_ns) / window.samples;
+  const slots = [...new Set([0, window.samples - 1, ...Object.values(window.friction.fss).flatMap((one) => one.start_index.flatMap((start) => [start - 1, start]))])].filter((slot) => slot >= 0).sort((a, b) => a - b);
+  const times = slots.map((slot) => window.window_start_ns + (slot + 0.5) * step);
+  return [times.map((ns) => ns / 1e9), times.map((ns) => simulated([window], ns, 0))];
+}

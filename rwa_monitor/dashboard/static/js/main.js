@@ -2,9 +2,11 @@ import { alarmsView, shelved } from "./alarms_view.js";
 import { Feed } from "./feed.js";
 import { fleetView } from "./fleet_view.js";
 import { age, utc } from "./format.js";
+import { keys } from "./keys.js";
 import { recordingsView, replayView } from "./replay_view.js";
 import { Store } from "./store.js";
 import { takeToken } from "./token.js";
+import { visits } from "./visits.js";
 import { wheelView } from "./wheel_view.js";
 
 const REDRAW_MS = 250;
@@ -14,6 +16,7 @@ takeToken();
 const store = new Store(true);
 let view = null;
 let due = false;
+const visit = visits(store);
 const feed = new Feed(store, redrawSoon, () => view?.refill?.());
 
 function route() {
@@ -27,7 +30,7 @@ function route() {
   } else if (parts[0] === "alarms") view = alarmsView(store);
   else if (parts[0] === "recordings") view = recordingsView();
   else if (parts[0] === "replay") view = replayView(parts[1], parts.slice(2));
-  else view = fleetView(store, "#");
+  else view = fleetView(store, "#", visit);
   const at = { alarms: "alarms", recordings: "recordings", replay: "recordings" }[parts[0]] ?? "";
   for (const link of document.querySelectorAll("nav a")) {
     if (link.hash === `#/${at}`) link.setAttribute("aria-current", "page");
@@ -58,15 +61,10 @@ function redraw() {
 }
 
 addEventListener("hashchange", route);
-addEventListener("keydown", (event) => {
-  if (event.target.matches("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey) return;
-  const target = { f: "#/", a: "#/alarms", r: "#/recordings" }[event.key];
-  if (target) location.hash = target;
-  if (event.key === "/" && document.querySelector("input[type=search]")) { event.preventDefault(); document.querySelector("input[type=search]").focus(); }
-});
+keys();
 setInterval(() => {
   if (!feed.connected) store.now = Date.now(); // what is known gets older also while the server does not send the time
   redraw();
 }, 1000);
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+addEventListener("themechange", redraw);
 route();

@@ -37,7 +37,7 @@ export function retirementCard(store, wheel) {
   const who = signature();
   const form = h("form", { onsubmit: (event) => { event.preventDefault(); change(); } }, who.fields, button, who.problem);
   const trail = h("details", { hidden: true });
-  const element = h("section", { class: "card", "aria-label": "On the list", hidden: true }, head, text, form, trail);
+  const element = h("section", { class: "card no-paper", "aria-label": "On the list", hidden: true }, head, text, form, trail);
   let drawn = "";
 
   function change() {

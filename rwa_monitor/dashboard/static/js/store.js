@@ -1,5 +1,14 @@
 import { LEVELS } from "./levels.js";
 
+export const REPLAY = "@replay"; // what the name of a wheel ends with whose telemetry is only played again
+const STORED_ALARM = " (stored)";
+
+/** Whether an alarm is of stored telemetry: it is of earlier, and says nothing of now. */
+export const isStored = (alarm) => alarm.name.endsWith(STORED_ALARM);
+
+/** What a wheel's telemetry is where it is not live: of its latest window, or of a replay; "" where it is live. */
+export const dataOf = (wheel, diagnosis) => (wheel.wheel.endsWith(REPLAY) ? "replay: a recording that is played again" : diagnosis?.data ? "stored data: measured earlier, not live" : "");
+
 /** What is known of the fleet, from the entries of the feed. Live and replay each have one, and nothing else differs. */
 const MAX_WINDOWS = 1000;
 const MAX_POINTS = 12000;
@@ -18,7 +27,7 @@ export class Store {
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, jumps: [], t: [], speed: [], friction: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, jumps: [], earlier: [], t: [], speed: [], friction: [], temperature: [] });
     }
     return this.wheels.get(name);
   }
@@ -68,6 +77,7 @@ export class Store {
 
   addDiagnosis(wheel, message) {
     const known = wheel.diagnoses;
+    if (wheel.wheel.endsWith(REPLAY) && message.window_end_ns < (last(wheel)?.window_end_ns ?? 0) && !message.data) known.length = wheel.earlier.length = wheel.t.length = wheel.speed.length = wheel.friction.length = wheel.temperature.length = 0; // it begins from the start
     const same = known.findIndex((other) => other.window_start_ns === message.window_start_ns);
     if (same >= 0) known[same] = message;
     else {
@@ -85,11 +95,31 @@ export class Store {
       if (time / 1e9 <= last) return;
       wheel.t.push(time / 1e9);
       wheel.speed.push(message.speed_rad_s[i]);
-      const friction = message.friction_torque_Nm;
-      wheel.friction.push(friction ? friction[i] : null);
+      wheel.friction.push(message.friction_torque_Nm?.[i] ?? null);
+      wheel.temperature.push(message.bearing_temperature_degC?.[i] ?? null);
     });
     const over = wheel.t.length - MAX_POINTS;
-    if (over > 0) for (const list of [wheel.t, wheel.speed, wheel.friction]) list.splice(0, over);
+    if (over > 0) for (const list of [wheel.t, wheel.speed, wheel.friction, wheel.temperature]) list.splice(0, over);
+  }
+
+  /** Put samples before those that are there, of a time in which this page got none. */
+  addEarlierSamples(wheel, message) {
+    const { t, speed, friction, temperature } = wheel;
+    wheel.t = []; wheel.speed = []; wheel.friction = []; wheel.temperature = [];
+    this.addSamples(wheel, message);
+    const end = wheel.t[wheel.t.length - 1] ?? -Infinity;
+    const from = t.findIndex((time) => time > end);
+    if (from < 0) return;
+    [wheel.t, wheel.speed, wheel.friction, wheel.temperature] = [[wheel.t, t], [wheel.speed, speed], [wheel.friction, friction], [wheel.temperature, temperature]].map(([before, after]) => before.concat(after.slice(from)));
+  }
+
+  /** Take in the verdicts of earlier windows of all wheels, as the API gives them. */
+  addVerdicts(found) {
+    for (const [name, one] of Object.entries(found)) {
+      const wheel = this.wheel(name);
+      wheel.version += 1;
+      wheel.earlier = one.window_end_ns.map((end_ns, i) => ({ end_ns, verdict: one.verdict[i], fits: one.model_adequate[i], severity: one.severity[i] }));
+    }
   }
 
   /** Whether the state of a wheel is of now: "live", "silent" (its monitor does not report), "recorded" (it never did,
@@ -107,14 +137,14 @@ export class Store {
     return wheel.telemetry?.wall_ns == null ? 0 : this.now / 1e3 - wheel.telemetry.wall_ns / 1e9;
   }
 
-  /** The open alarm of a wheel with the highest level, null where it has none or all are shelved. */
+  /** The open live alarm of a wheel with the highest level, null where it has none or all are shelved. */
   worstAlarm(name) {
     const second = Math.floor(this.now / 1000);
     if (this.worst === null || this.worstOf !== second) {
       this.worst = new Map();
       this.worstOf = second;
       for (const alarm of this.openAlarms()) {
-        if ((alarm.shelved_until_wall_ns ?? 0) / 1e6 > this.now) continue;
+        if ((alarm.shelved_until_wall_ns ?? 0) / 1e6 > this.now || isStored(alarm)) continue;
         const of = `${alarm.spacecraft}/${alarm.wheel}`;
         const known = this.worst.get(of);
         if (!known || LEVELS.indexOf(alarm.level) > LEVELS.indexOf(known.level)) this.worst.set(of, alarm);
@@ -131,6 +161,21 @@ export class Store {
   openAlarms() {
     return [...this.alarms.values()].filter((alarm) => alarm.closed_ns === null && !this.isRetired(`${alarm.spacecraft}/${alarm.wheel}`));
   }
+}
+
+/** End, verdict, fit of the model and worst severity of the latest windows of a wheel, at most so many, the oldest first. */
+export function recentWindows(wheel, most) {
+  const own = wheel.diagnoses.slice(-most).map((one) => ({ end_ns: one.window_end_ns, verdict: one.verdict, fits: one.model_adequate, severity: worstSeverity(one) }));
+  const from = own[0]?.end_ns ?? Infinity;
+  // A page has all windows since it was opened, and of those before perhaps the latest only.
+  const between = wheel.earlier.filter((one) => one.end_ns < from || !own.some((other) => other.end_ns === one.end_ns));
+  return [...between, ...own].sort((a, b) => a.end_ns - b.end_ns).slice(-most);
+}
+
+/** The highest severity among the active anomalies of a diagnosis that calls some; 0 for none. */
+export function worstSeverity(diagnosis) {
+  if (diagnosis?.verdict !== "anomalous") return 0;
+  return Math.max(0, ...Object.values(diagnosis.anomalies).map((anomaly) => (anomaly.active ? anomaly.severity ?? 0 : 0)));
 }
 
 export const last = (wheel) => wheel.diagnoses[wheel.diagnoses.length - 1] ?? null;

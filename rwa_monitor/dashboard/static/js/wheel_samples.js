@@ -1,7 +1,8 @@
 /** What one wheel's samples show: speed, friction with its jumps, what the model leaves. */
 import { COLOURS, GREY, chart, marks, systemStyle } from "./charts.js";
 import { h } from "./dom.js";
-import { simulated } from "./friction.js";
+import { dryFriction, simulated } from "./friction.js";
+import { last } from "./store.js";
 
 const MAX_DRAWN = 3000;
 const CLOUD = "rgba(133,147,160,.55)";
@@ -37,14 +38,26 @@ export function wheelSamples(store, wheel) {
       model.push(expected === null ? null : expected * 1e3);
       rest.push(against === null || expected === null ? null : (against - expected) * 1e3);
     }
-    notice.textContent = !times.length
-      ? "No samples now: they are drawn while they come over the bus. Earlier ones are under Recordings."
+    const window = last(wheel);
+    const unseen = !times.length && window?.friction.base_dry.value != null && window.friction.viscous.value !== null;
+    if (unseen) {
+      const [at, dry] = dryFriction(window);
+      times.push(...at);
+      model.push(...dry.map((value) => value * 1e3));
+      for (const list of [speeds, measured, rest]) list.push(...at.map(() => null));
+    }
+    notice.textContent = unseen
+      ? "No samples of this window are kept. The line is the dry friction that its diagnosis estimated, base and switching systems, with its jumps."
+      : !times.length ? "No samples now: they are drawn while they come over the bus. Earlier ones are under Recordings."
       : measured.every((value) => value === null) ? "These samples hold no friction torque, and none can be derived: that takes motor current or torque and the wheel's inertia (--wheel)." : "";
     drawing.hidden = !times.length;
     if (drawing.hidden) return;
-    speed.set([times, speeds]);
+    speed.element.hidden = left.hidden = unseen;
     friction.set([times, measured, model]);
-    residual.set([times, rest]);
+    if (!unseen) {
+      speed.set([times, speeds]);
+      residual.set([times, rest]);
+    }
     key.replaceChildren(h("span", {}, "· measured, positive against the rotation"), h("span", {}, "— simulated from the diagnosis"), ...systems.map((one) => legend(one, one)), legend("", "not (yet) attributed"), legend("rejected", "rejected"));
   }
 
@@ -55,8 +68,8 @@ export function wheelSamples(store, wheel) {
     return h("span", {}, mark, ` ${text}`);
   }
 
-  const drawing = h("div", {}, speed.element, friction.element, key,
-    h("h2", {}, "Measured less simulated"), residual.element, h("p", { class: "soft" }, "Simulated: base dry and viscous friction and the switching systems. Jumps that fit no system stay in the residual."));
+  const left = h("div", {}, h("h2", {}, "Measured less simulated"), residual.element, h("p", { class: "soft" }, "Simulated: base dry and viscous friction and the switching systems. Jumps that fit no system stay in the residual."));
+  const drawing = h("div", {}, speed.element, friction.element, key, left);
   const element = h("section", { class: "card" }, h("h2", {}, "Speed, friction and jumps"), notice, drawing);
-  return { element, refresh, get width() { return speed.width; }, close: () => charts.forEach((one) => one.close()) };
+  return { element, refresh, get width() { return friction.width; }, close: () => charts.forEach((one) => one.close()) };
 }

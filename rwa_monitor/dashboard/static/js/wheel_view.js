@@ -4,8 +4,10 @@ import { discrepancyReport } from "./discrepancy.js";
 import { h } from "./dom.js";
 import { firstWindow, staleness } from "./fleet_view.js";
 import { counted, number, percent, quantity, span, wheelTime } from "./format.js";
-import { last } from "./store.js";
+import { dataOf, last } from "./store.js";
 import { SIGN, colour, misfit, partVerdict, partsNote } from "./verdict.js";
+import { estimatesBeside } from "./estimates_beside.js";
+import { frictionLaws } from "./friction_laws.js";
 import { estimateTrends, frictionSplit } from "./wheel_history.js";
 import { wheelSamples } from "./wheel_samples.js";
 
@@ -16,6 +18,8 @@ export function wheelView(store, name, base) {
   const table = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Diagnosis of the latest window" });
   const quality = h("dl", {});
   const samples = wheelSamples(store, wheel);
+  const laws = frictionLaws(wheel);
+  const beside = estimatesBeside(store, wheel, base);
   const split = frictionSplit(wheel);
   const trends = estimateTrends();
   const retirement = retirementCard(store, wheel);
@@ -33,8 +37,13 @@ export function wheelView(store, name, base) {
       if (closed) return;
       windows.forEach((one) => store.addDiagnosis(wheel, one));
       if (now.samples && wheel.t.length < now.samples.time_ns.length) {
-        wheel.t = []; wheel.speed = []; wheel.friction = [];
+        wheel.t = []; wheel.speed = []; wheel.friction = []; wheel.temperature = [];
         store.addSamples(wheel, now.samples);
+      }
+      if (last(wheel) && !(wheel.t[0] < last(wheel).window_end_ns / 1e9)) { // nothing came of the latest window since the server was started
+        const recorded = await ask(`${path}/samples`);
+        if (closed) return;
+        store.addEarlierSamples(wheel, recorded);
       }
       if (!wheel.jumps.length) wheel.jumps = now.changepoints.flatMap((one) => one.changepoints);
       wheel.discrepancy ??= now.discrepancy;
@@ -57,12 +66,14 @@ export function wheelView(store, name, base) {
     drawHead(diagnosis, state);
     drawQuality(diagnosis, state);
     drawReport();
+    beside.refresh();
     retirement.refresh(state);
-    const now = `${wheel.diagnoses.length} ${diagnosis?.window_end_ns} ${wheel.t.length} ${wheel.t[wheel.t.length - 1]} ${samples.width} ${matchMedia("(prefers-color-scheme: dark)").matches}`;
+    const now = `${wheel.diagnoses.length} ${diagnosis?.window_end_ns} ${wheel.t.length} ${wheel.t[wheel.t.length - 1]} ${samples.width} ${document.documentElement.dataset.theme}`;
     if (now === drawn) return;
     drawn = now;
     const systems = diagnosis ? Object.keys(diagnosis.friction.fss) : [];
     samples.refresh(systems);
+    laws.refresh();
     if (diagnosis) {
       drawTable(diagnosis);
       split.refresh(systems);
@@ -83,6 +94,7 @@ export function wheelView(store, name, base) {
     const lines = [
       ["verdict " + (stale ? "silent" : diagnosis ? colour(diagnosis) : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale && diagnosis ? " (last known)" : ""}`],
       stale ? ["silent stale-note", `◌ ${stale}.${state === "unserved" ? "" : " This is the last known state, not the present one."}`] : null,
+      dataOf(wheel, diagnosis) ? ["stale-note", `◷ ${dataOf(wheel, diagnosis)}.`] : null,
       ["strong", diagnosis?.reason ?? (store.connected || !store.live ? firstWindow(wheel, state) : "Loading…")],
       diagnosis ? ["", diagnosis.explanation] : null,
       diagnosis && misfit(diagnosis) ? ["inconclusive", `? ${misfit(diagnosis)}`] : null,
@@ -118,6 +130,7 @@ export function wheelView(store, name, base) {
     if (status) facts.push(
       ["monitor", state === "silent" ? staleness(store, wheel, state) : "✓ reporting"],
       ["telemetry", telemetry(state)],
+      ["data", status.data],
       ["latest sample", status.last_sample_ns === null ? "none yet" : wheelTime(status.last_sample_ns)],
       ["running window", `${Math.round(100 * status.window_fill)} % full, ${counted(wheel.jumps.length, "jump")} so far`],
       ["samples", `${status.samples_received} received, ${status.samples_used} used, ${status.samples_masked} masked, ${status.samples_late} late, ${status.samples_duplicate} duplicate, ${status.samples_rejected} rejected, ${status.samples_queued} queued`],
@@ -145,12 +158,13 @@ export function wheelView(store, name, base) {
   }
 
   const element = h("div", {},
-    h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), notice, head, retirement.element,
+    h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), notice, head,
     h("section", { class: "card" }, h("h2", {}, "Diagnosis of the latest window"), table),
-    report, samples.element,
+    beside.element, report, samples.element, laws.element,
     h("div", { class: "two" }, h("section", { class: "card" }, h("h2", {}, "Friction split, window by window"), split.element), h("section", { class: "card" }, h("h2", {}, "Data quality"), quality)),
-    h("section", { class: "card" }, h("h2", {}, "Estimates over time"), trends.element));
-  return { element, refresh, refill: backfill, close: () => { closed = true; [samples, split, trends].forEach((one) => one.close()); } };
+    h("section", { class: "card" }, h("h2", {}, "Estimates over time"), trends.element),
+    retirement.element);
+  return { element, refresh, refill: backfill, close: () => { closed = true; [samples, laws, split, trends].forEach((one) => one.close()); } };
 }
 
 const partCell = (kind, text) => h("td", { class: kind }, text);

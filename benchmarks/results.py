@@ -1,0 +1,122 @@
+"""Which pages show results, the target that makes each anew, and which are older than what they measure.
+
+    python -m benchmarks.results [--targets]
+
+Prints a table of the pages; with `--targets` the make targets alone, as `make results` runs them. A page ends with the
+commit that it was made at. Later commits to what it measures make it old, but for those of `unchanged.toml`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import subprocess
+import sys
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from benchmarks.page import NONE, table
+
+ROOT: Final = Path(__file__).parents[1]
+UNCHANGED: Final = Path(__file__).with_name("unchanged.toml")
+MADE_AT: Final = re.compile(r"^\*.*\b[Cc]ommit ([0-9a-f]{7,40}) of [0-9-]{10}", re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class ResultPage:
+    """One page of results.
+
+    Attributes
+    ----------
+    name
+        Of the file in docs/, without its suffix.
+    target
+        The make target that makes it anew.
+    measures
+        Paths below the root that its figures follow from, its own benchmark included.
+    timed
+        Whether its figures are times or counts of a machine: they differ between two runs, so that it is never wrong by
+        a change of bytes, only old.
+    """
+
+    name: str
+    target: str
+    measures: tuple[str, ...]
+    timed: bool = False
+
+    def made_at(self) -> str | None:
+        """Return the commit that the page states; None where it states none."""
+        found = MADE_AT.findall((ROOT / "docs" / f"{self.name}.md").read_text(encoding="utf-8"))
+        return found[-1] if found else None
+
+    def later_commits(self) -> list[str]:
+        """Return the commits since that touch what it measures and are not of `unchanged.toml`, newest first.
+
+        Raises
+        ------
+        subprocess.CalledProcessError
+            If the history does not reach back to the commit of the page, as in a shallow clone.
+        """
+        later = _commits(f"{self.made_at()}..HEAD", *self.measures)
+        blocks = tomllib.loads(UNCHANGED.read_text(encoding="utf-8")).get("unchanged", [])
+        ranges = [block["commits"] for block in blocks if self.name in block["pages"]]
+        shown = {commit for commits in ranges for commit in _commits(commits)}
+        return [commit for commit in later if commit not in shown]
+
+
+def _rooms(*names: str) -> tuple[str, ...]:
+    return tuple(f"rwa_monitor/{name}" for name in names)
+
+
+DIAGNOSIS: Final = _rooms("kernels", "changepoints", "switching", "diagnosis")
+SEARCH: Final = _rooms("discrepancy", "wheel/effects")
+PAGES: Final = (
+    ResultPage("benchmark", "benchmark-accuracy", (*DIAGNOSIS, *_rooms("paper", "simulation"), "benchmarks/accuracy")),
+    ResultPage("paper", "benchmark-paper", (*DIAGNOSIS, *_rooms("paper", "simulation"), "benchmarks/paper")),
+    ResultPage("examples_1_2", "benchmark-examples", (*DIAGNOSIS, *_rooms("paper"), "benchmarks/paper/examples.py")),
+    ResultPage(
+        "adequacy", "benchmark-adequacy", (*_rooms("kernels", "changepoints", "diagnosis"), "benchmarks/adequacy")
+    ),
+    ResultPage("trend", "benchmark-trend", (*DIAGNOSIS, "benchmarks/trend.py")),
+    ResultPage("false_alarms", "false-alarms", (*DIAGNOSIS, "benchmarks/false_alarms.py")),
+    ResultPage("neighbours", "neighbours", (*DIAGNOSIS, *_rooms("history"), "benchmarks/neighbours.py")),
+    ResultPage("blind", "blind", (*SEARCH, "tests/blind")),
+    ResultPage("measured", "measured", (*SEARCH, "benchmarks/measured.py")),
+    ResultPage("faults", "faults", (*_rooms("monitor"), "tests/faults"), timed=True),
+    ResultPage("fuzzing", "fuzz", (*_rooms("telemetry", "wheel", "monitor"), "tests/fuzz"), timed=True),
+    ResultPage("speed", "benchmark-speed", (*DIAGNOSIS, *SEARCH, "benchmarks/speed"), timed=True),
+    ResultPage("profile", "profile", (*DIAGNOSIS, *_rooms("monitor"), "benchmarks/profile_live.py"), timed=True),
+    ResultPage("onboard", "onboard", (*_rooms("monitor"), "requirements-monitor.txt"), timed=True),
+    ResultPage("soak", "soak", (*_rooms("monitor"), "benchmarks/soak.py"), timed=True),
+    ResultPage("restart", "restart", (*_rooms("monitor"), "benchmarks/restart.py"), timed=True),
+    ResultPage("fleet", "fleet", (*_rooms("batch"), "benchmarks/fleet.py"), timed=True),
+    ResultPage("fleet_live", "fleet-live", (*_rooms("monitor"), "benchmarks/fleet_live.py"), timed=True),
+    ResultPage("scale", "scale", ("docs/speed.json", "benchmarks/scale.py"), timed=True),
+)
+
+
+def _commits(commits: str, *paths: str) -> list[str]:
+    command = ("git", "-C", str(ROOT), "log", "--format=%h %s", "--no-merges", commits, "--", *paths)
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def main() -> int:
+    """Print the table of the pages or the targets, return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--targets", action="store_true", help="only the make targets, one a line")
+    if parser.parse_args().targets:
+        print(*(page.target for page in PAGES), sep="\n")
+        return 0
+    rows = []
+    for one in PAGES:
+        commit = one.made_at()
+        later = one.later_commits() if commit else []
+        rows.append((f"docs/{one.name}.md", f"make {one.target}", commit or NONE, f"{len(later)} commits later"))
+    print(table(("page", "made by", "at", "what it measures was changed by"), rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""The settings of the onboard detector (`kernels/onboard/rwa_detector.h`) for one wheel, as a C header."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.changepoints.evidence import SPEED_NOISES, UNKNOWN_TAIL, WindowAccumulator
+from rwa_monitor.changepoints.noise import TAIL_RATIO, largest_outlier, outlier_chance
+from rwa_monitor.errors import InputError
+from rwa_monitor.export.model import FrictionModel
+from rwa_monitor.kernels.noise import CHI_MEDIAN
+from rwa_monitor.wheel.effects.catalogue import viscous_effects
+
+NODES: Final = 257  # RWA_TAIL_NODES
+
+
+def detector_files(model: FrictionModel) -> dict[str, bytes]:
+    """Return `rwa_detector_settings.h`: what the monitor derives from the wheel file before a window's first sample.
+
+    Of noise with heavy tails the largest outlier needs Student's t, which is tabulated over the ratio of two quantiles.
+
+    Raises
+    ------
+    InputError
+        If the wheel's viscous friction is more than its coefficient times the speed, which the detector takes it for.
+    """
+    wheel = model.wheel
+    if viscous := viscous_effects(wheel):
+        names = " and ".join(effect.name for effect in viscous)
+        what = f"{names} changes its viscous friction, which the detector takes to be in proportion to the speed"
+        raise InputError(f"wheel {wheel.name}", f"{what}: remove the effect, or run the monitor", "effect")
+    slots, asked, stated = wheel.window.samples, wheel.window.run_length, wheel.window.dead_band_rad_s
+    by = WindowAccumulator(wheel).settings
+    ratio = np.geomspace(TAIL_RATIO[0], TAIL_RATIO[-1], NODES).tolist()
+    ratio[0] = float(np.nextafter(TAIL_RATIO[0], np.inf))  # at the first, tails are Gaussian
+
+    def largest(chance: float, factor: float) -> list[float]:
+        return [factor * largest_outlier((math.inf, CHI_MEDIAN, one * CHI_MEDIAN), 1.0, chance) for one in ratio]
+
+    chance = outlier_chance(slots)
+    fields: dict[str, float | list[float]] = {
+        "slots": slots,
+        "speed_unit": by.speed_unit,
+        "torque_unit": by.torque_unit,
+        "dead_band": math.nan if stated is None else stated / by.speed_unit,
+        "block_hop": by.block_hop,
+        "start_std": by.start_std,
+        "prior_mean": by.prior_mean,
+        "prior_std": by.prior_std,
+        "nominal_slope": by.nominal_slope,
+        "outlier": by.outlier,
+        "sure_outlier": by.sure_outlier,
+        "sure_margin": by.sure_margin,
+        "sure_statistic": by.sure_statistic,
+        "speed_noises": SPEED_NOISES,
+        "tail_ratio": ratio,
+        "tail_outlier": largest(chance, 1.0),
+        "tail_sure": largest(chance, UNKNOWN_TAIL) if asked is None else largest(1.0 / asked, 1.0),
+    }
+    lines = [f"    .{name} = {_literal(value)}," for name, value in fields.items()]
+    text = "\n".join(
+        [
+            f"/* Of wheel file {wheel.sha256()}; do not edit, export again. */",
+            "static const rwa_detector_settings rwa_detector_of_wheel = {",
+            *lines,
+            "};",
+        ]
+    )
+    return {"rwa_detector_settings.h": f"{text}\n".encode()}
+
+
+def _literal(value: float | list[float]) -> str:
+    if isinstance(value, list):
+        return "{" + ", ".join(map(repr, value)) + "}"
+    return "NAN" if math.isnan(value) else repr(value)

@@ -1,0 +1,160 @@
+// The detector of rwa_detector.h, around the kernel of a window: what rwa_monitor/changepoints/evidence.py does there.
+#include "rwa_detector.h"
+
+#include "../evidence.cpp"
+
+#include <new>
+
+// What libstdc++'s vectors call where a size is absurd, so that the library links without it: they never do.
+namespace std {
+[[noreturn, gnu::weak]] void __throw_length_error(const char*) { abort(); }
+}  // namespace std
+
+namespace rwa {
+namespace {
+constexpr double NORMAL_MEDIAN = 0.6744897501960817;  // median of |N(0, 1)|
+constexpr int64_t PIECE = 64;  // samples that are taken at once
+constexpr int64_t ALL_SCALES[] = {1, 2, 4, 8, 16, 32, 64, 128};
+// Fixed: histogram, prefix sums, peaks and what sorts them; measured with windows full of jumps, and half as much again.
+constexpr std::size_t FIXED_BYTES = 3'000'000, BYTES_PER_SLOT = 40;
+
+double median_size(NewFloats& values) {
+    if (values.empty()) return 0.0;
+    for (double& value : values) value = abs(value);
+    const std::size_t low = (values.size() - 1) / 2, high = values.size() / 2;
+    sort(values.begin(), values.end());
+    return 0.5 * (values[low] + values[high]);
+}
+
+double interpolate(double at, const double* x, const double* y, int64_t n) {
+    if (!(at > x[0])) return y[0];
+    for (int64_t i = 1; i < n; ++i) {
+        if (at <= x[i]) return y[i - 1] + (y[i] - y[i - 1]) / (x[i] - x[i - 1]) * (at - x[i - 1]);
+    }
+    return y[n - 1];
+}
+}  // namespace
+}  // namespace rwa
+
+struct rwa_detector {
+    rwa_detector(const rwa_detector_settings& by, rwa::Pool* memory)
+        : settings(by), pool(memory), x(by.slots), z(by.slots), running(6), centre(2), good(by.slots), used(by.slots),
+          checkpoints({by.slots / rwa::STRIDE + 1, 6}), window(arrays(), kernel_settings(), scales()) {}
+
+    static rwa::Vector<bool> flags(rwa::vector<unsigned char>& values) {
+        return {reinterpret_cast<bool*>(values.data()), {static_cast<int64_t>(values.size())}};
+    }
+    rwa::WindowArrays arrays() {
+        const rwa::Vector<bool> taken = flags(used);
+        return {x, x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, {}};
+    }
+    rwa::WindowSettings kernel_settings() const {
+        return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.start_std,
+                settings.prior_mean, settings.prior_std, settings.nominal_slope, settings.outlier,
+                settings.sure_outlier, settings.sure_margin, settings.sure_statistic};
+    }
+    // Without any idea of the slope, two neighbouring samples show nothing of a jump.
+    rwa::Integers scales() const {
+        const int64_t first = rwa::isnan(settings.prior_std);
+        return {rwa::ALL_SCALES + first, {8 - first}};
+    }
+
+    // `_first_learned` of evidence.py.
+    void learn_first(int64_t stop) {
+        const double prior = settings.prior_mean;
+        rwa::NewFloats speeds, second, steps;
+        for (int64_t k = 0; k < stop; ++k) {
+            if (good[k]) speeds.push_back(x[k]);
+        }
+        for (std::size_t k = 2; k < speeds.size(); ++k) {
+            second.push_back((speeds[k] - speeds[k - 1]) - (speeds[k - 1] - speeds[k - 2]));
+        }
+        const double noises = settings.speed_noises * rwa::median_size(second);
+        const double certain = noises / (rwa::NORMAL_MEDIAN * rwa::sqrt(6.0));
+        const double band = rwa::isnan(settings.dead_band) ? certain : settings.dead_band;
+        double last = NAN;
+        for (int64_t k = 0; k < stop; ++k) {
+            used[k] = good[k] && x[k] >= band && x[k] > 0.0;
+            if (!used[k]) continue;
+            const double level = z[k] - prior * x[k];
+            if (!rwa::isnan(last)) steps.push_back(level - last);
+            last = level;
+        }
+        double weight = rwa::SMALLEST_WEIGHT;
+        if (!rwa::isnan(settings.prior_std)) {
+            double std = settings.start_std;
+            if (rwa::isnan(std)) std = rwa::median_size(steps) / (rwa::NORMAL_MEDIAN * rwa::sqrt(2.0));
+            std = rwa::max(std, rwa::SMALLEST_STD);
+            weight = std * std / (settings.prior_std * settings.prior_std);
+        }
+        window.begin(weight, band, certain);
+    }
+
+    // `_outliers` of evidence.py, of tails that are heavy.
+    void learn_tails() {
+        const auto [total, median, far] = window.quantiles;
+        const double std = rwa::sqrt(median / rwa::CHI_MEDIAN), ratio = far / median;
+        const auto size = [&](const double* of) {
+            return std * rwa::interpolate(ratio, settings.tail_ratio, of, RWA_TAIL_NODES);
+        };
+        window.set_outlier(size(settings.tail_outlier), size(settings.tail_sure));
+    }
+
+    rwa_detector_settings settings;
+    rwa::Pool* pool;
+    rwa::NewFloats x, z, running, centre;
+    rwa::vector<unsigned char> good, used;
+    rwa::NewMatrix checkpoints;
+    rwa::Window window;
+    int64_t filled = 0, done = 0;
+};
+
+namespace {
+// In front of the memory that the pool gives.
+struct Opened {
+    rwa::Pool pool;
+    alignas(rwa_detector) unsigned char detector[sizeof(rwa_detector)];
+};
+}  // namespace
+
+size_t rwa_detector_bytes(const rwa_detector_settings* settings) {
+    return sizeof(Opened) + rwa::FIXED_BYTES + rwa::BYTES_PER_SLOT * static_cast<std::size_t>(settings->slots);
+}
+
+rwa_detector* rwa_detector_open(const rwa_detector_settings* settings, void* memory, size_t bytes) {
+    if (!memory || settings->slots < 1 || bytes < rwa_detector_bytes(settings)) return nullptr;
+    Opened* const opened = new (memory) Opened;
+    opened->pool.open(opened + 1, bytes - sizeof(Opened));
+    rwa::pool = &opened->pool;
+    return new (opened->detector) rwa_detector(*settings, &opened->pool);
+}
+
+int64_t rwa_detector_add(
+    rwa_detector* detector, const double* speed, const double* friction, int64_t count, rwa_jump* jumps, int64_t most) {
+    rwa_detector& of = *detector;
+    if (count < 0 || of.filled + count > of.settings.slots) return -1;
+    rwa::pool = of.pool;
+    bool there[rwa::PIECE];  // NaN is not good
+    rwa::fill_n(there, rwa::PIECE, true);
+    int64_t found = 0;
+    for (int64_t first = 0; first < count; first += rwa::PIECE) {
+        int64_t n = rwa::min(rwa::PIECE, count - first), why = -1;
+        for (; why != rwa::ALL_DONE; n = 0) {
+            int64_t reported = 0;
+            std::tie(std::ignore, of.done, reported, why) = of.window.gather(
+                {speed + first, {n}}, {friction + first, {n}}, {there, {n}}, {}, of.filled, of.done, false);
+            of.filled += n;
+            const auto& [slots, sizes, stds, normalised] = of.window.reported;
+            for (int64_t i = 0; i < reported; ++i, ++found) {
+                if (found >= most) continue;
+                const double unit = of.settings.torque_unit;
+                jumps[found] = {slots[i], sizes[i] * unit, stds[i] * unit};
+            }
+            if (why == rwa::FIRST_CHUNK) of.learn_first(rwa::min(of.filled, rwa::CHUNK));
+            if (why == rwa::HEAVY_TAILS) of.learn_tails();
+        }
+    }
+    return found;
+}
+
+size_t rwa_detector_most_used(const rwa_detector* detector) { return sizeof(Opened) + detector->pool->most_used; }

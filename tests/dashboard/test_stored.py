@@ -1,0 +1,121 @@
+"""Live, stored and replayed telemetry on the dashboard: which it is, and that only what is live is an alarm of now."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.messages import Diagnosis, health_message
+from tests.dashboard.support import ask, expect, opened, reporting, status
+from tests.dashboard.test_health import asked
+from tests.history.support import diagnosis
+from tests.monitor.processes import wait_for
+
+pytestmark = pytest.mark.processes
+
+
+def stored(number: int, **changes: Any) -> Diagnosis:
+    return diagnosis(number, **changes).model_copy(update={"data": "stored"})
+
+
+def put(session: zenoh.Session, *windows: Diagnosis, wheel: str = "wheel_1") -> None:
+    for window in windows:
+        session.put(f"rwa/sat/{wheel}/diagnosis", window.to_json())
+
+
+def alarms(address: str) -> dict[str, dict[str, Any]]:
+    return {alarm["name"]: alarm for alarm in ask(address, "api/alarms")[1]}
+
+
+def shown(address: str, key: str) -> dict[str, Any]:
+    return next(entry["message"] for entry in ask(address, "api/fleet")[1] if entry["key"] == key)
+
+
+def metrics(address: str) -> str:
+    import urllib.request
+
+    with urllib.request.urlopen(f"{address}metrics") as answer:
+        return str(answer.read().decode())
+
+
+def test_a_dump_of_bad_windows_raises_an_alarm_of_then_and_leaves_what_is_shown_of_now(
+    session: zenoh.Session, tmp_path: Path
+) -> None:
+    live = [diagnosis(n) for n in (8, 9)]
+    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+        put(session, *live)
+        put(session, *(stored(n, severity=4.0) for n in (3, 1, 2)))
+        found = wait_for(lambda: alarms(running.address), "the alarm")
+        assert set(found) == {"viscous (stored)"}
+        assert found["viscous (stored)"]["raised_ns"] in {stored(n).window_end_ns for n in (1, 2, 3)}
+        assert shown(running.address, "rwa/sat/wheel_1/diagnosis")["window_end_ns"] == live[1].window_end_ns
+        windows = ask(running.address, "api/wheels/sat/wheel_1/windows")[1]
+        assert [one.get("data") for one in windows] == ["stored"] * 3 + [None] * 2
+        health = wait_for(lambda: asked(session).get("rwa/sat/wheel_1/health"), "the health")
+        assert (health.verdict, health.alarms, health.alarm_states) == ("nominal", [], {})
+        assert 'rwa_alarms{level="critical",phase="active"} 0.0' in metrics(running.address)
+        assert 'rwa_stored_alarms{level="critical"} 1.0' in metrics(running.address)
+
+
+def test_windows_whose_samples_were_old_by_the_clock_are_stored_ones(session: zenoh.Session, tmp_path: Path) -> None:
+    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+        for window in (diagnosis(n, severity=1.0) for n in range(3)):
+            session.put("rwa/sat/wheel_1/health", health_message(window, "stored").to_json())
+            put(session, window)
+        assert set(wait_for(lambda: alarms(running.address), "the alarm")) == {"viscous (stored)"}
+        assert shown(running.address, "rwa/sat/wheel_1/diagnosis")["data"] == "stored"
+
+
+def test_a_replay_is_shown_apart_and_leaves_no_trace(session: zenoh.Session, tmp_path: Path) -> None:
+    key = "rwa/sat/wheel_1@replay/{}"
+    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.5), session) as running:
+        put(session, diagnosis(0), diagnosis(1))
+        put(session, *(diagnosis(n, severity=4.0) for n in range(4)), wheel="wheel_1@replay")
+        session.put(key.format("status"), status("wheel_1@replay", data="replay"))
+        replayed = wait_for(lambda: _shown_at_last(running.address, key.format("diagnosis")), "the replay")
+        assert replayed["verdict"] == "anomalous"
+        assert shown(running.address, "rwa/sat/wheel_1/diagnosis")["verdict"] == "nominal"
+        windows = "api/wheels/sat/wheel_1/windows"
+        wait_for(lambda: len(ask(running.address, windows)[1]) == 2, "both windows in the history")
+        # A wheel without a monitor falls silent later: by then the replay's silence would have shown.
+        put(session, diagnosis(0), wheel="wheel_2")
+        session.put("rwa/sat/wheel_2/status", status("wheel_2"))
+        found = wait_for(lambda: ask(running.address, "api/alarms")[1], "the alarm of the wheel that fell silent")
+        assert [(alarm["wheel"], alarm["name"]) for alarm in found] == [("wheel_2", "monitor")]
+        assert [one["verdict"] for one in ask(running.address, windows)[1]] == ["nominal"] * 2
+        assert "@replay" not in metrics(running.address)
+
+
+def _shown_at_last(address: str, key: str) -> dict[str, Any] | None:
+    found = [entry["message"] for entry in ask(address, "api/fleet")[1] if entry["key"] == key]
+    return found[0] if found and found[0]["window_end_ns"] == diagnosis(3).window_end_ns else None
+
+
+def test_the_page_labels_what_is_not_live(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with (
+        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
+        reporting(session, "wheel_1", data="stored"),
+        reporting(session, "wheel_2"),
+        reporting(session, "wheel_1@replay", data="replay"),
+        opened(chromium) as page,
+    ):
+        put(session, *(stored(n, severity=1.0) for n in range(3)))
+        put(session, diagnosis(0, wheel="wheel_2"), wheel="wheel_2")
+        put(session, diagnosis(0, severity=1.0), wheel="wheel_1@replay")
+        wait_for(lambda: alarms(running.address), "the alarm")
+        page.goto(running.address)
+        rows = page.locator("a.wheel")
+        expect(rows.filter(has_text="stored data: measured earlier, not live")).to_have_count(1)
+        expect(rows.filter(has_text="replay: a recording that is played again")).to_have_count(1)
+        expect(rows).to_have_count(3)
+        expect(page.get_by_text("0 open alarms")).to_be_visible()
+        page.goto(f"{running.address}#/wheel/sat/wheel_1")
+        expect(page.get_by_text("◷ stored data: measured earlier, not live.")).to_be_visible()
+        page.goto(f"{running.address}#/wheel/sat/wheel_1@replay")
+        expect(page.get_by_text("◷ replay: a recording that is played again.")).to_be_visible()
+        page.goto(f"{running.address}#/alarms")
+        expect(page.get_by_text("‖ stored data")).to_be_visible()

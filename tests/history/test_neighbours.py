@@ -1,0 +1,116 @@
+"""A wheel beside its siblings: what all share is one alarm of the spacecraft, what one has alone comes sooner."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.history.alarms import ALL_WHEELS, OWN_ADVICE
+from rwa_monitor.history.neighbours import Shift, compare, shift_of
+from rwa_monitor.history.store import History
+from rwa_monitor.messages import Diagnosis
+from tests.history.support import diagnosis
+
+WHEELS = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
+USUAL, MOVED = 5.3e-6, 6.6e-6  # N m s/rad, of the diagnoses
+
+
+def moved_a_little(window: Diagnosis, factor: float) -> Diagnosis:
+    """The same window, nominal, with another viscous friction."""
+    viscous = window.anomalies["viscous"]
+    return window.model_copy(
+        update={"anomalies": {"viscous": viscous.model_copy(update={"estimate": factor * (viscous.estimate or 0.0)})}}
+    )
+
+
+def test_evidence_is_that_of_the_joint_gaussians() -> None:
+    """The weights by a dense covariance of five hypotheses for three wheels, independent of the module's own loop."""
+    from scipy.stats import multivariate_normal
+
+    r, own = np.array([0.05, 0.04, 0.11]), np.diag([1e-4, 2e-4, 1e-4])
+    found = compare([Shift(value, variance, 0.05) for value, variance in zip(r, np.diag(own), strict=True)])
+    assert found is not None
+    weights = np.zeros((2, 4))
+    for shared in (0, 1):
+        for alone in range(4):  # 3: none of them
+            covariance = own + 0.04 * (shared * np.ones((3, 3)) + (np.diag(np.eye(4)[alone, :3])))
+            prior = (0.05 if shared else 0.95) * (0.02 if alone < 3 else 0.94)
+            weights[shared, alone] = prior * multivariate_normal(np.zeros(3), covariance).pdf(r)
+    weights /= weights.sum()
+    assert found.common == pytest.approx(weights[1].sum(), rel=1e-9)
+    assert found.alone == pytest.approx(weights[:, :3].sum(axis=0), rel=1e-9)
+
+
+def test_two_wheels_are_not_compared() -> None:
+    assert compare([Shift(0.1, 1e-4, 0.05)] * 2) is None
+
+
+def test_anomalous_windows_do_not_become_what_a_wheel_was() -> None:
+    values = np.array([1.0] * 8 + [1.2] * 30)
+    std, anomalous = np.full(values.size, 0.01), values > 1.1
+    shift = shift_of(values, std, anomalous, (0.9, 1.1))
+    assert shift is not None
+    assert shift.value == pytest.approx(0.2)
+
+
+def test_a_shift_that_all_share_is_one_alarm_of_the_spacecraft() -> None:
+    with History(None) as history:
+        for number in range(14):
+            severity = 1.0 if number >= 10 else None
+            for wheel in WHEELS:
+                history.add(diagnosis(number, severity=severity, wheel=wheel))
+        (alarm,) = history.alarms()
+    assert (alarm.wheel, alarm.name, alarm.level) == (ALL_WHEELS, "viscous", "warning")
+    assert alarm.reason.startswith("Viscous friction of all 4 wheels moved by +24.5 ±")
+    assert alarm.advice == OWN_ADVICE[ALL_WHEELS]
+
+
+def test_it_returns_when_the_cause_is_gone() -> None:
+    with History(None) as history:
+        for number in range(20):
+            for wheel in WHEELS:
+                history.add(diagnosis(number, severity=1.0 if 10 <= number < 14 else None, wheel=wheel))
+        (alarm,) = history.alarms()
+    assert (alarm.wheel, alarm.phase) == (ALL_WHEELS, "returned")
+
+
+def test_a_wheel_that_moves_alone_has_an_alarm_before_its_windows_are_anomalous() -> None:
+    with History(None) as history:
+        for number in range(14):
+            for wheel in WHEELS:
+                factor = 1.03 if wheel == "wheel_2" and number >= 10 else 1.0
+                history.add(moved_a_little(diagnosis(number, wheel=wheel), factor))
+        (alarm,) = history.alarms()
+    assert (alarm.wheel, alarm.level) == ("wheel_2", "watch")
+    assert "apart from that of the other 3 wheels" in alarm.reason
+
+
+def test_windows_that_are_undecided_by_themselves_are_decided_by_the_siblings() -> None:
+    with History(None) as history:
+        for number in range(14):
+            for wheel in WHEELS:
+                odd = wheel == "wheel_2" and number >= 10
+                window = moved_a_little(diagnosis(number, wheel=wheel), 1.05 if odd else 1.0)
+                history.add(window.model_copy(update={"verdict": "inconclusive"}) if odd else window)
+        (alarm,) = history.alarms()
+    assert (alarm.wheel, alarm.name, alarm.level) == ("wheel_2", "viscous", "watch")
+
+
+@pytest.mark.parametrize(("factor", "alarms"), [(0.85, 1), (0.98, 0)])
+def test_a_shift_that_all_share_is_reported_once_it_is_larger_than_the_nominal_range(
+    factor: float, alarms: int
+) -> None:
+    with History(None) as history:
+        for number in range(14):
+            for wheel in WHEELS:
+                history.add(moved_a_little(diagnosis(number, wheel=wheel), factor if number >= 10 else 1.0))
+        found = history.alarms()
+    assert [(alarm.wheel, alarm.level) for alarm in found] == [(ALL_WHEELS, "watch")] * alarms
+
+
+def test_one_wheel_alone_is_judged_by_itself() -> None:
+    with History(None) as history:
+        for number in range(4):
+            history.add(diagnosis(number, severity=1.0))
+        (alarm,) = history.alarms()
+    assert alarm.wheel == "wheel_1"

@@ -1,0 +1,203 @@
+"""Stored telemetry in the core: dumps late by hours and in any order, beside live samples."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.events import Event, WindowDiagnosed
+from rwa_monitor.monitor.ingest.sequencer import Trouble
+from rwa_monitor.monitor.ingest.stored import MAX_KEPT_WINDOWS
+from rwa_monitor.samples import Samples
+from tests.monitor.support import (
+    WINDOW,
+    adds_up,
+    batch_diagnoses,
+    diagnoses,
+    messages_of,
+    model,
+    resumed,
+    telemetry,
+    wheel,
+)
+
+PERIOD_NS = 125_000_000
+WINDOWS = 6
+DAY = telemetry(WINDOWS * WINDOW)  # of windows of two minutes
+PIECE = 300  # samples of a dump's message: no part of a window
+
+Message = tuple[Literal["live", "stored"], Samples]
+
+
+def feed(core: WheelCore, messages: Iterable[Message]) -> list[Event]:
+    """Feed messages, the live ones numbered, as a publisher of each kind does."""
+    events: list[Event] = []
+    numbers = {"live": 0, "stored": 0}
+    for data, samples in messages:
+        events += core.feed(samples, f"{data} publisher", numbers[data], data)
+        numbers[data] += 1
+    return events
+
+
+def dumps(samples: Samples = DAY) -> list[Message]:
+    return [("stored", samples[start : start + PIECE]) for start in range(0, len(samples), PIECE)]
+
+
+def latest(events: list[Event], data: str | None = "stored") -> dict[int, dict[str, Any]]:
+    """Return the last diagnosis of each window of live or stored data, by its start."""
+    found = (json.loads(payload) for payload in diagnoses(messages_of(events)))
+    return {one["window_start_ns"]: one for one in found if one.get("data") == data}
+
+
+def run(messages: Iterable[Message]) -> tuple[WheelCore, list[Event]]:
+    core = WheelCore(wheel(), model())
+    return core, [*feed(core, messages), *core.finish()]
+
+
+@cache
+def in_order() -> dict[int, dict[str, Any]]:
+    return latest(run(dumps())[1])
+
+
+def test_stored_samples_in_order_give_the_windows_of_the_live_ones() -> None:
+    core, events = run(dumps())
+    stored = [payload.replace(b'"data":"stored",', b"") for payload in diagnoses(messages_of(events))]
+    assert stored == batch_diagnoses(DAY, wheel(), whole=False)
+    assert len(stored) == WINDOWS
+    assert (core.counts.used, core.counts.queued) == (len(DAY), 0)
+    assert adds_up(core.counts)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.permutations(range(len(dumps()))), st.integers(0, 3))
+def test_dumps_in_any_order_give_the_windows_of_those_in_order(order: list[int], repeats: int) -> None:
+    parts = [dumps()[number] for number in order]
+    core, events = run([*parts, *parts[:repeats]])
+    assert latest(events) == in_order()
+    assert core.counts.late == 0
+    assert core.counts.used == len(DAY)
+    assert core.counts.duplicate == sum(len(samples) for _, samples in parts[:repeats])
+    assert adds_up(core.counts)
+
+
+@pytest.mark.parametrize("dump_first", [False, True])
+def test_a_dump_completes_the_windows_of_a_contact_and_leaves_the_live_ones_as_they_are(dump_first: bool) -> None:
+    # Two contacts of half a window, and what lay between them, dumped in the second one and backwards.
+    first, second = slice(0, WINDOW // 2), slice(4 * WINDOW + WINDOW // 2, 6 * WINDOW)
+    between = list(reversed(dumps(DAY[WINDOW // 2 : 4 * WINDOW + WINDOW // 2])))
+    contacts: list[Message] = [("live", DAY[first]), ("live", DAY[second][:100]), ("live", DAY[second][100:])]
+    core, events = run([*contacts[:2], *between, contacts[2]] if dump_first else [*contacts, *between])
+    live_alone, without = run(contacts)
+    found, expected = latest(events), in_order()
+    assert [start for start in expected if start not in found] in ([], [5 * WINDOW * PERIOD_NS])  # of live data alone
+    assert all(one == expected[start] for start, one in found.items())
+    assert latest(without, "stored") == {}
+    windows = [{**one, "provenance": None} for one in latest(events, None).values()]
+    assert [one["window_start_ns"] for one in windows] == list(latest(without, None))
+    assert core.counts.used == live_alone.counts.used + sum(len(samples) for _, samples in between)
+    assert adds_up(core.counts)
+
+
+@pytest.mark.parametrize("declared", [True, False])
+def test_the_windows_that_a_dump_completes_are_those_of_the_live_samples(declared: bool) -> None:
+    first, gap = 100, slice(WINDOW // 2, WINDOW // 2 + 600)
+    live = [DAY[first : gap.start], DAY[gap.stop : 2 * WINDOW + 200]]
+    core = WheelCore(wheel(), model())
+    events = [event for part in live for event in core.feed(part, data="live" if declared else None)]
+    events += core.feed(DAY[gap], data="stored")
+    events += core.finish()
+    start = min(latest(events, None))
+    assert start == first * PERIOD_NS
+    assert set(latest(events)) >= {start}
+    assert latest(events)[start]["coverage"] == (1.0 if declared else 600 / WINDOW)
+
+
+def test_windows_that_come_before_others_are_diagnosed_with_the_state_of_their_time() -> None:
+    late = [*dumps(DAY[2 * WINDOW :]), *dumps(DAY[: 2 * WINDOW])]
+    _, events = run(late)
+    of_third = [one for one in events if isinstance(one, WindowDiagnosed) and one.start_ns == 2 * WINDOW * PERIOD_NS]
+    priors = [one.diagnosis.prior_sha256 for one in of_third]
+    assert len(priors) == 3  # alone, after the second window had come, and after the first
+    assert len(set(priors)) == 3
+    assert latest(events) == in_order()
+
+
+@pytest.mark.parametrize("live_first", [10, 0])
+def test_the_live_window_goes_on_from_the_state_of_a_dump(live_first: int) -> None:
+    dump, live = DAY[: 3 * WINDOW], DAY[3 * WINDOW : 4 * WINDOW + 1]
+    core = WheelCore(wheel(), model())
+    feed(core, [("live", live[:live_first]), *dumps(dump)])
+    events = core.feed(live[live_first:], "live publisher", 1, "live")
+    (window,) = (one for one in events if isinstance(one, WindowDiagnosed))
+    assert window.data is None
+    assert window.carried.windows == 4
+
+
+def test_what_is_older_than_all_that_is_kept_is_late_and_reported() -> None:
+    long = telemetry((MAX_KEPT_WINDOWS + 3) * 128)
+    core = WheelCore(wheel(128), model())
+    events = feed(core, [("stored", long[256:]), ("stored", long[:256])])
+    assert core.counts.late == 256
+    assert [one.kind for one in events if isinstance(one, Trouble)] == ["stored samples late"]
+    assert adds_up(core.counts)
+
+
+def test_wild_times_of_stored_samples_change_nothing() -> None:
+    wild = Samples(DAY.time_ns + 10**18, DAY.speed_rad_s, DAY.friction_torque_Nm)[:PIECE]
+    parts = dumps()
+    core, events = run([*parts[:5], ("stored", wild), *parts[5:]])
+    assert latest(events) == in_order()
+    assert (core.counts.rejected, core.counts.used) == (PIECE, len(DAY))
+    assert adds_up(core.counts)
+    days_later = Samples(DAY.time_ns + 10**15, DAY.speed_rad_s, DAY.friction_torque_Nm)
+    core, events = run([*parts, *dumps(days_later)])
+    assert len(latest(events)) in (2 * WINDOWS, 2 * WINDOWS + 1)
+    assert core.counts.used == 2 * len(DAY)
+
+
+def test_a_window_is_diagnosed_when_the_dump_has_left_it_and_again_when_its_hole_is_filled() -> None:
+    hole = slice(200, 260)
+    with_hole = DAY[: 2 * WINDOW][np.r_[: hole.start, hole.stop : 2 * WINDOW]]
+    core = WheelCore(wheel(), model())
+    first = latest(feed(core, dumps(with_hole)))[0]
+    assert first["coverage"] == 1 - 60 / WINDOW
+    again = latest(core.feed(DAY[hole], "stored publisher", 99, "stored"))
+    assert again == {start: one for start, one in in_order().items() if start < 2 * WINDOW * PERIOD_NS}
+
+
+def test_a_checkpoint_keeps_stored_telemetry() -> None:
+    parts = [*dumps()[::-1]]
+    core = WheelCore(wheel(), model())
+    before = feed(core, parts[:9])
+    again = resumed(core.checkpoint().to_json(), wheel())
+    rest = [*feed(again, parts[9:]), *again.finish()]
+    assert latest([*before, *rest]) == in_order()
+    with pytest.raises(InputError, match="does not fit"):
+        resumed(core.checkpoint().to_json(), wheel(WINDOW // 2))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"windows": {str(2**50): {"values": {}}}},
+        {"windows": {"0": {"values": {"speed_rad_s": "AAAAAAAA8H8=", "torque_Nm": "AAAAAAAA8H8="}}}},
+        {"waiting": {"time_ns": "AAAAAAAAAAA=", "values": {}}},
+        {"newest": 2**52},
+        {"period_ns": 1},
+    ],
+)
+def test_a_damaged_checkpoint_of_stored_telemetry_is_refused(change: dict[str, Any]) -> None:
+    core = WheelCore(wheel(), model())
+    feed(core, dumps()[:2])
+    content = json.loads(core.checkpoint().to_json())
+    with pytest.raises(InputError, match=r"does not fit|stored"):
+        resumed(json.dumps({**content, "stored": {**content["stored"], **change}}).encode(), wheel())
