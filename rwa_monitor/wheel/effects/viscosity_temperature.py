@@ -6,9 +6,19 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, known_or_nan, stack
-from rwa_monitor.wheel.effects.lubricant_lag import first_order_lag
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    Shape,
+    begun,
+    follow,
+    known_or_nan,
+    stack,
+)
 
 ZERO_CELSIUS_K: Final = 273.15  # [K]
 REFERENCE_K: Final = ZERO_CELSIUS_K + 20.0  # [K] where ν = ν₀: a convention, it shifts strength into the base slope
@@ -66,7 +76,7 @@ class ViscosityTemperature(MeanEffect):
         temperature = known_or_nan(channels.bearing_temperature_degC, channels)
         if shape["sensor_lag_s"] > 0.0:
             memory = begun(memory, np.nan, np.nan)
-            known = np.isfinite(temperature)
-            temperature = first_order_lag(temperature, known, channels.sample_period_s, shape["sensor_lag_s"], memory)
+            known, period_s = np.isfinite(temperature), channels.sample_period_s
+            temperature = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
         exponent = shape["activation_temperature_K"] * (1.0 / (temperature + ZERO_CELSIUS_K) - 1.0 / REFERENCE_K)
         return stack(channels.speed_rad_s * np.expm1(exponent)), memory
