@@ -103,6 +103,7 @@ def test_the_library_demands_no_allocation_and_throws_nothing(tmp_path: Path) ->
 
 def test_a_wheel_whose_viscous_friction_follows_its_temperature_is_refused() -> None:
     tables = built_in_wheel().to_tables()
-    tables["effect"] = [{"name": "viscosity_temperature", "parameters": {"strength_Nm_s_rad": 5e-6}}]
+    parameters = {"strength_Nm_s_rad": 5.333e-6, "activation_temperature_K": 4000.0}
+    tables["effect"] = [{"name": "viscosity_temperature", "parameters": parameters}]
     with pytest.raises(InputError, match="viscosity_temperature changes its viscous friction"):
         detector_files(friction_model(Wheel.from_tables(tables, "warm wheel"), "test"))
