@@ -202,6 +202,10 @@ benchmark-trend: $(VENV)/.installed-dev ## growth announced over the lives of wh
 false-alarms: $(VENV)/.installed-dev ## error rates that hold online, FOCuS beside; writes docs/false_alarms.md
 	$(BENCHMARK).false_alarms -o docs/false_alarms.md $(BENCHMARK_ARGS)
 
+.PHONY: heat
+heat: $(VENV)/.installed-dev ## anomalies in bearings that warm and cool; writes docs/heat.md
+	$(BENCHMARK).heat -o docs/heat.md $(BENCHMARK_ARGS)
+
 .PHONY: neighbours
 neighbours: $(VENV)/.installed-dev ## wheels of one spacecraft beside each other; writes docs/neighbours.md
 	$(BENCHMARK).neighbours -o docs/neighbours.md $(BENCHMARK_ARGS)

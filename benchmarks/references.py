@@ -34,7 +34,7 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.version import SOFTWARE
-from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
+from rwa_monitor.wheel.wheel import EffectBlock, TemperatureRange, Wheel, built_in_wheel
 
 WINDOW_SLOTS: Final = 4_000
 BATCH: Final = 200  # samples of a message
@@ -55,6 +55,22 @@ def reference_wheel() -> Wheel:
     return Wheel.from_tables(tables, "reference wheel")
 
 
+def warm_wheel() -> Wheel:
+    """Return the same with a lubricant that thins by 5 % a kelvin, and a sensor beside the bearing."""
+    wheel = reference_wheel()
+    assert wheel.nominal is not None
+    law = EffectBlock(
+        name="viscosity_temperature",
+        parameters={
+            "strength_Nm_s_rad": wheel.nominal.viscous_Nm_s_rad,
+            "activation_temperature_K": 4300.0,
+            "sensor_lag_s": 300.0,
+        },
+    )
+    learned_at = TemperatureRange(low_degC=5.0, high_degC=35.0)
+    return wheel.model_copy(update={"effect": (law,), "temperature": learned_at})
+
+
 # ---- what happens ----------------------------------------------------------------------------------------------------
 
 Messages = list[tuple[str, bytes]]
@@ -72,6 +88,8 @@ class Reference:
         What happens to the wheel: text of a scenario file.
     seed
         Of the simulator.
+    wheel
+        Makes the wheel.
     runs
         Turns the telemetry into the messages of one or more runs of the monitor; all but the last end in a crash.
     required
@@ -82,6 +100,7 @@ class Reference:
     about: str
     scenario: str
     seed: int
+    wheel: Callable[[], Wheel] = reference_wheel
     runs: Callable[[Samples], list[Messages]] = field(default=lambda samples: [_messages(samples, "first")])
     required: dict[str, Callable[[dict[str, Any]], bool]] = field(default_factory=dict)
 
@@ -155,6 +174,19 @@ REFERENCES: Final = (
         },
     ),
     Reference(
+        name="heat",
+        about="a bearing that warms and cools by 20 K; from its fifth window on viscous friction is too large by 30 %",
+        scenario="[scenario]\nduration_s = 4050.0\n[temperature]\nmean_degC = 20.0\nswing_K = 10.0\n"
+        "[anomalies.viscous]\nfactor = 1.3\nonset_s = 2000.0\n",
+        seed=15,
+        wheel=warm_wheel,
+        required={
+            "eight whole windows": lambda seen: len(seen["verdicts"]) == 8,
+            "nominal while it warms and cools": lambda seen: set(seen["verdicts"][:4]) == {"nominal"},
+            "viscous alone from the fifth on": lambda seen: all(active == ["viscous"] for active in seen["active"][4:]),
+        },
+    ),
+    Reference(
         name="bad_day",
         about="gaps, duplicates, late, non-finite and impossible samples, refused messages, a clock step, "
         "a second publisher, a restarted publisher, and a killed monitor",
@@ -209,10 +241,10 @@ class SilentBus(MonitorBus):
 
 def make(reference: Reference, folder: Path) -> None:
     """Make one reference recording, or a chain of them, in a new folder."""
-    options = RunOptions(wheel=reference_wheel(), model=built_in_model(), record=folder)
+    options = RunOptions(wheel=reference.wheel(), model=built_in_model(), record=folder)
     scenario = Scenario.from_toml(reference.scenario, reference.name)
     samples = simulate(scenario, options.wheel, np.random.default_rng(reference.seed)).samples
-    runs = reference.runs(_as_telemetry(samples))
+    runs = reference.runs(_as_telemetry(samples, heat=bool(options.wheel.effect)))
     folder.mkdir(parents=True)
     ticks = count()
     # Messages come every 25 s of the wheel's time; the machine's clocks count them.
@@ -221,13 +253,19 @@ def make(reference: Reference, folder: Path) -> None:
         _run(options, folder, messages, clock, killed=number + 1 < len(runs))
 
 
-def _as_telemetry(samples: Samples) -> Samples:
-    """Return the channels that a spacecraft would send down, in steps of its telemetry words."""
+def _as_telemetry(samples: Samples, *, heat: bool) -> Samples:
+    """Return the channels that a spacecraft sends down, in steps of its telemetry words; with `heat`, temperature."""
     friction = samples.friction_torque_Nm
     if friction is None:
         return Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
     steps = np.round(friction / FRICTION_STEP_Nm)
-    return Samples(samples.time_ns, samples.speed_rad_s, friction_torque_Nm=np.round(steps * FRICTION_STEP_Nm, 8))
+    measured = samples.bearing_temperature_degC if heat else None
+    return Samples(
+        samples.time_ns,
+        samples.speed_rad_s,
+        friction_torque_Nm=np.round(steps * FRICTION_STEP_Nm, 8),
+        bearing_temperature_degC=None if measured is None else np.round(measured, 1),
+    )
 
 
 def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *, killed: bool) -> None:

@@ -81,6 +81,7 @@ PAGES: Final = (
     ),
     ResultPage("trend", "benchmark-trend", (*DIAGNOSIS, "benchmarks/trend.py")),
     ResultPage("false_alarms", "false-alarms", (*DIAGNOSIS, "benchmarks/false_alarms.py")),
+    ResultPage("heat", "heat", (*DIAGNOSIS, *_rooms("identification", "wheel/effects"), "benchmarks/heat.py")),
     ResultPage("neighbours", "neighbours", (*DIAGNOSIS, *_rooms("history"), "benchmarks/neighbours.py")),
     ResultPage("blind", "blind", (*SEARCH, "tests/blind")),
     ResultPage("measured", "measured", (*SEARCH, "benchmarks/measured.py")),

@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import numpy as np
+from pydantic import Field
 from scipy import special
 
 from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshold_for, threshold_of_run_length
@@ -28,11 +29,12 @@ from rwa_monitor.changepoints.noise import (
     outlier_chance,
 )
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
-from rwa_monitor.changepoints.stage_results import Candidates, Evidence
+from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
 from rwa_monitor.kernels.evidence import ALL_DONE, FIRST_CHUNK, KEPT_STATISTIC, SMALLEST_WEIGHT, Window
 from rwa_monitor.kernels.noise import NOISE_BLOCK, SMALLEST_STD
 from rwa_monitor.kernels.wglr import CHUNK
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.wheel.effects.catalogue import viscous_effects
 from rwa_monitor.wheel.wheel import Wheel
 
 SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [slots] (errata 5)
@@ -45,8 +47,27 @@ FALSE_CONFIRMED: Final = 1e-9  # probability that a test reports a false jump at
 UNKNOWN_TAIL: Final = 2.0  # the factor to which a tail is known, where no run length is asked for
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: sure signs of ω beyond
+UNKNOWN_K: Final = 1.0  # K: with a larger error a temperature counts as unknown, viscosity as off by 2 to 8 %
 _NO_VALUES: Final[FloatArray] = np.empty(0)
 _NO_SLOTS: Final[BoolArray] = np.empty(0, dtype=np.bool_)
+
+
+class ViscousSpeed(NamedTuple):
+    """What viscous friction is in proportion to, slot by slot, where that is not the speed itself; float64 (n,).
+
+    Attributes
+    ----------
+    speed_rad_s
+        ω·ν(T)/ν(T₀) and the like, of the sign of ω [rad/s]; finite wherever the speed is.
+    temperature_degC
+        The bearing's temperature that it was taken at [°C]; NaN where the wheel's viscous friction follows none.
+    error_K
+        How uncertain that temperature is [K]: it may be held from earlier slots.
+    """
+
+    speed_rad_s: FloatArray
+    temperature_degC: FloatArray
+    error_K: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,11 +100,17 @@ class Gathered:
         float64 (n,), normalised; NaN where not good.
     turns
         int64 (blocks,), see `StructureSums.turns`.
+    heat
+        float64 (n,) each: |ω|, normalised, and temperature and its error of `ViscousSpeed`; None where viscous friction
+        is in proportion to |ω|, which is x then.
     """
 
     x: FloatArray
     z: FloatArray
     turns: IntArray
+    heat: Annotated[tuple[FloatArray, FloatArray, FloatArray] | None, Field(exclude_if=lambda heat: heat is None)] = (
+        None
+    )
 
 
 class WindowSettings(NamedTuple):
@@ -167,6 +194,10 @@ class WindowAccumulator:
         self._start_std = None if start_std is None else start_std / wheel.torque_unit_Nm
 
         self._x: FloatArray = np.empty(self.slots)
+        # |ω|, and where viscous friction is in proportion to something else, at which temperature, known how well.
+        self._own_viscous = bool(viscous_effects(wheel))
+        self._motion: FloatArray = np.empty(self.slots) if self._own_viscous else self._x
+        self._heat: FloatArray = np.empty((2, self.slots if self._own_viscous else 0))
         self._z: FloatArray = np.empty(self.slots)
         self._good: BoolArray = np.empty(self.slots, dtype=np.bool_)
         used: BoolArray = np.empty(self.slots, dtype=np.bool_)  # memory is not touched before there are samples for it
@@ -200,12 +231,14 @@ class WindowAccumulator:
             ),
         )
         sums, structure = self._sums, self._structure.arrays
-        arrays = (self._x, self._z, self._good, used, sums.arrays, sums.running, structure)
+        arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, structure)
         self._window = Window(arrays, self.settings, self._scales)
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 
-    def append(self, speed_rad_s: FloatArray, torque_Nm: FloatArray, good: BoolArray) -> list[ConfirmedCandidate]:
+    def append(
+        self, speed_rad_s: FloatArray, torque_Nm: FloatArray, good: BoolArray, viscous: ViscousSpeed | None = None
+    ) -> list[ConfirmedCandidate]:
         """Take the next slots and return the jumps that became certain.
 
         Parameters
@@ -214,6 +247,9 @@ class WindowAccumulator:
             float64 (n,), speed and resisting friction torque of consecutive slots; anything where not good.
         good
             bool (n,), slots that hold a good sample; a value that is not finite, or absurd, is not good.
+        viscous
+            What viscous friction is in proportion to, where the wheel's effects make that another than the speed; None:
+            the speed.
 
         Raises
         ------
@@ -223,13 +259,19 @@ class WindowAccumulator:
         count = speed_rad_s.size
         if self._closed or self.filled + count > self.slots:
             raise ValueError(f"{count} more slots do not fit into a window with {self.filled} of {self.slots}")
-        return self._gather(speed_rad_s, torque_Nm, good)
+        if not self._own_viscous:
+            return self._gather(speed_rad_s, torque_Nm, good)
+        part = slice(self.filled, self.filled + count)
+        self._heat[:, part] = (np.nan, 0.0) if viscous is None else viscous[1:]
+        return self._gather(speed_rad_s, torque_Nm, good, speed_rad_s if viscous is None else viscous.speed_rad_s)
 
     def gathered(self) -> Gathered:
         """Return the samples so far."""
         good = self._good[: self.filled]
-        x, z = (np.where(good, values[: self.filled], np.nan) for values in (self._x, self._z))
-        return Gathered(x, z, self._structure.turns(self.filled))
+        x, z, motion = (np.where(good, values[: self.filled], np.nan) for values in (self._x, self._z, self._motion))
+        temperature, error = self._heat[:, : self.filled].copy()
+        heat = (motion, temperature, error) if self._own_viscous else None
+        return Gathered(x, z, self._structure.turns(self.filled), heat)
 
     def resume(self, gathered: Gathered) -> None:
         """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was reported.
@@ -240,11 +282,16 @@ class WindowAccumulator:
             If samples were taken before, or the window cannot hold so many.
         """
         count = gathered.x.size
-        if self.filled or count > self.slots or gathered.z.size != count:
+        heat = gathered.heat or ()
+        alike = {values.size for values in (gathered.z, *heat)} == {count} and bool(heat) == self._own_viscous
+        if self.filled or count > self.slots or not alike:
             raise ValueError(f"{count} slots do not fit into a window with {self.filled} of {self.slots}")
         good = np.isfinite(gathered.x) & np.isfinite(gathered.z)
         self._x[:count] = np.where(good, gathered.x, 0.0)
         self._z[:count] = np.where(good, gathered.z, 0.0)
+        if heat:
+            self._motion[:count] = np.where(good, heat[0], 0.0)
+            self._heat[:, :count] = heat[1:]
         self._good[:count] = good
         self.good = int(good.sum())
         self._structure.resume(gathered.turns, good)
@@ -275,10 +322,21 @@ class WindowAccumulator:
             noise=noise,
             threshold=threshold,
             structure=self._structure.close(),
+            heat=self._temperature(),
         )
         outlier, _ = self._outliers(variances, quantiles)
         candidates = choose(evidence, self._scales, variances, outlier, self.slope_prior)
         return replace(evidence, candidates=candidates)
+
+    def _temperature(self) -> Temperature | None:
+        """Return the temperature at which the window's viscous friction was taken; None where it follows none."""
+        temperature, error = self._heat[:, : self._done]
+        used = self._sums.arrays.used[: temperature.size] & np.isfinite(temperature)
+        if not used.any():
+            return None
+        temperature, error = temperature[used], error[used]
+        mean, low, high = (float(of(temperature)) for of in (np.mean, np.min, np.max))
+        return Temperature(mean, low, high, float(np.mean(error)), float(np.mean(error >= UNKNOWN_K)))
 
     # ---- detection -------------------------------------------------------------------------------------------------
 
@@ -287,6 +345,7 @@ class WindowAccumulator:
         speed_rad_s: FloatArray = _NO_VALUES,
         torque_Nm: FloatArray = _NO_VALUES,
         good: BoolArray = _NO_SLOTS,
+        viscous_speed_rad_s: FloatArray = _NO_VALUES,
         *,
         last: bool = False,
     ) -> list[ConfirmedCandidate]:
@@ -294,7 +353,7 @@ class WindowAccumulator:
         events: list[ConfirmedCandidate] = []
         while True:
             count, self._done, reported, why = self._window.gather(
-                speed_rad_s, torque_Nm, good, self.filled, self._done, last
+                speed_rad_s, torque_Nm, good, viscous_speed_rad_s, self.filled, self._done, last
             )
             self.good += count
             self.filled += speed_rad_s.size
@@ -307,17 +366,17 @@ class WindowAccumulator:
                 self._window.begin(*self._first_learned(min(self.filled, CHUNK)))
             else:
                 self._window.set_outlier(*self._outliers(self._window.variances, self._window.quantiles))
-            speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
+            speed_rad_s, torque_Nm, good, viscous_speed_rad_s = _NO_VALUES, _NO_VALUES, _NO_SLOTS, _NO_VALUES
 
     def _first_learned(self, stop: int) -> tuple[float, float, float]:
         """Mark the used of the slots [0, stop); return the weight of the slope's prior, dead band and certain speed."""
-        x, z, good = self._x[:stop], self._z[:stop], self._good[:stop]
+        x, z, motion, good = self._x[:stop], self._z[:stop], self._motion[:stop], self._good[:stop]
         # The second difference of a smooth speed is noise, of √6 times its standard deviation.
-        certain = SPEED_NOISES * median_size(np.diff(x[good], 2)) / (NORMAL_MEDIAN * math.sqrt(6.0))
+        certain = SPEED_NOISES * median_size(np.diff(motion[good], 2)) / (NORMAL_MEDIAN * math.sqrt(6.0))
         unit, stated, prior = self.wheel.speed_unit_rad_s, self.wheel.window.dead_band_rad_s, self.slope_prior
         band = certain if stated is None else stated / unit
         used = self._sums.arrays.used[:stop]
-        used[:] = good & (x >= band) & (x > 0.0)
+        used[:] = good & (motion >= band) & (motion > 0.0)
         if prior is None:
             return SMALLEST_WEIGHT, band, certain
         std = self._start_std

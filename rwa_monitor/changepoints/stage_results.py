@@ -2,11 +2,12 @@
 
 Inside the diagnosis everything is normalised (errata 1, 2): with s = sign(ω), the pair
 
-    x = |ω| / nominal speed,        z = s · friction torque / nominal dry torque
+    x = |ω| g / nominal speed,      z = s · friction torque / nominal dry torque
 
-follows z = level + f_v · x + noise in both directions of rotation. Samples in the dead band or without a good value
-are *unused*: they hold a slot but enter no sum. Slots are counted within the window; a changepoint's index is the
-first slot of the new level.
+follows z = level + f_v · x + noise in both directions of rotation. g is 1, or what the wheel's effects that scale with
+viscous friction make of it, ν(T)/ν(T₀) first (`wheel.effects.catalogue.effect_torque`). Samples in the dead band or
+without a good value are *unused*: they hold a slot but enter no sum. Slots are counted within the window; a
+changepoint's index is the first slot of the new level.
 """
 
 from __future__ import annotations
@@ -77,6 +78,27 @@ class Candidates:
 
 
 @dataclass(frozen=True, slots=True)
+class Temperature:
+    """The bearing's temperature in a window, as viscous friction was taken at it.
+
+    Attributes
+    ----------
+    mean_degC, low_degC, high_degC
+        Over the used samples [°C].
+    error_K
+        How uncertain it is on the average [K].
+    unknown
+        Share of the used samples for which it is not known: missing, or stuck, for long.
+    """
+
+    mean_degC: float
+    low_degC: float
+    high_degC: float
+    error_K: float
+    unknown: float
+
+
+@dataclass(frozen=True, slots=True)
 class Evidence:
     """All that later stages see of a window: candidates, sums and noise, never the samples.
 
@@ -94,6 +116,8 @@ class Evidence:
         The statistic from which a candidate was accepted.
     structure
         What the running sums do not hold of the window.
+    heat
+        Temperature of the bearing; None where the wheel's viscous friction does not follow it.
     """
 
     slots: int
@@ -104,6 +128,7 @@ class Evidence:
     noise: NoiseEstimate
     threshold: float
     structure: Structure
+    heat: Temperature | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ side: the paper's linear support vector machine, and the densities of the joint 
 
 from __future__ import annotations
 
+import math
 import pkgutil
 from functools import cached_property, lru_cache
 from typing import Annotated, ClassVar, Final, Self
@@ -261,12 +262,28 @@ def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
         return [None] * len(wheel.anomalies)
     models: list[AnomalyModel | None] = [
         model.anomaly("dry"),
-        model.anomaly("viscous") if wheel.nominal.viscous_Nm_s_rad > 0 else None,
+        spread_out(model.anomaly("viscous"), wheel.nominal.viscous_spread)
+        if wheel.nominal.viscous_Nm_s_rad > 0
+        else None,
     ]
     for system in wheel.fss:
         learned = model.anomaly(system.name)
         models.append(learned if learned and learned.serves(system) else from_stated_friction(system))
     return models
+
+
+def spread_out(learned: AnomalyModel | None, spread: float | None) -> AnomalyModel | None:
+    """Return what was learned of a coefficient where a healthy wheel's differs by more: what lies beyond is judged.
+
+    `spread` is a standard deviation in units of the nominal value; None or 0 for no more than was learned.
+    """
+    if learned is None or not spread or (level := learned.levels[0]) is None:
+        return learned
+    nominal = level.nominal.model_copy(update={"soft": math.hypot(level.nominal.soft, spread)})
+    # What lies beyond does so by as much as healthy values differ: else the edge of their range would be suspect.
+    reach = level.reach + 2.0 * spread
+    wide = Levels(nominal=nominal, anomalous=None, stray=level.stray, reach=reach, median=None)
+    return AnomalyModel(name=learned.name, levels=(wide,), svm=None, rate=learned.rate)
 
 
 @lru_cache(maxsize=1)

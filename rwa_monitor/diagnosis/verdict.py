@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, DiagnosisInput, Findings, Verdict
+from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted
 
 # What to look at, by anomaly. Dry friction is contact, viscous friction the lubricant (paper, section III-A).
@@ -91,12 +92,25 @@ def explain(findings: Findings, verdict: Verdict, reason: str) -> str:
         action = f"No action is needed; {earlier}."
     else:
         action = remedy or "Wait for the next window, or give this one more samples, before acting."
+    if (spread := viscous_spread(findings.inputs.wheel)) and verdict != "anomalous":
+        qualification = f"{qualification} {spread}".strip()
     fits = findings.fits
     if not fits.adequate and not remedy:
         suspect = f", {fits.suspected_effect} is suspected" if fits.suspected_effect else ""
         qualification = f"The friction model lacks something this wheel has: {fits.finding}{suspect}."
         action = f"{action} {_ACTION_MODEL_TOO}" if verdict == "anomalous" else _ACTION_MODEL
     return " ".join(sentence for sentence in (reason, qualification, action) if sentence)
+
+
+def viscous_spread(wheel: Wheel) -> str:
+    """Return a sentence on what a temperature would add, where viscous friction is judged by its spread; else ""."""
+    spread = wheel.nominal.viscous_spread if wheel.nominal else None
+    if not spread:
+        return ""
+    return (
+        f"Viscous friction differs by ±{100.0 * spread:.2g} % between healthy recordings, and only what lies beyond"
+        " that is judged: with the bearing's temperature recorded, identify learns how much of it is heat."
+    )
 
 
 def _alternatives(findings: Findings) -> str:
@@ -150,7 +164,8 @@ def verdict_of(findings: Findings) -> tuple[Verdict, str]:
         if low < one.probability and (one.probability < high or uncertain):
             return "inconclusive", (
                 f"Whether {title(one.name)} is anomalous cannot be decided{lacking}: it is {_estimate(one)}"
-                f" ({_nominal(one)}), probability of an anomaly {percent(one.probability)}."
+                f" ({_nominal(one)}), probability of an anomaly {percent(one.probability)}"
+                f"{findings.because_of_temperature([one.name])}."
             )
         if one.unlike:
             return "inconclusive", (
@@ -180,9 +195,11 @@ def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
     anomalies, lacking = findings.anomalies, findings.lacking
     silent = [one.name for one in anomalies if one.known and not one.informative]
     if len(silent) == len(anomalies):
-        return "inconclusive", f"The window shows none of the wheel's coefficients well enough to judge them{lacking}."
+        why = f"{lacking}{findings.because_of_temperature(silent)}"
+        return "inconclusive", f"The window shows none of the wheel's coefficients well enough to judge them{why}."
     if silent:
-        return "inconclusive", f"Nothing else is anomalous, but the window does not show {listed(silent)}{lacking}."
+        why = f"{lacking}{findings.because_of_temperature(silent)}"
+        return "inconclusive", f"Nothing else is anomalous, but the window does not show {listed(silent)}{why}."
     unknown = [one.name for one in anomalies if not one.known]
     if unknown:
         return "inconclusive", (

@@ -25,6 +25,7 @@ from rwa_monitor.diagnosis.features import (
     without_prior,
 )
 from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.diagnosis.temperature import KNOWN, TemperatureUncertainty, temperature_uncertainty
 from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
@@ -52,7 +53,7 @@ MIN_USED: Final = 16  # samples below which nothing is estimated at all
 
 @dataclass(frozen=True, slots=True)
 class Stages:
-    """Results of stages 2 and 3, and whether the friction model fits.
+    """Results of stages 2 and 3, whether the friction model fits, and what the temperature leaves open.
 
     `measured` are the features as this window alone measures them; in `features`, viscous friction also holds what
     earlier windows show of it.
@@ -64,6 +65,7 @@ class Stages:
     features: Features
     measured: Features
     fits: Adequacy
+    of_temperature: TemperatureUncertainty = KNOWN
 
 
 def diagnose_window(
@@ -129,7 +131,9 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
         features, measured = uncertainty.widen(features), uncertainty.widen(measured)
         wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
         components = replace(components, viscous_std=wide)
-    return Stages(assignment, estimate, components, features, measured, fits)
+    of_temperature = temperature_uncertainty(evidence, components, wheel, adequate=fits.adequate)
+    features, measured = of_temperature.widen(features), of_temperature.widen(measured)
+    return Stages(assignment, estimate, components, features, measured, fits, of_temperature)
 
 
 def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
@@ -191,6 +195,7 @@ def concluded(
         stages.features.base_known,
         fits,
         unnamed_jumps=not wheel.fss and bool((stages.assignment.system != REJECTED).any()),
+        temperature_uncertainty=stages.of_temperature.reason,
     )
     verdict, reason = rule(findings)
     return WindowDiagnosis(

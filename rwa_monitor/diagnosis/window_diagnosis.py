@@ -6,6 +6,7 @@ Slots and indices count within the window; nothing here depends on the time of d
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -210,6 +211,8 @@ class Findings:
         Whether the friction model fits.
     unnamed_jumps
         Whether friction jumps and the wheel file names no switching system.
+    temperature_uncertainty
+        What the bearing's temperature leaves open of viscous friction; "" where nothing.
     """
 
     inputs: DiagnosisInput
@@ -217,12 +220,19 @@ class Findings:
     base_known: bool
     fits: Adequacy = FITS
     unnamed_jumps: bool = False
+    temperature_uncertainty: str = ""
+
+    def because_of_temperature(self, names: Sequence[str]) -> str:
+        """Return the end of a reason on what keeps these anomalies from being judged; "" where `lacking` has it."""
+        why = self.temperature_uncertainty if self.fits.adequate and "viscous" in names else ""
+        return f": {why}" if why else ""
 
     @property
     def lacking(self) -> str:
         """The part of a reason on what the friction model or the wheel file lacks; "" where nothing."""
         if not self.fits.adequate:
-            return f" while the friction model lacks something ({self.fits.finding})"
+            parts = [part for part in (self.fits.finding, self.temperature_uncertainty) if part]
+            return f" while the friction model lacks something ({'; '.join(parts)})"
         if self.unnamed_jumps:
             return " while friction jumps and the wheel file names no switching system ([[fss]])"
         return ""

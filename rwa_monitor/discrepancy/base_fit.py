@@ -79,7 +79,7 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
             f"only {z.size} good samples in motion; at least {MIN_USED} are needed: add rows, or further recordings of"
             " the same wheel",
         )
-    speed = np.concatenate([np.abs(r.channels.speed_rad_s)[r.used] for r in records])
+    speed = np.concatenate([np.abs(r.viscous_speed_rad_s)[r.used] for r in records])
     sign = np.concatenate([r.channels.direction[r.used] for r in records])
     starts = np.concatenate([[0], np.cumsum([np.count_nonzero(r.used) for r in records])]).astype(np.int64)
     slot = np.concatenate([np.flatnonzero(r.used) for r in records]).astype(np.int64)

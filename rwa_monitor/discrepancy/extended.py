@@ -19,6 +19,7 @@ from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.record import temperature_range
 from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
@@ -146,6 +147,8 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
         blocks.append(_with_errors(search, effect(**{**shape, **strengths}), report_sha256))
     wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})
+    if any(term.effect.follows_temperature for term in model.terms):
+        wheel = wheel.model_copy(update={"temperature": temperature_range(search.problem.records)})
     extension = Extension(
         wheel,
         treatment,
@@ -252,7 +255,7 @@ def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = Non
     torques = []
     for record, dry in zip(problem.records, problem.spread(level), strict=True):
         channels = replace(record.channels, dry_level_Nm=dry)
-        torque = viscous * channels.speed_rad_s
+        torque = viscous * record.viscous_speed_rad_s
         for effect in mean_effects(added):
             torque = torque + np.nan_to_num(effect.torque(channels)[0])
         torques.append(torque)

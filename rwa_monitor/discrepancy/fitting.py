@@ -201,7 +201,8 @@ class Fitting:
         problem, jumps, best = self.problem, current.fit.jumps, np.inf
         found: list[tuple[Term, IntArray]] = []
         tried = jumps[:: max(jumps.size // MOST_TRIED, 1)] if effect.threshold else NO_JUMPS
-        for speed in 0.5 * (problem.speed[tried - 1] + problem.speed[tried]):
+        motion = problem.motion
+        for speed in 0.5 * (motion[tried - 1] + motion[tried]):
             low, high = shape_limits(problem, effect)[effect.threshold]
             term = make_term(problem, effect, {effect.threshold: float(speed)}, None)
             left = _off_steps(term, jumps)

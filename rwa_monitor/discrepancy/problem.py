@@ -102,7 +102,7 @@ class Problem:
     clipped_share
         Share of the samples that were pulled in.
     speed
-        |ω| [rad/s], the column of viscous friction.
+        The column of viscous friction: |ω| [rad/s], or what the wheel's effects make of it (`Record`).
     sign
         s [-].
     starts
@@ -165,6 +165,11 @@ class Problem:
     def size(self) -> int:
         """Count the used samples."""
         return int(self.z.size)
+
+    @property
+    def motion(self) -> FloatArray:
+        """Return |ω| [rad/s]."""
+        return np.abs(self.gather([record.channels.speed_rad_s for record in self.records]))
 
     @property
     def friction_is_derived(self) -> bool:

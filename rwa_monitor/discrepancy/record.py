@@ -31,13 +31,14 @@ from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from rwa_monitor.wheel.torque_balance import half_width, motor_torque
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import TemperatureRange, Wheel
 
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 # Of the median speed: where rows are few to a turn of the motion, neighbours differ by that, and not by noise.
 LARGEST_SPEED_NOISE: Final = 0.02
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
+BEYOND: Final = 0.1  # of the temperatures of a record, to which the law that it shows holds on either side
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -75,6 +76,9 @@ class Record:
         Of the channel that friction comes from, as it was read; None where there are none of any consequence.
     friction_as_read_Nm
         Friction with its rounding, where `friction_torque_Nm` is without (see `quantisation`); else None.
+    own_viscous_rad_s
+        float64 (n,), what viscous friction is in proportion to, where the wheel's effects make that another than the
+        speed; None: the speed.
     """
 
     source: str
@@ -90,6 +94,12 @@ class Record:
     left_out: Mapping[str, int] = field(default_factory=dict)
     steps: Steps | None = None
     friction_as_read_Nm: FloatArray | None = None
+    own_viscous_rad_s: FloatArray | None = None
+
+    @property
+    def viscous_speed_rad_s(self) -> FloatArray:
+        """What viscous friction is in proportion to, float64 (n,) [rad/s]."""
+        return self.channels.speed_rad_s if self.own_viscous_rad_s is None else self.own_viscous_rad_s
 
     @property
     def torque_step_Nm(self) -> float:
@@ -169,13 +179,33 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:
-    """Subtract the torque of the effects that the wheel already has."""
+    """Subtract the torque of the effects that the wheel already has; those that scale viscous friction go with it."""
     effects = mean_effects(wheel)
     if not effects:
         return record
     viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
-    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
-    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
+    torque, viscous_speed, _ = effect_torque(
+        effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects)
+    )
+    own = None
+    if viscous_speed is not record.channels.speed_rad_s:
+        own = np.where(np.isfinite(viscous_speed), viscous_speed, record.channels.speed_rad_s)
+    friction = record.friction_torque_Nm - np.nan_to_num(torque)
+    return replace(record, friction_torque_Nm=friction, own_viscous_rad_s=own)
+
+
+def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
+    """Return the bearing's temperatures over which records show a law, a tenth of them more on either side [°C].
+
+    So far a curve that was fitted is off by little; None where a record has no temperature.
+    """
+    seen = [record.channels.bearing_temperature_degC for record in records]
+    known = [values[record.used] for values, record in zip(seen, records, strict=True) if values is not None]
+    if len(known) < len(seen):
+        return None
+    low, high = (float(of(np.concatenate(known))) for of in (np.nanmin, np.nanmax))
+    beyond = BEYOND * (high - low)
+    return TemperatureRange(low_degC=round(low - beyond, 2), high_degC=round(high + beyond, 2))
 
 
 def _channels(

@@ -112,7 +112,7 @@ def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dic
 def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidence:
     """Return what the diagnosis is given of the friction that the model's effects leave to the base law."""
     record = problem.records[index]
-    base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.speed
+    base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.motion
     torque = on_slots(problem, base * problem.sign)[index]
     window = WindowAccumulator(plain, slots=record.used.size)
     window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))

@@ -9,8 +9,10 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import SPEED_NOISES, UNKNOWN_TAIL, WindowAccumulator
 from rwa_monitor.changepoints.noise import TAIL_RATIO, largest_outlier, outlier_chance
+from rwa_monitor.errors import InputError
 from rwa_monitor.export.model import FrictionModel
 from rwa_monitor.kernels.noise import CHI_MEDIAN
+from rwa_monitor.wheel.effects.catalogue import viscous_effects
 
 NODES: Final = 257  # RWA_TAIL_NODES
 
@@ -19,8 +21,17 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
     """Return `rwa_detector_settings.h`: what the monitor derives from the wheel file before a window's first sample.
 
     Of noise with heavy tails the largest outlier needs Student's t, which is tabulated over the ratio of two quantiles.
+
+    Raises
+    ------
+    InputError
+        If the wheel's viscous friction is more than its coefficient times the speed, which the detector takes it for.
     """
     wheel = model.wheel
+    if viscous := viscous_effects(wheel):
+        names = " and ".join(effect.name for effect in viscous)
+        what = f"{names} changes its viscous friction, which the detector takes to be in proportion to the speed"
+        raise InputError(f"wheel {wheel.name}", f"{what}: remove the effect, or run the monitor", "effect")
     slots, asked, stated = wheel.window.samples, wheel.window.run_length, wheel.window.dead_band_rad_s
     by = WindowAccumulator(wheel).settings
     ratio = np.geomspace(TAIL_RATIO[0], TAIL_RATIO[-1], NODES).tolist()

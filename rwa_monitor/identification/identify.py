@@ -1,5 +1,6 @@
 """A wheel's friction, noise and switching laws learned from its recordings alone (the paper's own open question).
 
+0. Where viscous friction follows the bearing's temperature, that law is learned first (`heat`).
 1. The recordings are segmented with a shared viscous slope: segments at constant friction, and jumps between them.
 2. The jumps are attributed to switching systems, as many as they need, by size, duration and by closing
    (`jump_attribution`).
@@ -16,14 +17,14 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Fit, criterion, fit, make_problem, remove_levels, segment_starts
+from rwa_monitor.discrepancy.base_fit import Fit, remove_levels, segment_starts
 from rwa_monitor.discrepancy.bench import as_measured
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.plausible import Shown, first_slope, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.record import left_out_in_words, make_record, without_known_effects
+from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.duration_laws import LearnedLaw, learn_laws
+from rwa_monitor.identification.heat import learn_heat
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 from rwa_monitor.switching.jump_attribution import (
     MOST_CONFUSED,
@@ -102,10 +103,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     bench = as_measured(recordings, start)
     recordings, start = bench.recordings, bench.wheel
     bare = start.model_copy(update={"nominal": None, "fss": (), "noise": Noise(), "effect": ()})
-    problem = make_problem(
-        [without_known_effects(make_record(samples, bare, name), start) for name, samples in recordings], bare
-    )
-    fitted = fit(problem)
+    heat = learn_heat([make_record(samples, bare, name) for name, samples in recordings], start, bare)
+    problem, fitted, start = heat.problem, heat.fitted, heat.wheel
     viscous = float(fitted.coefficients[0])
     names = ", ".join(name for name, _ in recordings)
     slots = sum(record.used.size for record in problem.records)
@@ -115,12 +114,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         )
     records = _segments(problem, fitted.jumps, fitted.level + fitted.residual)
     base, base_std = _lowest_level(records)
-    warming = with_temperature(problem, fitted, base)
-    drifting = drift_in_words(problem, fitted.jumps, fitted.residual, base)
-    drift = [note for note in (warming, drifting) if note]
-    if warming and systems:
-        reason = "; ".join((*drift, "--no-systems (systems=False) learns friction and noise as they are"))
-        raise InputError(names, reason)
+    drift = [note for note in (drift_in_words(problem, fitted.jumps, fitted.residual, base),) if note]
     found: list[tuple[_System, Sequence[LearnedLaw]]] = []
     if systems:
         hours = slots * start.sample_period_s / SECONDS_PER_HOUR
@@ -131,7 +125,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             raise InputError(error.source, "; ".join((*drift, error.reason)), error.place) from error
     if base <= 0:
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
-    nominal_speed = _rounded(float(np.quantile(problem.speed, 0.95)), 2)
+    nominal_speed = _rounded(float(np.quantile(problem.motion, 0.95)), 2)
     cause = cause_of(problem, fitted, bare)
     check_enough(problem, base, viscous, names, cause)
     blocks = [_block_of(f"fss_{number}", laws, system, base) for number, (system, laws) in enumerate(found, start=1)]
@@ -146,7 +140,9 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
                 nominal_speed_rad_s=nominal_speed,
                 dry_torque_std_Nm=_rounded(dry_std, 2) if np.isfinite(dry_std) else None,
                 viscous_std_Nm_s_rad=_rounded(viscous_std, 2) if np.isfinite(viscous_std) else None,
+                viscous_spread=None if heat.spread is None else _rounded(heat.spread, 3),
             ),
+            "temperature": start.temperature,
             "noise": Noise(friction_std_Nm=problem.noise.std),
             "window": _window(start.window, problem),
             "fss": tuple(blocks),
@@ -162,7 +158,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
     asked = start.nominal and slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
-    warnings = [why for why in (*drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
+    warnings = [why for why in (*heat.notes, *drift, unnamed_jumps(problem, fitted.jumps, blocks), cause, asked) if why]
     return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *warnings))
 
 
@@ -367,8 +363,6 @@ DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which noth
 # Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
 # most of it away from what is seen between jumps.
 LARGEST_DRIFT: Final = 0.02
-# Of the base dry friction, the standard deviation of what temperature adds, below which it is let be.
-SMALLEST_SWING: Final = 0.005
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
 MOST_ODD: Final = 0.1  # of the segments, that fit no system: more are no accident
 SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
@@ -401,31 +395,6 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
             f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
             f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
         )
-
-
-def with_temperature(problem: Problem, fitted: Fit, base: float) -> str:
-    """Report whether viscous friction follows the bearing's temperature, where that was recorded: "" if not.
-
-    What it changes from one moment to the next makes jumps that are no system's.
-    """
-    recorded = [record.channels.bearing_temperature_degC for record in problem.records]
-    known = [temperature for temperature in recorded if temperature is not None]
-    if len(known) < len(recorded):
-        return ""
-    temperature = problem.gather(known)
-    temperature = np.nan_to_num(temperature - np.nanmean(temperature))
-    follows = fit(problem, (problem.speed * temperature)[:, None])
-    viscous, slope = follows.coefficients.tolist()
-    # Lubricants get thinner when they get warmer.
-    falls = -slope * float(np.std(problem.speed * temperature))
-    if criterion(problem, fitted) - criterion(problem, follows) < ACCEPT_GAIN or falls < SMALLEST_SWING * base:
-        return ""
-    share = 100.0 * slope / max(viscous, 1e-300)
-    return (
-        f"viscous friction follows the bearing's temperature ({share:+.2g} % a kelvin), which makes jumps that are no"
-        " switching system's: name the effect with `rwa-monitor discrepancy`, and learn once more from the wheel file"
-        " that it writes (`identify --wheel extended_wheel.toml`)"
-    )
 
 
 def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> str:

@@ -179,8 +179,8 @@ inline int64_t pieces_before(int64_t slot, int64_t length, int64_t hop, int64_t 
 
 void count_signs(int64_t first, Floats speed, Flags good, Vector<int64_t> signs, Vector<int64_t> counts);
 void extend_structure(
-    Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain, double angle_per_x,
-    int64_t hop, const StructureArrays& arrays);
+    Floats motion, Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain,
+    double angle_per_x, int64_t hop, const StructureArrays& arrays);
 
 // ---- from the peaks of all scales to the candidates of a window (changepoints.cpp) ----------------------------------
 

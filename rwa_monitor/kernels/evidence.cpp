@@ -22,11 +22,11 @@ enum Why : int64_t { ALL_DONE, FIRST_CHUNK, HEAVY_TAILS };
 inline const unsigned char* bytes(const bool* values) { return reinterpret_cast<const unsigned char*>(values); }
 inline unsigned char* bytes(bool* values) { return reinterpret_cast<unsigned char*>(values); }
 
-// x = |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; x and z are zero where it is not. Returns the
-// number of good slots. Written so that NaN fails.
+// |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; both are zero where it is not. Returns the number of
+// good slots. Written so that NaN fails.
 VECTORISED int64_t normalise(
     const double* __restrict speed, const double* __restrict torque, const bool* good, int64_t n, double speed_unit,
-    double torque_unit, double* __restrict x, double* __restrict z, bool* is_good) {
+    double torque_unit, double* __restrict motion, double* __restrict z, bool* is_good) {
     const double most_speed = LARGEST_VALUE * speed_unit, most_torque = LARGEST_VALUE * torque_unit;
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict fits = bytes(is_good);
@@ -40,29 +40,30 @@ VECTORISED int64_t normalise(
     }
     for (int64_t k = 0; k < n; ++k) {
         const double turning = fits[k] != 0 ? speed[k] : 0.0, friction = fits[k] != 0 ? torque[k] : 0.0;
-        x[k] = abs(turning) / speed_unit;
+        motion[k] = abs(turning) / speed_unit;
         z[k] = ((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
     }
     return count;
 }
 
 // Mark the slots that are good and turn faster than the dead band.
-VECTORISED void mark_used(const double* __restrict x, const bool* good, double band, int64_t n, bool* used) {
+VECTORISED void mark_used(const double* __restrict motion, const bool* good, double band, int64_t n, bool* used) {
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict out = bytes(used);
     for (int64_t k = 0; k < n; ++k) {
-        const int64_t turns = x[k] >= band ? there[k] : 0;
-        out[k] = static_cast<unsigned char>(x[k] > 0.0 ? turns : 0);
+        const int64_t turns = motion[k] >= band ? there[k] : 0;
+        out[k] = static_cast<unsigned char>(motion[k] > 0.0 ? turns : 0);
     }
 }
 
+// `x` is what viscous friction is in proportion to: |ω|/unit, the same array as `motion`, or an array of its own.
 struct WindowArrays {
-    Vector<double> x, z;
+    Vector<double> motion, x, z;
     Vector<bool> good, used;
     SumArrays sums;
     Vector<double> running;
     StructureArrays structure;
-    FIELDS(x, z, good, used, sums, running, structure)
+    FIELDS(motion, x, z, good, used, sums, running, structure)
 };
 
 struct WindowSettings {
@@ -131,14 +132,18 @@ struct Window {
             by.start_std * by.start_std);
     }
 
-    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on. Returns
-    // how many are good, where detection ended, how many jumps were reported, and why it ended.
+    // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on.
+    // `viscous_speed` is empty where viscous friction is in proportion to the speed itself. Returns how many are good,
+    // where detection ended, how many jumps were reported, and why it ended.
     tuple<int64_t, int64_t, int64_t, int64_t> gather(
-        Floats speed, Floats torque, Flags good, int64_t filled, int64_t done, bool last) {
+        Floats speed, Floats torque, Flags good, Floats viscous_speed, int64_t filled, int64_t done, bool last) {
         const int64_t n = speed.size();
         const int64_t count = normalise(
-            speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.x.data + filled, a.z.data + filled,
-            a.good.data + filled);
+            speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.motion.data + filled,
+            a.z.data + filled, a.good.data + filled);
+        for (int64_t k = 0; k < viscous_speed.size(); ++k) {
+            a.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
+        }
 #ifndef RWA_ONBOARD  // of no use before the close
         count_signs(filled, speed, a.good.slice(filled, filled + n), a.structure.signs, a.structure.counts);
 #endif
@@ -185,11 +190,14 @@ struct Window {
 
     // Detect in the slots [start, stop) and add them to all sums.
     void detect(int64_t start, int64_t stop) {
-        if (start >= CHUNK) mark_used(a.x.data + start, a.good.data + start, band, stop - start, a.used.data + start);
+        if (start >= CHUNK) {
+            mark_used(a.motion.data + start, a.good.data + start, band, stop - start, a.used.data + start);
+        }
         scan(start, stop, start >= CHUNK);
         extend_sums(a.sums, a.running, start, stop);
 #ifndef RWA_ONBOARD
-        extend_structure(a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
+        extend_structure(
+            a.motion, a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
 #endif
         block_differences(
             a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight, block_sums,

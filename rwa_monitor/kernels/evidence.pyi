@@ -9,9 +9,9 @@ SMALLEST_WEIGHT: Final[float]
 ALL_DONE: Final[int]
 FIRST_CHUNK: Final[int]
 
-# x, z, good, used, (slots,): the samples, normalised; which are good, and which of those are used. Running sums, see
-# `RunningSums`, and structure.
-_WindowArrays = tuple[FloatArray, FloatArray, BoolArray, BoolArray, SumArrays, FloatArray, StructureArrays]
+# motion, x, z, good, used, (slots,): the samples, normalised, |ω| first (the same array as x where viscous friction is
+# in proportion to it); which are good, and which of those are used. Running sums, see `RunningSums`, and structure.
+_WindowArrays = tuple[FloatArray, FloatArray, FloatArray, BoolArray, BoolArray, SumArrays, FloatArray, StructureArrays]
 
 class Window:
     """A window: arrays that are filled in place, and must not be replaced while it is in use; what it learns of itself.
@@ -40,7 +40,14 @@ class Window:
 
     def __init__(self, arrays: _WindowArrays, settings: WindowSettings, scales: IntArray) -> None: ...
     def gather(
-        self, speed: FloatArray, torque: FloatArray, good: BoolArray, filled: int, done: int, last: bool
+        self,
+        speed: FloatArray,
+        torque: FloatArray,
+        good: BoolArray,
+        viscous_speed: FloatArray,
+        filled: int,
+        done: int,
+        last: bool,
     ) -> tuple[int, int, int, int]:
         """Take new slots into the window, and detect in all that are there.
 
@@ -48,6 +55,8 @@ class Window:
         ----------
         speed, torque, good
             (n,), the new slots as they were measured.
+        viscous_speed
+            (n,), what viscous friction is in proportion to; empty where that is the speed.
         filled, done
             Slots that the window holds, and those in which it has detected.
         last

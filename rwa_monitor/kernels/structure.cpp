@@ -150,21 +150,21 @@ VECTORISED void count_signs(int64_t first, Floats speed, Flags good, Vector<int6
 
 // Add the slots [start, stop), which follow those added before, to the samples near zero, the plateaus and the ripple.
 void extend_structure(
-    Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain, double angle_per_x,
-    int64_t hop, const StructureArrays& arrays) {
+    Floats motion, Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain,
+    double angle_per_x, int64_t hop, const StructureArrays& arrays) {
     for (int64_t first = start; first < stop;) {
         const int64_t block = first / BLOCK, end = min((block + 1) * BLOCK, stop), n = end - first;
         if (!std::equal(&good[first], &good[first] + n, &used[first])) {  // in few blocks, as the next
             for (int64_t k = first; k < end; ++k) {
-                if (!good[k] || used[k] || !(x[k] > certain)) continue;
+                if (!good[k] || used[k] || !(motion[k] > certain)) continue;
                 arrays.near_zero(0, block) += 1.0;
                 arrays.near_zero(1, block) += x[k];
                 arrays.near_zero(2, block) += z[k];
                 arrays.near_zero(3, block) += z[k] * z[k];
             }
         }
-        if (arrays.zeros[0] != 0.0 || find(&x[first], &x[first] + n, 0.0) != &x[first] + n) {
-            find_plateaus(x.slice(first, end), good.slice(first, end), certain, arrays.zeros);
+        if (arrays.zeros[0] != 0.0 || find(&motion[first], &motion[first] + n, 0.0) != &motion[first] + n) {
+            find_plateaus(motion.slice(first, end), good.slice(first, end), certain, arrays.zeros);
         }
         first = end;
     }
@@ -173,7 +173,7 @@ void extend_structure(
          stretch < pieces_before(stop, STRETCH, hop, most); ++stretch) {
         const int64_t from = stretch * hop;
         if (all_of(&used[from], &used[from] + STRETCH, [](bool taken) { return taken; })) {
-            ripple_power(&x[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.shape[1]);
+            ripple_power(&motion[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.shape[1]);
         }
     }
 }

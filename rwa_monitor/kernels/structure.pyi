@@ -10,6 +10,7 @@ def count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray,
     """Add the slots from `first` on that are good, and those forward less those backward, to their blocks."""
 
 def extend_structure(
+    motion: FloatArray,
     x: FloatArray,
     z: FloatArray,
     good: BoolArray,
@@ -25,8 +26,8 @@ def extend_structure(
 
     Parameters
     ----------
-    x, z, good, used
-        The whole window, (slots,) each, filled up to `stop`.
+    motion, x, z, good, used
+        The whole window, (slots,) each, filled up to `stop`: |ω|, and what viscous friction is in proportion to.
     start, stop
         The new slots.
     certain

@@ -125,16 +125,20 @@ class Checkpoint(Hashed):
     carried_ns: ClockNs | None = None
     stored: StoredTelemetry | None = None
 
-    def fits(self, ring: RingBuffer, effects: int) -> bool:
-        """Return whether it can be of a core with such a ring buffer and so many effects."""
+    def fits(self, ring: RingBuffer, memories: int) -> bool:
+        """Return whether it can be of a core with such a ring buffer and so many memories of effects."""
         waiting = self.waiting
         return (
             self.slots.fits(ring)
-            and len(self.memories) == effects
+            and len(self.memories) == memories
             and self.slots.begin <= min([self.done, *(start for start, _ in self.open)])
             and self.done <= self.slots.end
             and all(state.shape == Channel().state.shape for state in self.channels)
-            and not any(np.isinf(values).any() for _, gathered in self.open for values in (gathered.x, gathered.z))
+            and not any(
+                np.isinf(values).any()
+                for _, gathered in self.open
+                for values in (gathered.x, gathered.z, *(gathered.heat or ()))
+            )
             and (
                 waiting is None
                 or (

@@ -539,9 +539,9 @@ class Windows:
         """Add the slots [done, stop) to all open windows."""
         start, self._done = self._done, stop
         speed, torque = self.ring.read_required(start, stop)
-        friction, masked, faults = self.friction.friction(self.ring, start, stop, torque)
+        friction, masked, faults, viscous = self.friction.friction(self.ring, start, stop, torque)
         there = np.ones(stop - start, dtype=np.bool_)  # missing values are NaN
-        confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
+        confirmed = [window.accumulator.append(speed, friction, there, viscous) for window in self._open]
         events = self._mask(masked, faults) if masked or faults else []
         if not confirmed or not confirmed[0]:
             return events
@@ -626,7 +626,7 @@ class Windows:
         """
         stored, window = checkpoint.stored, self.wheel.window.samples
         fits = stored is None or stored.fits(self.wheel.period_ns, window, self.ring.channels)
-        if not fits or not checkpoint.fits(self.ring, len(self.friction.effects)):
+        if not fits or not checkpoint.fits(self.ring, len(self.friction.memories)):
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         self.grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
         checkpoint.slots.restore(self.ring)

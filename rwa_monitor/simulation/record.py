@@ -16,7 +16,7 @@ import numpy as np
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.simulation.motion import ORBIT_S, Motion, simulate_motion, wheel_angle
-from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
@@ -314,7 +314,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * viscous_factor
     # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
     power = np.abs(speed) * (dry + viscous * np.abs(speed))
-    temperature = bearing_temperature(time, power, streams.temperature)
+    temperature = bearing_temperature(time, power, streams.temperature, scenario.temperature)
     channels = Channels(
         time_s=time,
         speed_rad_s=speed,
@@ -344,7 +344,9 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
             friction = friction + torque
     channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
     acting = _acting(scenario, effects)
-    coupled = couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels)
+    nominal = wheel.nominal.viscous_Nm_s_rad
+    share = viscous / nominal if nominal > 0.0 else np.ones(slots)
+    coupled = couple([effect for effect in acting if isinstance(effect, MeanEffect)], channels, share)
     for torque in coupled.values():
         friction = friction + torque
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
@@ -401,13 +403,16 @@ def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatAr
     return wheel.inertia_kg_m2 * motion.acceleration_rad_s2 + friction
 
 
-def couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArray]:
+def couple(
+    effects: list[MeanEffect], channels: Channels, viscous_share: FloatArray | float = 1.0
+) -> dict[str, FloatArray]:
     """Return the torque of every mean effect, together with the motor torque that they themselves ask for.
 
     Friction that depends on the motor torque (a load, a wrong torque constant) changes the motor torque in turn. The
     loop friction → motor torque → friction is a contraction, since no effect hands on more of the motor torque than a
     part of it; it is repeated until nothing changes. The rate of the motor torque is that of the motion without
-    effects: a delayed current does not delay itself again.
+    effects: a delayed current does not delay itself again. What is a share of the viscous friction has that of the
+    nominal one, and grows with it by `viscous_share`, float64 (n,) or a number.
     """
     plain = channels.motor_torque_Nm
     if plain is not None:
@@ -415,7 +420,9 @@ def couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArra
     coupled = plain is not None and any("motor_torque_Nm" in effect.needs for effect in effects)
     torques: list[FloatArray] = []
     for _ in range(COUPLING_ROUNDS if coupled else 1):
-        torques = [effect.torque(channels)[0] for effect in effects]
+        torques = [
+            effect.torque(channels)[0] * (viscous_share if effect.scales_with_viscous else 1.0) for effect in effects
+        ]
         if plain is None or not coupled:
             break
         motor = plain + np.sum(torques, axis=0)
@@ -540,7 +547,9 @@ def quantised(values: FloatArray, quantum: float) -> FloatArray:
     return rounded
 
 
-def bearing_temperature(time_s: FloatArray, friction_power_W: FloatArray, rng: np.random.Generator) -> FloatArray:
+def bearing_temperature(
+    time_s: FloatArray, friction_power_W: FloatArray, rng: np.random.Generator, given: Temperature | None = None
+) -> FloatArray:
     """Return the bearing's temperature [°C], float64 (n,): orbital swing of the housing, with lag, plus dissipation.
 
     Parameters
@@ -551,9 +560,13 @@ def bearing_temperature(time_s: FloatArray, friction_power_W: FloatArray, rng: n
         Friction torque times speed [W], float64 (n,).
     rng
         Source of all randomness: base temperature, size and phase of the swing.
+    given
+        Mean and swing where the scenario states them.
     """
     base = rng.uniform(15.0, 25.0)  # °C, usual for a wheel inside the spacecraft
     swing = 0.5 * rng.uniform(*ORBITAL_SWING_K)
+    if given is not None:
+        base, swing = given.mean_degC, given.swing_K
     rate = 2.0 * np.pi / ORBIT_S
     lag = np.arctan(rate * ROTOR_TIME_CONSTANT_S)  # of a first-order body behind its housing
     housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)

@@ -166,6 +166,13 @@ class Fault(Strict):
         return faulty
 
 
+class Temperature(Strict):
+    """The bearing's surroundings, where a scenario states them: mean [°C], and swing about it in an orbit, ± [K]."""
+
+    mean_degC: Annotated[float, Field(gt=-100, lt=200)] = 20.0
+    swing_K: NoNegative = 0.0
+
+
 class Anomaly(Strict):
     """A component of the friction grows by a factor.
 
@@ -221,12 +228,23 @@ class Scenario(TomlFile):
     channels
         Channels of the record, by the names of the sample table; None: all that the wheel's constants allow, without
         motor torque, which repeats the current.
+    temperature
+        None: drawn, as usual for a wheel inside the spacecraft.
     speed, base, anomalies, noise, sensors, effect, fault
         See their classes. `effect` comes on top of the wheel's own effects.
     """
 
     head: ClassVar[str] = "scenario"
-    tables: ClassVar[tuple[str, ...]] = ("speed", "base", "anomalies", "noise", "sensors", "effect", "fault")
+    tables: ClassVar[tuple[str, ...]] = (
+        "speed",
+        "base",
+        "temperature",
+        "anomalies",
+        "noise",
+        "sensors",
+        "effect",
+        "fault",
+    )
     what: ClassVar[str] = "scenario"
 
     duration_s: Annotated[float, Field(gt=0)] = 10_000.0
@@ -236,6 +254,7 @@ class Scenario(TomlFile):
 
     speed: SpeedProfile = SpeedProfile()
     base: Base = Base()
+    temperature: Temperature | None = None
     anomalies: dict[str, Anomaly] = Field(default_factory=dict)
     noise: FrictionNoise = FrictionNoise()
     sensors: Sensors = Sensors()

@@ -29,6 +29,8 @@ class Nominal(Strict):
     dry_torque_Nm: Positive
     viscous_Nm_s_rad: Annotated[float, Field(ge=0)]
     nominal_speed_rad_s: Positive
+    # Standard deviation of a healthy wheel's viscous friction where no temperature explains it, of itself.
+    viscous_spread: Annotated[float, Field(ge=0)] | None = None
     dry_torque_std_Nm: NotNegative | None = None
     viscous_std_Nm_s_rad: NotNegative | None = None
 
@@ -84,6 +86,24 @@ class Window(Strict):
     def hop_slots(self) -> int:
         """Slots from the beginning of one window to that of the next."""
         return self.samples if self.hop is None else self.hop
+
+
+class TemperatureRange(Strict):
+    """Temperature of the bearing at which viscous friction was learned; beyond it is not judged [°C]."""
+
+    low_degC: Annotated[float, Field(gt=-273.15)]
+    high_degC: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> TemperatureRange:
+        if self.high_degC < self.low_degC:
+            raise ValueError(f"high_degC ({self.high_degC}) is below low_degC ({self.low_degC})")
+        return self
+
+    @property
+    def middle(self) -> float:
+        """The middle of the range [°C]."""
+        return 0.5 * (self.low_degC + self.high_degC)
 
 
 class FrictionRange(Range):
@@ -149,7 +169,16 @@ class Wheel(TomlFile):
     """One reaction wheel. Fields are those of wheel.toml; units stand in the names."""
 
     head: ClassVar[str] = "wheel"
-    tables: ClassVar[tuple[str, ...]] = ("nominal", "noise", "friction", "limits", "window", "fss", "effect")
+    tables: ClassVar[tuple[str, ...]] = (
+        "nominal",
+        "noise",
+        "friction",
+        "limits",
+        "window",
+        "temperature",
+        "fss",
+        "effect",
+    )
     what: ClassVar[str] = "wheel file"
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
@@ -167,6 +196,7 @@ class Wheel(TomlFile):
     friction: FrictionFilter = FrictionFilter()
     limits: Limits = Limits()
     window: Window = Window()
+    temperature: TemperatureRange | None = None
     fss: Annotated[tuple[SwitchingSystem, ...], Field(max_length=8)] = ()
     effect: Annotated[tuple[EffectBlock, ...], Field(max_length=32)] = ()
 

@@ -39,7 +39,7 @@ def _extend(
 ) -> None:
     """Add the slots [start, stop)."""
     count_signs(start, speed[start:stop], samples[2][start:stop], sums.arrays.signs, sums.arrays.counts)
-    extend_structure(*samples, start, stop, certain, sums.angle_per_x, sums.hop, sums.arrays)
+    extend_structure(samples[0], *samples, start, stop, certain, sums.angle_per_x, sums.hop, sums.arrays)
 
 
 def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -83,6 +83,7 @@ def test_shapes_that_take_another_way_equal_the_simulation(plain: FloatArray, tm
         CATALOGUE["stribeck"].typical(exponent=1.3),
         CATALOGUE["saturating_drag"].typical(bend=2.5),
         CATALOGUE["sublinear_viscous"].typical(activation_temperature_K=3000.0),
+        CATALOGUE["viscosity_temperature"].typical(sensor_lag_s=300.0),
     ]
     check(wheel_with(*map(to_block, shapes)), plain, tmp_path)
 

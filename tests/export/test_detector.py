@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
+from rwa_monitor.errors import InputError
 from rwa_monitor.export.detector import detector_files
 from rwa_monitor.export.model import friction_model
 from rwa_monitor.monitor.recording.reader import read_chain
@@ -98,3 +99,11 @@ def test_the_library_demands_no_allocation_and_throws_nothing(tmp_path: Path) ->
     assert "sqrt" in demanded or "log" in demanded
     assert not demanded & {"malloc", "calloc", "realloc", "free", "__cxa_throw", "__cxa_begin_catch"}
     assert not [name for name in demanded if re.match(r"_Zn|_Zd", name)]  # operator new, operator delete
+
+
+def test_a_wheel_whose_viscous_friction_follows_its_temperature_is_refused() -> None:
+    tables = built_in_wheel().to_tables()
+    parameters = {"strength_Nm_s_rad": 5.333e-6, "activation_temperature_K": 4000.0}
+    tables["effect"] = [{"name": "viscosity_temperature", "parameters": parameters}]
+    with pytest.raises(InputError, match="viscosity_temperature changes its viscous friction"):
+        detector_files(friction_model(Wheel.from_tables(tables, "warm wheel"), "test"))

@@ -37,8 +37,11 @@ def model() -> Model:
 
 
 @cache
-def wheel(samples: int = WINDOW, hop: int | None = None, effects: bool = False) -> Wheel:
-    """Return the reference wheel with another window; with effects, one without and one with a memory."""
+def wheel(samples: int = WINDOW, hop: int | None = None, effects: bool = False, heat: bool = False) -> Wheel:
+    """Return the reference wheel with another window; with effects, one without and one with a memory.
+
+    With `heat`, viscous friction follows the temperature, with a lag, and differs between the directions.
+    """
     tables = reference_wheel().to_tables()
     tables["window"]["samples"] = samples
     tables["window"]["hop"] = samples if hop is None else hop
@@ -46,6 +49,13 @@ def wheel(samples: int = WINDOW, hop: int | None = None, effects: bool = False) 
         tables["effect"] = [
             {"name": "stribeck", "parameters": {"strength_Nm": 5e-4, "stribeck_speed_rad_s": 8.0}},
             {"name": "lubricant_lag", "parameters": {"strength_Nm_s_rad": 2e-6, "time_constant_s": 40.0}},
+        ]
+    if heat:
+        law = {"strength_Nm_s_rad": 5.333e-6, "activation_temperature_K": 4300.0, "sensor_lag_s": 60.0}
+        tables["effect"] = [
+            *tables.get("effect", []),
+            {"name": "viscosity_temperature", "parameters": law},
+            {"name": "viscous_asymmetry", "parameters": {"strength_Nm_s_rad": 3e-7}},
         ]
     return Wheel.from_tables(tables, "test wheel")
 

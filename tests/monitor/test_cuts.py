@@ -62,17 +62,24 @@ def disordered(samples: Samples, seed: int) -> Samples:
         else:  # the clock steps, and a new epoch begins
             time_ns[there.stop :] += 2 * WINDOW * 125_000_000
     order = order[keep[order]]
-    return replace(samples, **{"time_ns": time_ns, "speed_rad_s": speed, name: torque})[order]
+    temperature = np.array(samples.bearing_temperature_degC)
+    temperature[rng.random(temperature.size) < 0.01] = np.nan
+    temperature[WINDOW // 2 : WINDOW // 2 + 200] = np.nan
+    temperature[2 * WINDOW :] = temperature[2 * WINDOW]  # it hangs
+    changed = {"time_ns": time_ns, "speed_rad_s": speed, name: torque, "bearing_temperature_degC": temperature}
+    return replace(samples, **changed)[order]
 
 
-# hop, effects, friction given: all ways in which a core works.
+# hop, effects, friction given, and whether viscous friction follows the temperature: all ways in which a core works.
 KINDS = {
-    "given": (None, False, True),
-    "derived": (None, False, False),
-    "overlapping windows": (300, False, True),
-    "windows with gaps between": (1_500, False, False),
-    "effects, given": (None, True, True),
-    "effects, derived, overlapping": (700, True, False),
+    "given": (None, False, True, False),
+    "derived": (None, False, False, False),
+    "overlapping windows": (300, False, True, False),
+    "windows with gaps between": (1_500, False, False, False),
+    "effects, given": (None, True, True, False),
+    "effects, derived, overlapping": (700, True, False, False),
+    "heat, given": (None, False, True, True),
+    "heat, effects, derived, overlapping": (700, True, False, True),
 }
 SEEDS = range(50_100, 50_108)
 
@@ -80,8 +87,8 @@ SEEDS = range(50_100, 50_108)
 @cache
 def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[tuple[str, bytes]], object]:
     """Return wheel, telemetry, and the outputs and counts of a core that gets it at once."""
-    hop, effects, given_ = KINDS[kind]
-    of_wheel, samples = wheel(WINDOW, hop, effects), disordered(telemetry(ROWS, 11, given_), seed)
+    hop, effects, given_, heat = KINDS[kind]
+    of_wheel, samples = wheel(WINDOW, hop, effects, heat), disordered(telemetry(ROWS, 11, given_), seed)
     core = WheelCore(of_wheel, model())
     return of_wheel, samples, messages_of([*core.feed(samples), *core.finish()]), core.counts
 

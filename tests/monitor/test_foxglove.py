@@ -45,7 +45,7 @@ def without_types(schema: dict[str, Any]) -> dict[str, Any]:
     return {"type": [kind, "null"]} if kind else schema
 
 
-@pytest.fixture(scope="module", params=["two_anomalies", "bad_day", "dry", "nominal"])
+@pytest.fixture(scope="module", params=["two_anomalies", "heat", "bad_day", "dry", "nominal"])
 def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Topics, Any]:
     source, target = REPLAY / request.param, tmp_path_factory.mktemp("foxglove") / "out.mcap"
     result = run("foxglove", source, "-o", target)

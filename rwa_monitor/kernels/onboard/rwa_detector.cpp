@@ -46,7 +46,7 @@ struct rwa_detector {
     }
     rwa::WindowArrays arrays() {
         const rwa::Vector<bool> taken = flags(used);
-        return {x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, {}};
+        return {x, x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, {}};
     }
     rwa::WindowSettings kernel_settings() const {
         return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.start_std,
@@ -142,7 +142,7 @@ int64_t rwa_detector_add(
         for (; why != rwa::ALL_DONE; n = 0) {
             int64_t reported = 0;
             std::tie(std::ignore, of.done, reported, why) = of.window.gather(
-                {speed + first, {n}}, {friction + first, {n}}, {there, {n}}, of.filled, of.done, false);
+                {speed + first, {n}}, {friction + first, {n}}, {there, {n}}, {}, of.filled, of.done, false);
             of.filled += n;
             const auto& [slots, sizes, stds, normalised] = of.window.reported;
             for (int64_t i = 0; i < reported; ++i, ++found) {

@@ -250,6 +250,10 @@ class MeanEffect(Effect):
     shows_at_one_speed: ClassVar[bool] = False
     # True where the first strength is a part of the viscous friction.
     is_part_of_viscous: ClassVar[bool] = False
+    # True where it is a share of the viscous friction at any speed: a fault of that one scales this one, too.
+    scales_with_viscous: ClassVar[bool] = False
+    # True where it makes the viscous friction follow the bearing's temperature.
+    follows_temperature: ClassVar[bool] = False
     # The effect that it looks like at one speed where a channel of that one is not measured; "" without one.
     unmeasured_cause: ClassVar[str] = ""
     # What the choice of this one costs a search, as a deviance [-]: 2·ln of how many there are of its kind, else zero.

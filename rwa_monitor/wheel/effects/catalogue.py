@@ -99,6 +99,38 @@ def mean_effects(wheel: Wheel) -> list[MeanEffect]:
     return [effect for effect in built if isinstance(effect, MeanEffect)]
 
 
+def viscous_effects(wheel: Wheel) -> list[MeanEffect]:
+    """Return the effects that multiply the wheel's viscous friction; none where that has no nominal value."""
+    if wheel.nominal is None or not wheel.nominal.viscous_Nm_s_rad > 0.0:
+        return []
+    return [effect for effect in mean_effects(wheel) if effect.scales_with_viscous]
+
+
+def viscous_per_K(wheel: Wheel, temperature_degC: float) -> float:
+    """Return by which share the wheel's viscous friction changes for a kelvin, at a temperature [1/K]; 0 for none."""
+    effects = viscous_effects(wheel)
+    if not effects or wheel.nominal is None:
+        return 0.0
+    one, factors = np.ones(1), []
+    for at_degC in (temperature_degC - 0.5, temperature_degC + 0.5):
+        channels = Channels(
+            np.zeros(1),
+            one,
+            one,
+            np.zeros(1),
+            np.zeros(1),
+            None,
+            np.array([at_degC]),
+            None,
+            wheel.sample_period_s,
+            np.ones(1, dtype=np.bool_),
+        )
+        viscous = wheel.nominal.viscous_Nm_s_rad
+        _, speed, _ = effect_torque(effects, channels, one, viscous, [None] * len(effects))
+        factors.append(max(float(speed[0]), LEAST_FACTOR))
+    return float(np.log(factors[1] / factors[0]))
+
+
 def to_block(effect: Effect) -> EffectBlock:
     """Return the block of wheel.toml that describes an effect; `build` gives it back."""
     if isinstance(effect, Formula):
@@ -109,6 +141,7 @@ def to_block(effect: Effect) -> EffectBlock:
 # ---- known effects taken out of a measured friction torque, so that the base law is left: one place for live and batch
 
 
+LEAST_FACTOR: Final = 0.01  # of the nominal viscous friction: what multiplies it takes no more of it away
 LEVEL_ROUNDS: Final = 4  # an asymmetry ε leaves ε⁵ of the level: 1e-5 of it at 10 %, the largest expected
 
 
@@ -118,11 +151,14 @@ def effect_torque(
     friction_torque_Nm: FloatArray,
     viscous_Nm_s_rad: float,
     memories: Sequence[Memory],
-) -> tuple[FloatArray, list[Memory]]:
-    """Return the torque of known effects in a measured friction torque [N m], float64 (n,), and their memories.
+) -> tuple[FloatArray, FloatArray, list[Memory]]:
+    """Return what known effects make of a friction torque beside the base law.
 
-    Effects that scale with the dry level (`uses_level`) take it from the friction itself, sample by sample: what is
-    left of it along the rotation after the other effects and viscous friction. Its noise enters ε times.
+    Those that are shares of the viscous friction (`scales_with_viscous`) do not add a torque of their own: with f_v the
+    wheel's viscous friction and φ their torque beside the nominal f₀, viscous friction is f_v·(ω + φ/f₀), so that a
+    fault scales the whole. Effects that scale with the dry level (`uses_level`) take it from the friction itself,
+    sample by sample: what is left of it along the rotation after the other effects and viscous friction. Its noise
+    enters ε times.
 
     Parameters
     ----------
@@ -133,23 +169,41 @@ def effect_torque(
     friction_torque_Nm
         float64 (n,), measured.
     viscous_Nm_s_rad
-        Viscous coefficient of the base law; the nominal one.
+        Viscous coefficient of the base law; the nominal one. Where it is 0, nothing can be a share of it, and all
+        effects add.
     memories
         One for each effect: what an earlier call returned for the slots just before, None at the start of a record.
+
+    Returns
+    -------
+    torque
+        float64 (n,), the torque of the effects that add [N m].
+    viscous_speed
+        float64 (n,), what viscous friction is in proportion to [rad/s]: the speed where no effect multiplies it.
+    memories
+        After the last slot.
     """
     total = np.zeros(friction_torque_Nm.size)
+    viscous_speed = channels.speed_rad_s
     after = list(memories)
     for i, effect in enumerate(effects):
-        if not effect.uses_level:
-            torque, after[i] = effect.torque(channels, memories[i])
+        if effect.uses_level:
+            continue
+        torque, after[i] = effect.torque(channels, memories[i])
+        if effect.scales_with_viscous and viscous_Nm_s_rad > 0.0:
+            viscous_speed = viscous_speed + torque / viscous_Nm_s_rad
+        else:
             total += torque
+    if viscous_speed is not channels.speed_rad_s:
+        least = LEAST_FACTOR * np.abs(channels.speed_rad_s)
+        viscous_speed = channels.direction * np.maximum(channels.direction * viscous_speed, least)
     by_level = [(i, effect) for i, effect in enumerate(effects) if effect.uses_level]
     rest = friction_torque_Nm - total
     extra = np.zeros(rest.size)
     for _ in range(LEVEL_ROUNDS if by_level else 0):
-        level = channels.direction * (rest - extra - viscous_Nm_s_rad * channels.speed_rad_s)
+        level = channels.direction * (rest - extra - viscous_Nm_s_rad * viscous_speed)
         extra = np.zeros(rest.size)
         for i, effect in by_level:
             torque, after[i] = effect.torque(replace(channels, dry_level_Nm=level), memories[i])
             extra += torque
-    return total + extra, after
+    return total + extra, viscous_speed, after

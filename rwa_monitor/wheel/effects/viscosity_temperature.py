@@ -6,11 +6,30 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    Shape,
+    begun,
+    follow,
+    known_or_nan,
+    stack,
+)
 
 ZERO_CELSIUS_K: Final = 273.15  # [K]
 REFERENCE_K: Final = ZERO_CELSIUS_K + 20.0  # [K] where ν = ν₀: a convention, it shifts strength into the base slope
+LEAST_SWING_K: Final = 0.5  # [K] within a record: with less no lag shows
+LAG_REACH_S: Final = 300.0  # [s] of a round of fitting; several follow each other
+
+
+def _where_temperature_swings(channels: Channels) -> float:
+    known = known_or_nan(channels.bearing_temperature_degC, channels)[channels.good]
+    known = known[np.isfinite(known)]
+    return LAG_REACH_S if known.size and np.ptp(known) > LEAST_SWING_K else 0.0
 
 
 class ViscosityTemperature(MeanEffect):
@@ -20,7 +39,7 @@ class ViscosityTemperature(MeanEffect):
     title = "Viscosity falls with temperature"
     formula = (
         r"\tau = f_v\, \omega \left(\frac{\nu(T)}{\nu_0} - 1\right), \qquad \frac{\nu(T)}{\nu_0} = e^{B \left(1/T - "
-        r"1/T_0\right)}, \quad T_0 = 293.15\,\mathrm{K}"
+        r"1/T_0\right)}, \quad T_0 = 293.15\,\mathrm{K}, \qquad T_l \dot T = T_{\mathrm{sensor}} - T"
     )
     description = (
         "The lubricant's viscosity falls with temperature, after Andrade's (Arrhenius') law. The strength is the "
@@ -29,7 +48,9 @@ class ViscosityTemperature(MeanEffect):
         "the oil's: it is an apparent B, not the one of the oil's data sheet. Over a few kelvin only the product of "
         "strength and B shows; over ten kelvin and more the curvature gives both, if the oil is exactly Arrhenius. "
         "After Vogel's law B falls as the oil warms: what is found then holds over the temperatures of the record "
-        "alone, and strength and B are each off by more than their stated errors."
+        "alone, and strength and B are each off by more than their stated errors. Where the sensor sits on the "
+        "housing, the bearing follows it with a lag of the first order; 0 is a sensor in the bearing. In a wheel file "
+        "with [nominal] this is a factor on the viscous friction, not a torque beside it: a fault scales the whole."
     )
     signature = "A slope that follows the bearing temperature, with its thermal lag."
     confused_with = ("lubricant_lag", "torque_constant_temperature", "run_in_drift")
@@ -42,13 +63,20 @@ class ViscosityTemperature(MeanEffect):
     needs = frozenset({"bearing_temperature_degC"})
     shows_at_one_speed = True
     is_part_of_viscous = True
+    scales_with_viscous = True
+    follows_temperature = True
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", 0.0, np.inf, 5.333e-6, linear=True),
         Parameter("activation_temperature_K", "K", 1500.0, 8000.0, 4000.0),
+        Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _where_temperature_swings),
     )
 
     @classmethod
-    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
-        temperature_K = known_or_nan(channels.bearing_temperature_degC, channels) + ZERO_CELSIUS_K
-        exponent = shape["activation_temperature_K"] * (1.0 / temperature_K - 1.0 / REFERENCE_K)
-        return channels.speed_rad_s * np.expm1(exponent)
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+        temperature = known_or_nan(channels.bearing_temperature_degC, channels)
+        if shape["sensor_lag_s"] > 0.0:
+            memory = begun(memory, np.nan, np.nan)
+            known, period_s = np.isfinite(temperature), channels.sample_period_s
+            temperature = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
+        exponent = shape["activation_temperature_K"] * (1.0 / (temperature + ZERO_CELSIUS_K) - 1.0 / REFERENCE_K)
+        return stack(channels.speed_rad_s * np.expm1(exponent)), memory

@@ -26,6 +26,7 @@ class ViscousAsymmetry(MeanEffect):
         "friction). A few per cent is a working assumption."
     )
     parity = "even"
+    scales_with_viscous = True
     parameters = (Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 3.0e-7, linear=True),)
 
     @classmethod

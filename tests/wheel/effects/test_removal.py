@@ -26,9 +26,10 @@ def test_asymmetry_and_bias_are_removed_exactly_but_for_the_fifth_order() -> Non
     friction = base + 0.1 * level + 2.0e-5
     channels = channels_of(speed)
     effects = [CoulombAsymmetry(strength=0.1), TorqueBias(strength_Nm=2.0e-5)]
-    torque, memories = effect_torque(effects, channels, friction, VISCOUS, [None, None])
+    torque, viscous_speed, memories = effect_torque(effects, channels, friction, VISCOUS, [None, None])
     assert np.max(np.abs(friction - torque - base)) < 2 * 0.1**5 * level.max()
     assert memories == [None, None]
+    assert viscous_speed is channels.speed_rad_s  # the same bits as without any effect
 
 
 @pytest.mark.parametrize("name", ["stribeck", "coulomb_asymmetry", "lubricant_lag"])

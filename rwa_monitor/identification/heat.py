@@ -1,0 +1,203 @@
+"""How a wheel's viscous friction follows its bearing's temperature, learned from recordings; or by how much it varies.
+
+The law is that of the catalogue's effects which follow the temperature, on all of the viscous friction. Its shape and
+the jumps are fitted in turns, levels and slope by least squares (`base_fit`). Where the temperature was not recorded,
+viscous friction that differs between recordings is a spread, and no more can be judged.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy import optimize, stats
+
+from rwa_monitor.discrepancy.base_fit import Fit, criterion, fit, make_problem, remove_levels, segment_starts
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.record import Record, temperature_range, without_known_effects
+from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
+from rwa_monitor.discrepancy.terms import make_term
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS, mean_effects, to_block, viscous_per_K
+from rwa_monitor.wheel.wheel import Nominal, Wheel
+
+# Of the friction at rest, the standard deviation of what temperature adds, below which it is let be.
+SMALLEST_SWING: Final = 0.005
+FEWEST_RECORDINGS: Final = 3  # that show a spread: two differ, or one is of a failing wheel
+LEAST_SPREAD: Final = 0.02  # of viscous friction: what healthy wheels differ by in the built-in model
+GRID: Final = 4  # values of a shape that fits begin at
+ROUNDS: Final = 2  # of jumps and shape in turns
+SETTLED: Final = 0.1  # of the criterion
+ONE_SIDED: Final = 0.95  # of the recordings to come, that a spread is to hold on either side
+
+
+@dataclass(frozen=True, slots=True)
+class Heat:
+    """Recordings with what is known of temperature taken into account.
+
+    Attributes
+    ----------
+    problem, fitted
+        The records, viscous friction in proportion to what it follows, and the base law fitted to them.
+    wheel
+        What was known, with the effect that was learned and the temperatures that it holds over.
+    spread
+        By how much viscous friction varies from one recording to the next, of itself; None where by no more than usual.
+    notes
+        What was learned, a line each.
+    """
+
+    problem: Problem
+    fitted: Fit
+    wheel: Wheel
+    spread: float | None = None
+    notes: tuple[str, ...] = ()
+
+
+def learn_heat(records: Sequence[Record], start: Wheel, bare: Wheel) -> Heat:
+    """Learn how viscous friction follows the temperature, or by how much it varies.
+
+    Parameters
+    ----------
+    records
+        As measured.
+    start, bare
+        The wheel as far as it is known, and without friction and effects.
+
+    Raises
+    ------
+    InputError
+        As `make_problem`.
+    """
+    known = [without_known_effects(record, start) for record in records]
+    problem = make_problem(known, bare)
+    plain = Heat(problem, fit(problem), start)
+    if any(effect.follows_temperature for effect in mean_effects(start)):
+        seen = start.temperature or temperature_range(records)
+        return replace(plain, wheel=start.model_copy(update={"temperature": seen}))
+    if any(record.channels.bearing_temperature_degC is None for record in records):
+        return _with_spread(plain, known, bare)
+    if not _follows_temperature(problem, plain.fitted):
+        return plain
+    laws = [
+        _law_of(problem, effect, lags=lags)
+        for effect in MEAN_EFFECTS.values()
+        for lags in (False, True)
+        if effect.follows_temperature
+    ]
+    law, fitted_with = min(laws, key=lambda one: one[1])
+    if criterion(problem, plain.fitted) - fitted_with < ACCEPT_GAIN:
+        return plain
+    return _with_law(records, start, bare, law)
+
+
+def _follows_temperature(problem: Problem, fitted: Fit) -> bool:
+    """Return whether viscous friction falls with the bearing's temperature by enough to make jumps of no system's."""
+    known = [record.channels.bearing_temperature_degC for record in problem.records]
+    temperature = problem.gather([values for values in known if values is not None])
+    temperature = np.nan_to_num(temperature - np.nanmean(temperature))
+    follows = fit(problem, (problem.speed * temperature)[:, None])
+    # Lubricants get thinner when they get warmer.
+    falls = -float(follows.coefficients[1]) * float(np.std(problem.speed * temperature))
+    better = criterion(problem, fitted) - criterion(problem, follows) >= ACCEPT_GAIN
+    return better and falls >= SMALLEST_SWING * abs(float(fitted.level.min()))
+
+
+def _law_of(problem: Problem, effect: type[MeanEffect], *, lags: bool) -> tuple[MeanEffect, float]:
+    """Return an effect that multiplies all viscous friction, as it fits best, and the criterion with its parameters.
+
+    `lags`: what physics expects at its choice, a lag of the sensor, may be off it where the records can show that.
+    """
+    (strength,) = (parameter.name for parameter in effect.strength_parameters())
+    limits, reach = shape_limits(problem, effect), reach_between(problem, effect) if lags else {}
+    free = [one.name for one in effect.shape_parameters() if not one.choices or one.name in reach]
+    usual = {one.name: one.default or 0.0 for one in effect.shape_parameters()}
+    bounds = [limits[name] for name in free]
+    grids = [
+        (low, low + reach[name]) if name in reach else np.linspace(low, high, GRID)
+        for name, (low, high) in zip(free, bounds, strict=True)
+    ]
+
+    def with_shape(values: FloatArray) -> Problem:
+        term = make_term(problem, effect, usual | dict(zip(free, values.tolist(), strict=True)), None)
+        return replace(problem, speed=problem.speed + term.columns[:, 0])
+
+    def refitted(values: FloatArray) -> tuple[float, FloatArray, Fit]:
+        followed = with_shape(values)
+        fitted = fit(followed)
+        return criterion(followed, fitted), values, fitted
+
+    best = min((refitted(np.array(values)) for values in itertools.product(*grids)), key=lambda one: one[0])
+    for _ in range(ROUNDS):
+        first = segment_starts(problem, best[2].jumps)
+        z = remove_levels(problem.z, first)
+
+        def left(values: FloatArray, first: IntArray = first, z: FloatArray = z) -> float:
+            x = remove_levels(with_shape(values).speed, first)
+            return float(z @ z - (x @ z) ** 2 / (x @ x)) / problem.noise.long_run_variance
+
+        found = optimize.minimize(
+            left, best[1], bounds=bounds, method="Nelder-Mead", options={"fatol": SETTLED, "xatol": np.inf}
+        )
+        best = min(best, refitted(found.x), key=lambda one: one[0])
+    shape = usual | dict(zip(free, best[1].tolist(), strict=True))
+    law = effect(**{strength: max(float(best[2].coefficients[0]), 0.0), **shape})
+    return law, best[0] + problem.log_size * len(free)
+
+
+def _with_law(records: Sequence[Record], start: Wheel, bare: Wheel, effect: MeanEffect) -> Heat:
+    """Return the records with a law of the temperature: viscous friction is in proportion to what it makes of speed."""
+    (strength,) = (parameter.name for parameter in effect.strength_parameters())
+
+    def wheel_of(viscous: float) -> Wheel:
+        scaled = type(effect)(**{**effect.values, strength: viscous})
+        nominal = Nominal(dry_torque_Nm=1.0, viscous_Nm_s_rad=viscous, nominal_speed_rad_s=1.0)
+        return start.model_copy(update={"effect": (*start.effect, to_block(scaled)), "nominal": nominal})
+
+    problem = make_problem(
+        [without_known_effects(record, wheel_of(effect.values[strength])) for record in records], bare
+    )
+    fitted = fit(problem)
+    wheel = wheel_of(max(float(fitted.coefficients[0]), np.finfo(np.float64).tiny))
+    seen = temperature_range(records)
+    assert seen is not None
+    per_cent = 100.0 * viscous_per_K(wheel, seen.middle)
+    shapes = ", ".join(f"{name} {value:.4g}" for name, value in effect.shape.items())
+    note = (
+        f"viscous friction follows the bearing's temperature, {per_cent:+.2g} % a kelvin at {seen.middle:.3g} °C"
+        f" ({effect.name}: {shapes}): learned over {seen.low_degC:.3g} °C to {seen.high_degC:.3g} °C, and not judged"
+        " beyond"
+    )
+    return Heat(
+        problem, fitted, wheel.model_copy(update={"nominal": start.nominal, "temperature": seen}), notes=(note,)
+    )
+
+
+def _with_spread(plain: Heat, records: Sequence[Record], bare: Wheel) -> Heat:
+    """Return the records with a slope of their own each where slopes differ; unchanged where they do not."""
+    if len(records) < FEWEST_RECORDINGS:
+        return plain
+    each = [make_problem([record], bare) for record in records]
+    slopes = np.array([float(fit(one).coefficients[0]) for one in each])
+    mean, count = float(slopes.mean()), len(records)
+    # The spread of a few is known badly: as wide as recordings to come need it (Student).
+    few = float(stats.t.ppf(ONE_SIDED, count - 1) / stats.norm.ppf(ONE_SIDED) * np.sqrt(1.0 + 1.0 / count))
+    spread = float(np.std(slopes, ddof=1)) / max(mean, np.finfo(np.float64).tiny)
+    if spread < LEAST_SPREAD or slopes.min() <= 0.0:
+        return plain
+    own = [
+        replace(record, own_viscous_rad_s=record.viscous_speed_rad_s * slope / mean)
+        for record, slope in zip(records, slopes.tolist(), strict=True)
+    ]
+    problem = make_problem(own, bare)
+    note = (
+        f"viscous friction differs by ±{100.0 * spread:.2g} % between these recordings, and the bearing's temperature"
+        f" was not recorded: a wheel is judged beyond ±{100.0 * few * spread:.2g} % alone. With"
+        " bearing_temperature_degC the part of it that is heat is learned. Is one recording of a failing wheel?"
+    )
+    return Heat(problem, fit(problem), plain.wheel, few * spread, (note,))
