@@ -98,7 +98,7 @@ def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal
         variance = wander**2 * (1.0 + 0.5 * np.pi / earlier.size)
     else:
         was, variance = 0.5 * sum(nominal), ((nominal[1] - nominal[0]) / BOUNDS_APART) ** 2
-    if was <= 0.0:
+    if not was > 0.0:  # NaN too: neither earlier windows nor bounds
         return None
     return Shift(latest / was - 1.0, (std**2 + variance) / was**2, 0.5 * (nominal[1] - nominal[0]) / was)
 

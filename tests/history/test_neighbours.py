@@ -53,6 +53,11 @@ def test_anomalous_windows_do_not_become_what_a_wheel_was() -> None:
     assert shift.value == pytest.approx(0.2)
 
 
+def test_a_first_window_without_nominal_bounds_has_no_shift() -> None:
+    one = np.ones(1)
+    assert shift_of(one, 0.01 * one, np.zeros(1, dtype=np.bool_), (np.nan, np.nan)) is None
+
+
 def test_a_shift_that_all_share_is_one_alarm_of_the_spacecraft() -> None:
     with History(None) as history:
         for number in range(14):
