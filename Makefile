@@ -139,6 +139,16 @@ detector: $(DETECTOR_OBJECTS) ## stage 1 as a static library with a C header, fo
 	  $(CC) -std=c99 -O2 -Wall -Wextra -Werror -pedantic -I$(ONBOARD) -I$(DETECTOR_OUT) $(ONBOARD)/pipe.c \
 	    $(DETECTOR_OUT)/librwa_detector.a -lm -o $(DETECTOR_OUT)/pipe; fi
 
+.PHONY: detector-speed
+detector-speed: $(VENV)/.installed-dev ## time of the detector a sample, with the settings of the built-in wheel
+	@mkdir -p $(DETECTOR_OUT)
+	$(BIN)/python -c "from rwa_monitor.wheel.wheel import built_in_wheel; print(built_in_wheel().to_toml())" > $(DETECTOR_OUT)/wheel.toml
+	$(BIN)/rwa-monitor export $(DETECTOR_OUT)/wheel.toml --to detector -o $(DETECTOR_OUT)
+	$(MAKE) -s detector
+	$(CC) -std=c11 -O2 -Irwa_monitor/kernels/onboard -I$(DETECTOR_OUT) benchmarks/detector.c $(DETECTOR_OUT)/librwa_detector.a \
+	  -lm -o $(DETECTOR_OUT)/speed
+	$(DETECTOR_OUT)/speed
+
 $(DETECTOR_OUT)/%.o: $(wildcard rwa_monitor/kernels/*.?pp $(ONBOARD)/*)
 	@mkdir -p $(DETECTOR_OUT)
 	$(CXX) -std=c++17 -DRWA_ONBOARD -fno-exceptions -fno-rtti -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall \
