@@ -36,7 +36,7 @@ say "$(basename "${sdists[0]}") $(du -h "${sdists[0]}" | cut -f1), $(basename "$
 diff <(git ls-files rwa_monitor CMakeLists.txt | sort) \
   <(cd "$scratch/source" && find rwa_monitor CMakeLists.txt -type f | sort) \
   || { say "FAILED: the sdist does not hold the files of rwa_monitor/"; exit 1; }
-diff <({ git ls-files rwa_monitor | grep -v '^rwa_monitor/kernels/.*\.[ch]pp$'; echo "rwa_monitor/kernels/_kernels.so"; } | sort) \
+diff <({ git ls-files rwa_monitor | grep -vE '^rwa_monitor/kernels/(onboard/|.*\.[ch]pp$)'; echo "rwa_monitor/kernels/_kernels.so"; } | sort) \
   <("$PYTHON" -m zipfile -l "${wheels[0]}" | awk 'NR > 1 && $1 !~ /dist-info/ {print $1}' \
     | sed 's|/_kernels\.[^/]*\.so$|/_kernels.so|' | sort) \
   || { say "FAILED: the wheel does not hold the files of rwa_monitor/ and its compiled kernels"; exit 1; }
