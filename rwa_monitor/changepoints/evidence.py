@@ -262,7 +262,7 @@ class WindowAccumulator:
         if not self._own_viscous:
             return self._gather(speed_rad_s, torque_Nm, good)
         part = slice(self.filled, self.filled + count)
-        self._heat[:, part] = (np.nan, 0.0) if viscous is None else viscous[1:]
+        self._heat[0, part], self._heat[1, part] = (np.nan, 0.0) if viscous is None else viscous[1:]
         return self._gather(speed_rad_s, torque_Nm, good, speed_rad_s if viscous is None else viscous.speed_rad_s)
 
     def gathered(self) -> Gathered:

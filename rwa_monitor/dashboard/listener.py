@@ -75,9 +75,8 @@ class Listener:
         self.notifier, self.hub = notifier, notifier.hub
         self.log = log
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
-        self._late: deque[tuple[str, str, int]] = deque(
-            maxlen=MAX_WAITING
-        )  # windows whose samples were old by the clock
+        # Windows whose samples were old by the clock when they came.
+        self._late: deque[tuple[str, str, int]] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)

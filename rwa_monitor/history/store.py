@@ -170,7 +170,7 @@ class History:
         siblings, levels = self._wheels_of(session, diagnosis), observe(diagnosis)
         # Dumps arrive in any order, perhaps before those of the siblings: each is judged by itself.
         alike = not diagnosis.data and not diagnosis.partial and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
-        for name in [*levels, *(COMPARED.keys() - levels.keys() if alike else ())]:
+        for name in [*levels, *(name for name in COMPARED if alike and name not in levels)]:
             level = levels.get(name)
             moved = _moved(session, diagnosis, name) if alike and name in COMPARED else None
             if moved is None or (level is None and not (moved.is_common or moved.is_alone)):

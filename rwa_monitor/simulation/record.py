@@ -14,13 +14,12 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import SECONDS_PER_HOUR, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.simulation.motion import ORBIT_S, Motion, simulate_motion, wheel_angle
 from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
-from rwa_monitor.wheel.effects.run_in_drift import HOUR_S
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import Wheel
@@ -354,7 +353,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
 
 def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: np.random.Generator) -> FloatArray:
     """Return the random walk of base dry friction, relative to its average, float64 (n,)."""
-    step = scenario.base.dry_drift_per_sqrt_h * np.sqrt(wheel.sample_period_s / HOUR_S)
+    step = scenario.base.dry_drift_per_sqrt_h * np.sqrt(wheel.sample_period_s / SECONDS_PER_HOUR)
     walk: FloatArray = np.cumsum(step * rng.standard_normal(slots)) if step > 0.0 else np.zeros(slots)
     return walk
 

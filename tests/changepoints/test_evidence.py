@@ -301,3 +301,15 @@ def test_slews_of_a_wheel_whose_viscous_friction_is_anomalous_are_no_jumps(first
     for event, (index, size) in zip(events, jumps, strict=True):
         assert abs(event.index - index) <= 2
         assert abs(event.jump * TORQUE / SIGMA - size) < 5.0 * event.std * TORQUE / SIGMA + 0.3
+
+
+def test_without_another_viscous_speed_viscous_friction_is_in_proportion_to_the_speed():
+    """As of a wheel that lacks the effect, in any cut: as where no temperature came."""
+    law = {"strength_Nm_s_rad": 5.333e-6, "activation_temperature_K": 4000.0}
+    tables = WHEEL.to_tables() | {"effect": [{"name": "viscosity_temperature", "parameters": law}]}
+    speed, torque, good = _telemetry(3, 5000, jumps=((2000, 0.5),))
+    plain, _ = _gather(speed, torque, good)
+    follows, _ = _gather(speed, torque, good, cuts=(0, 1, 3, 700), wheel=Wheel.from_tables(tables, "test"))
+    assert follows.heat is None
+    assert follows.candidates.index.tolist() == plain.candidates.index.tolist() != []
+    assert follows.noise.std == plain.noise.std

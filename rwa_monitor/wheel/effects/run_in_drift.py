@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, duration
-
-HOUR_S: Final = 3600.0
 
 
 def _shown_time(channels: Channels) -> tuple[float, float]:
@@ -58,4 +54,4 @@ class RunInDrift(MeanEffect):
     @classmethod
     def largest_share(cls, channels: Channels) -> float:
         """All of the friction within an hour: the catalogue's is slower (see `source`: hours and longer)."""
-        return min(duration(channels) / HOUR_S, 1.0)
+        return min(duration(channels) / SECONDS_PER_HOUR, 1.0)
