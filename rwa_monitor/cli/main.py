@@ -35,6 +35,7 @@ COMMANDS: Final = (
     "simulate",
     "train",
     "diagnose",
+    "evaluate",
     "discrepancy",
     "export",
     "identify",

@@ -1,8 +1,8 @@
-"""What is known of simulated recordings: labels.csv, which `simulate dataset` writes and `train` reads, and the truth.
+"""What is known of recordings: labels.csv, which `simulate dataset` writes and `train` reads, events, and the truth.
 
 The header of the labels is `file,dry,viscous,<names of the switching systems>`, the rest is 0 or 1. File names are
 relative to the folder of the labels, or absolute, and do not lead out of that folder. A label holds for all windows of
-its file.
+its file. A table of events, which `evaluate` reads too, has the columns `wheel,kind,start_ns,end_ns`, a row for each.
 
 The truth of `FILE` is `FILE.truth.json` (labels, jumps, sojourns, scenario, seed) and `FILE.truth.pq` (what changes
 from slot to slot: motion, temperature, every part of the friction, noise). Not `.parquet`, so that a pattern that finds
@@ -15,21 +15,28 @@ import csv
 import io
 import json
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+import re
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
+from pydantic import BaseModel, model_validator
 
-from rwa_monitor.errors import InputError, MissingExtraError
+from rwa_monitor.errors import InputError, MissingExtraError, did_you_mean
+from rwa_monitor.messages import ClockNs, Diagnosis, Message, Name, Verdict
 from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
 from rwa_monitor.simulation.record import Truth
 from rwa_monitor.telemetry.files import beside, display_name, read_text, write_text
+from rwa_monitor.telemetry.scores import Interval, Timeline, union
 from rwa_monitor.telemetry.table import parquet
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
 
 MAX_LABELS_BYTES: Final = 100_000_000
+EVENT_COLUMNS: Final = ["wheel", "kind", "start_ns", "end_ns"]
+TIME: Final = re.compile("-?[0-9]{1,19}")  # what 64 bits hold, more or less: Python takes longer ones, and its time
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +47,19 @@ class LabelledFile:
     anomalies: Mapping[str, bool]
 
 
-def read_labels(path: Path) -> list[LabelledFile]:
-    """Read a labels.csv; every file it names must exist.
+@dataclass(frozen=True, slots=True)
+class LabelledEvent:
+    """An anomaly in time, [start_ns, end_ns], of a wheel: `spacecraft/wheel`, or `wheel` alone; and its row."""
+
+    wheel: str
+    kind: str
+    start_ns: int
+    end_ns: int
+    row: str
+
+
+def read_labels(path: Path, *, must_exist: bool = True) -> list[LabelledFile]:
+    """Read a labels.csv; every file it names must exist, unless only its name is needed.
 
     Raises
     ------
@@ -49,16 +67,37 @@ def read_labels(path: Path) -> list[LabelledFile]:
         If it cannot be used; names the file, the row, the column and the reason.
     """
     source = display_name(path)
-    reader = csv.reader(io.StringIO(read_text(path, MAX_LABELS_BYTES)), strict=True)
-    try:
-        names = _anomaly_names(next(reader, []), source)
-        rows = (fields for fields in reader if fields)  # a blank line is none
-        labelled = [_labelled_file(fields, names, path, f"row {reader.line_num}") for fields in rows]
-    except csv.Error as error:
-        raise InputError(source, f"is no CSV: {error}", f"row {reader.line_num}") from error
+    (_, header), *rows = _rows(path)
+    names = _anomaly_names(header, source)
+    labelled = [_labelled_file(fields, names, path, row, must_exist=must_exist) for row, fields in rows]
     if not labelled:
         raise InputError(source, "names no file")
     return labelled
+
+
+def read_events(path: Path) -> list[LabelledEvent]:
+    """Read a table of events.
+
+    Raises
+    ------
+    InputError
+        If it cannot be used; names the file, the row, the column and the reason.
+    """
+    source = display_name(path)
+    (_, header), *rows = _rows(path)
+    if header != EVENT_COLUMNS:
+        raise InputError(source, f"the header must be {','.join(EVENT_COLUMNS)}", "row 1")
+    return [_labelled_event(fields, source, row) for row, fields in rows]
+
+
+def _rows(path: Path) -> list[tuple[str, list[str]]]:
+    """Return the rows of a CSV file, each with its place, the header first, also where it is missing."""
+    reader = csv.reader(io.StringIO(read_text(path, MAX_LABELS_BYTES)), strict=True)
+    try:
+        header = ("row 1", next(reader, []))
+        return [header, *((f"row {reader.line_num}", fields) for fields in reader if fields)]  # a blank line is none
+    except csv.Error as error:
+        raise InputError(display_name(path), f"is no CSV: {error}", f"row {reader.line_num}") from error
 
 
 def write_labels(rows: Sequence[Mapping[str, str]], path: Path) -> None:
@@ -82,7 +121,7 @@ def _anomaly_names(header: list[str], source: str) -> list[str]:
     return names
 
 
-def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str) -> LabelledFile:
+def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str, *, must_exist: bool) -> LabelledFile:
     """Check one row of `labels`."""
     source = display_name(labels)
     if len(fields) != len(names) + 1:
@@ -94,9 +133,23 @@ def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str) 
     path = labels.parent / file
     if reason := _leads_out(file, labels.parent):
         raise InputError(source, f"{file[:40]!r} {reason}", f"{row}, column file")
-    if not path.is_file():
+    if must_exist and not path.is_file():
         raise InputError(source, f"there is no file {display_name(path)}", f"{row}, column file")
     return LabelledFile(path, {name: flag == "1" for name, flag in zip(names, flags, strict=True)})
+
+
+def _labelled_event(fields: list[str], source: str, row: str) -> LabelledEvent:
+    """Check one row of a table of events."""
+    if len(fields) != len(EVENT_COLUMNS):
+        raise InputError(source, f"has {len(fields)} fields, the header has {len(EVENT_COLUMNS)}", row)
+    wheel, kind, *times = fields
+    for column, time in zip(EVENT_COLUMNS[2:], times, strict=True):
+        if not TIME.fullmatch(time):
+            raise InputError(source, f"{time[:40]!r} is no whole number of nanoseconds", f"{row}, column {column}")
+    start_ns, end_ns = map(int, times)
+    if start_ns >= end_ns:
+        raise InputError(source, "the event must end after it starts", f"{row}, column end_ns")
+    return LabelledEvent(wheel, kind, start_ns, end_ns, row)
 
 
 def _leads_out(file: str, folder: Path) -> str:
@@ -155,3 +208,166 @@ def slot_columns(truth: Truth) -> dict[str, np.ndarray[Any, Any]]:
         named = of_systems or {field.name: value}
         columns |= {name: array for name, array in named.items() if isinstance(array, np.ndarray)}
     return columns
+
+
+# ---- diagnoses beside labels -----------------------------------------------------------------------------------------
+
+
+class JudgedAnomaly(BaseModel):
+    """Whether an anomaly is diagnosed; see `Anomaly`."""
+
+    active: bool
+
+
+class JudgedWindow(Message):
+    """What is read of a `Diagnosis` to compare it with labels."""
+
+    kind: ClassVar[str] = Diagnosis.kind
+
+    spacecraft: Name = ""
+    wheel: Name
+    source: str | None = None
+    window_start_ns: ClockNs
+    window_end_ns: ClockNs
+    verdict: Verdict
+    anomalies: dict[str, JudgedAnomaly]
+
+    @classmethod
+    def schema_name(cls) -> str:
+        """Return the name of the schema that this is a part of."""
+        return Diagnosis.schema_name()
+
+    @model_validator(mode="after")
+    def _takes_time(self) -> Self:
+        if self.window_end_ns <= self.window_start_ns:
+            raise ValueError("window_end_ns is not after window_start_ns")
+        return self
+
+    @property
+    def alarms(self) -> frozenset[str]:
+        """Names of the anomalies that the verdict reports: none where it is inconclusive."""
+        return frozenset(name for name, one in self.anomalies.items() if one.active and self.verdict == "anomalous")
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedTimelines:
+    """Alarms and events of each kind of anomaly, and those of any kind together, where overlapping events are one."""
+
+    windows: int
+    kinds: dict[str, list[Timeline]]
+    overall: list[Timeline]
+
+
+def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> JudgedTimelines:
+    """Put diagnosed windows beside labels.
+
+    With a labels.csv each wheel of each file is a timeline, and a label an event as long as it; with a table of events
+    each wheel is one, whatever files its windows are from. A timeline goes from its first window to its last.
+
+    Parameters
+    ----------
+    diagnoses
+        The windows, in any order. Of several diagnoses of the same window the last holds.
+    labels
+        The labels.csv, whose files need not exist, or the table of events.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; if a window, a label or an event has no counterpart.
+    """
+    windows, source = list(diagnoses), display_name(labels)
+    judged = list(dict.fromkeys(name for window in windows for name in window.anomalies))
+    header = _rows(labels)[0][1]
+    if header[:1] == ["wheel"]:
+        kinds, groups = judged, _by_wheel(windows, read_events(labels), judged, source)
+    elif header[:1] == ["file"]:
+        files = read_labels(labels, must_exist=False)
+        kinds, groups = list(files[0].anomalies), _by_file(windows, files, labels)
+    else:
+        expected = f"{','.join(['file', *RESERVED_ANOMALIES])}, or be {','.join(EVENT_COLUMNS)}"
+        raise InputError(source, f"the header must begin with {expected}", "row 1")
+    for name in judged:
+        if name not in kinds:
+            raise InputError(source, f"has no column for {name!r}, which the diagnoses judge; add it", "row 1")
+    for name in kinds:
+        if name not in judged:
+            reason = f"no diagnosis judges this anomaly{did_you_mean(name, judged)}"
+            raise InputError(source, reason, f"row 1, column {name}")
+    timelines = {kind: [group.timeline([kind]) for group in groups] for kind in kinds}
+    together = [group.timeline(kinds) for group in groups]
+    overall = [replace(one, events=union(one.events, (one.start_ns, one.end_ns))) for one in together]
+    return JudgedTimelines(len(windows), timelines, overall)
+
+
+class _Group:
+    """The windows of one timeline by their start, and its events by kind."""
+
+    def __init__(self) -> None:
+        self.windows: dict[int, JudgedWindow] = {}
+        self.events: defaultdict[str, list[Interval]] = defaultdict(list)
+
+    def add(self, window: JudgedWindow) -> None:
+        """Add a window; raises InputError where another file has one of the same wheel that starts then."""
+        known = self.windows.setdefault(window.window_start_ns, window)
+        if known.source != window.source:
+            reason = f"windows of {known.source} and {window.source} start at the same time; name each wheel apart"
+            raise InputError(_wheel(window), reason)
+        self.windows[window.window_start_ns] = window
+
+    @property
+    def whole(self) -> Interval:
+        """Start of the first window and end of the last."""
+        return min(self.windows), max(window.window_end_ns for window in self.windows.values())
+
+    def timeline(self, kinds: Collection[str]) -> Timeline:
+        """Return the timeline with alarms and events of any of these kinds."""
+        events = [event for kind in kinds for event in self.events[kind]]
+        alarms = [(at, one.window_end_ns) for at, one in self.windows.items() if not one.alarms.isdisjoint(kinds)]
+        return Timeline(*self.whole, events, alarms)
+
+
+def _by_file(windows: Sequence[JudgedWindow], files: Sequence[LabelledFile], labels: Path) -> list[_Group]:
+    """Group windows by file and wheel; a file is known by the end of its path, wherever it was diagnosed from."""
+    source = display_name(labels)
+    labelled = {Path(os.path.relpath(file.path, labels.parent)).parts: file for file in files}
+    groups: defaultdict[tuple[tuple[str, ...], str], _Group] = defaultdict(_Group)
+    for window in windows:
+        if window.source is None:
+            reason = f"its diagnoses name no file: {source} must be a table of events, {','.join(EVENT_COLUMNS)}"
+            raise InputError(_wheel(window), reason)
+        parts = Path(window.source).absolute().parts
+        found = next((parts[k:] for k in range(len(parts)) if parts[k:] in labelled), None)
+        if found is None:
+            raise InputError(source, f"has no row for {window.source}, which has diagnoses; add it or leave them out")
+        groups[found, _wheel(window)].add(window)
+    for (name, _), group in groups.items():
+        group.events.update({kind: [group.whole] for kind, is_there in labelled[name].anomalies.items() if is_there})
+    diagnosed = {name for name, _ in groups}
+    for name, file in labelled.items():
+        if name not in diagnosed:
+            raise InputError(source, f"there is no diagnosis of {display_name(file.path)}; diagnose it too")
+    return list(groups.values())
+
+
+def _by_wheel(
+    windows: Sequence[JudgedWindow], events: Sequence[LabelledEvent], judged: Sequence[str], source: str
+) -> list[_Group]:
+    """Group windows by wheel."""
+    groups: defaultdict[str, _Group] = defaultdict(_Group)
+    for window in windows:
+        groups[_wheel(window)].add(window)
+    for event in events:
+        for column, name, known in (("wheel", event.wheel, list(groups)), ("kind", event.kind, judged)):
+            if name not in known:
+                reason = f"no diagnosis is of {name[:40]!r}{did_you_mean(name, known)}"
+                raise InputError(source, reason, f"{event.row}, column {column}")
+        group = groups[event.wheel]
+        if not union([(event.start_ns, event.end_ns)], group.whole):
+            raise InputError(source, "the event lies outside of the time that was diagnosed", event.row)
+        group.events[event.kind].append((event.start_ns, event.end_ns))
+    return list(groups.values())
+
+
+def _wheel(window: JudgedWindow) -> str:
+    return f"{window.spacecraft}/{window.wheel}" if window.spacecraft else window.wheel

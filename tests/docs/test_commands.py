@@ -94,6 +94,7 @@ SAID = {
     "README.md": ("ANOMALOUS  Friction of switching system fss_2", "16: 12 fss_1, 4 fss_2"),
     "tutorial.md": ("NOMINAL  All friction is nominal", "The simulation lacks stribeck"),
     "formats.md": ("rw-1.csv: 2 samples\nrw-2.csv: 1 samples",),
+    "evaluate.md": ("viscous  diagnoses       1         1       0      1.000   1.000  1.000      1.000   1.000  ",),
     "export.md": ("The simulation lacks quadratic drag (windage).\n", "RMSE 37."),
     "test_bench.md": (
         "The simulation lacks quadratic drag (windage).\n",

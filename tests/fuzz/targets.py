@@ -10,7 +10,7 @@ import json
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -50,9 +50,10 @@ from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
 from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import read_text
-from rwa_monitor.telemetry.labels import read_labels, write_labels
+from rwa_monitor.telemetry.labels import JudgedAnomaly, JudgedWindow, beside_labels, read_labels, write_labels
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.ros2_bag import read_bag
+from rwa_monitor.telemetry.scores import score
 from rwa_monitor.telemetry.table import read_table, table_writer
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import adds_up, telemetry, wheel
@@ -241,6 +242,16 @@ def label_seeds() -> list[bytes]:
     return [(scratch() / "labels.csv").read_bytes(), b'file,dry,viscous\n"table.csv",1,0\n\n']
 
 
+def read_some_events(data: bytes) -> None:
+    anomalies = {name: JudgedAnomaly(active=True) for name in ("dry", "viscous")}
+    place = {"wheel": "w", "source": "table.csv", "window_start_ns": 0, "window_end_ns": 100}
+    window = JudgedWindow(**place, verdict="anomalous", anomalies=anomalies)
+    found = beside_labels([window], kept("events.csv", data))
+    for timelines in (*found.kinds.values(), found.overall):
+        shares = [share for share in asdict(score(timelines)).values() if isinstance(share, float)]
+        assert all(-1e-9 <= share <= 1 + 1e-9 for share in shares)
+
+
 def read_a_configuration(data: bytes) -> None:
     session_config(BusOptions(config=kept("zenoh.json5", data)))
 
@@ -381,6 +392,10 @@ TARGETS: Final[dict[str, Target]] = {
     ),
     "model": Target(read_a_model, lambda: [built_in_model().to_json().encode()]),
     "labels": Target(read_some_labels, label_seeds),
+    "events": Target(
+        read_some_events,
+        lambda: [b"wheel,kind,start_ns,end_ns\nw,dry,10,50\n", b"file,dry,viscous\ntable.csv,1,0\n"],
+    ),
     "configuration": Target(read_a_configuration, configuration_seeds),
     "packets": Target(read_some_packets, lambda: [b"".join(made.packets(20))]),
     "ros2": Target(read_a_bag, bag_seeds),

@@ -1,0 +1,132 @@
+"""`evaluate`: diagnoses beside labels, as event-wise scores."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict
+from json import dumps
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from rwa_monitor.cli.console import UNREADABLE, console_of_stdout, log
+from rwa_monitor.cli.options import FILE
+
+if TYPE_CHECKING:
+    from rwa_monitor.telemetry.labels import JudgedWindow
+    from rwa_monitor.telemetry.scores import Scores, Timeline
+
+COLUMNS: Final = {
+    "events": "events",
+    "detected": "detected",
+    "false_alarms": "false\nalarms",
+    "precision": "precision",
+    "recall": "recall",
+    "f_0_5": "F0.5",
+    "alarming_precision": "alarming\nprecision",
+    "timing": "timing",
+    "affiliation_precision": "affiliation\nprecision",
+    "affiliation_recall": "\nrecall",
+    "affiliation_f_0_5": "\nF0.5",
+}
+
+
+@click.command(name="evaluate", short_help="Score diagnoses against labels, event by event.")
+@click.argument("diagnoses", type=FILE, metavar="DIAGNOSES")
+@click.argument("labels", type=FILE, metavar="LABELS")
+@click.option("--json", is_flag=True, help="Print one JSON object.")
+def command(diagnoses: Path, labels: Path, json: bool) -> int:
+    """Score diagnoses against labels, event by event, as in ESA's anomaly benchmark (ESA-ADB).
+
+    DIAGNOSES are the lines of `rwa-monitor diagnose --json`, in a file or, as -, on stdin; or a recording of the
+    monitor, or a folder of them. LABELS is a labels.csv as `train` reads it (file,dry,viscous,<switching systems>; a
+    label holds for all windows of its file), or a table of events (wheel,kind,start_ns,end_ns).
+
+    A window raises an alarm of each active anomaly where its verdict is anomalous, over all of its time. Beside the
+    diagnoses stand two dummies: one that alarms always, and one that never does. docs/evaluate.md defines the scores.
+    """
+    from rwa_monitor.telemetry.labels import beside_labels
+
+    windows, problems = _read(diagnoses)
+    log(*problems)
+    found = beside_labels(windows, labels)
+    scores = {kind: _scores(timelines) for kind, timelines in found.kinds.items()}
+    overall = _scores(found.overall)
+    if json:
+        kinds = {kind: {name: asdict(one) for name, one in rows.items()} for kind, rows in scores.items()}
+        rows = {name: asdict(one) for name, one in overall.items()}
+        counts = {"windows": found.windows, "timelines": len(found.overall)}
+        click.echo(dumps({**counts, "kinds": kinds, "overall": rows}))
+    else:
+        _print(scores | {"overall": overall})
+    return UNREADABLE if problems else 0
+
+
+def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
+    """Read the diagnoses; return them, and what of a recording cannot be read."""
+    from rwa_monitor.errors import InputError
+    from rwa_monitor.monitor.recording.reader import read_chain
+    from rwa_monitor.telemetry.files import display_name
+    from rwa_monitor.telemetry.labels import JudgedWindow
+
+    name = display_name(diagnoses)
+    windows, problems = list[JudgedWindow](), list[str]()
+    if diagnoses.is_dir() or diagnoses.suffix == ".mcap":
+        for recording in read_chain(diagnoses):
+            windows += [one.model_copy(update={"source": name}) for one in recording.parsed(JudgedWindow)]
+            problems += [f"{display_name(recording.path)}: {problem}" for problem in recording.problems]
+    else:
+        windows += _lines(diagnoses, "stdin" if name == "-" else name)
+    if not windows:
+        raise InputError(name, "holds no diagnosis; rwa-monitor diagnose FILE... --json makes them")
+    return windows, problems
+
+
+def _lines(diagnoses: Path, name: str) -> Iterator[JudgedWindow]:
+    """Read lines of JSON, of no longer a line than shows that it is none of ours."""
+    from rwa_monitor.messages import MAX_MESSAGE_BYTES
+    from rwa_monitor.telemetry.files import unreadable
+    from rwa_monitor.telemetry.labels import JudgedWindow
+
+    try:
+        with nullcontext(sys.stdin.buffer) if str(diagnoses) == "-" else diagnoses.open("rb") as file:
+            for number, line in enumerate(iter(lambda: file.readline(MAX_MESSAGE_BYTES + 1), b""), 1):
+                if line.strip():
+                    yield JudgedWindow.parse(line, f"{name}: line {number}")
+    except OSError as error:
+        raise unreadable(diagnoses, error) from error
+
+
+def _scores(timelines: Sequence[Timeline]) -> dict[str, Scores]:
+    from rwa_monitor.telemetry.scores import score
+
+    return {
+        "diagnoses": score(timelines),
+        "always": score(timeline.always for timeline in timelines),
+        "never": score(timeline.never for timeline in timelines),
+    }
+
+
+def _print(scores: dict[str, dict[str, Scores]]) -> None:
+    """Print a line for each kind and detector."""
+    from rich.table import Table
+
+    from rwa_monitor.reporting.diagnosis_text import UNKNOWN
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("anomaly", no_wrap=True)
+    table.add_column("alarms of", no_wrap=True)
+    for column in COLUMNS.values():
+        table.add_column(column, justify="right")
+    for kind, rows in scores.items():
+        for name, one in rows.items():
+            values = [getattr(one, field) for field in COLUMNS]
+            cells = [
+                UNKNOWN if value is None else f"{value:.3f}" if isinstance(value, float) else str(value)
+                for value in values
+            ]
+            table.add_row(kind if name == "diagnoses" else "", name, *cells)
+    console_of_stdout().print(table)
