@@ -18,13 +18,21 @@ from benchmarks.accuracy.benchmark import (
     targets,
 )
 from benchmarks.accuracy.campaign import STAGES, StageTimes
-from benchmarks.accuracy.carried import COURSES
+from benchmarks.accuracy.carried import COURSES, JudgedWindows
+from benchmarks.accuracy.events import COLUMNS as EVENT_COLUMNS
+from benchmarks.accuracy.events import event_table
 from benchmarks.accuracy.learned_laws import RECORDINGS
 from benchmarks.accuracy.splits import COVERAGES, TRAINING_SHARE, Accuracy
 from benchmarks.page import NONE, page, percent, section, table, with_interval
 from benchmarks.target import target_table
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
-from rwa_monitor.simulation.datasets import FLOWN_EXCESS, HARD_SEVERITIES, MILD_SEVERITIES, PAPER_SEVERITIES
+from rwa_monitor.simulation.datasets import (
+    FLEET_WINDOWS,
+    FLOWN_EXCESS,
+    HARD_SEVERITIES,
+    MILD_SEVERITIES,
+    PAPER_SEVERITIES,
+)
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 # Figures of the paper: its results section and the project's notes on it.
@@ -108,6 +116,7 @@ def _recipe_section(result: RecipeResult) -> str:
         _jump_table(result),
         _calibration_table(result),
         _risk_table(result),
+        _event_table(result.accuracy["joint"]),
     )
 
 
@@ -162,6 +171,25 @@ def _risk_table(result: RecipeResult) -> str:
     ]
     header = ["% of windows with an error among the surest …", *(percent(share) for share in COVERAGES)]
     return "Risk and coverage\n\n" + table(header, rows)
+
+
+def _event_table(accuracy: Accuracy) -> str:
+    columns = ("events", "false_alarms", "precision", "recall", "f_0_5")
+    rows = event_table(accuracy.diagnosed, accuracy.truth, accuracy.anomalies, columns)
+    text = (
+        "Event-wise scores of `joint`, as [`evaluate`](evaluate.md) gives them, over the validation windows of all "
+        "splits. Each window is a timeline, and an event or none, so that timing and affiliation add nothing"
+    )
+    return f"{text}\n\n{rows}"
+
+
+def _growing_table(judged: JudgedWindows) -> str:
+    rows = event_table(judged.carried, ~judged.healthy, judged.anomalies, tuple(EVENT_COLUMNS), FLEET_WINDOWS)
+    text = (
+        "Event-wise scores with earlier windows, as [`evaluate`](evaluate.md) gives them: each wheel is a timeline, "
+        "an event lasts from the window in which the anomaly begins to grow, from nothing, to the last"
+    )
+    return f"{text}\n\n{rows}"
 
 
 def windows_with(accuracy: Accuracy, anomaly: str, total: int) -> float:
@@ -245,7 +273,8 @@ def _carried_section(benchmark: Benchmark) -> list[str]:
         header = ["anomaly", "detection", "without earlier windows", "false positives", "without earlier windows"]
         title = f"{COURSES[course][0].upper()}{COURSES[course][1:]}"
         text = f"{judged.truth.shape[0]} windows. Inconclusive: {inconclusive}."
-        parts.append(section(title, text, table(header, rows), level=3))
+        events = [_growing_table(judged)] if course == "growing" else []
+        parts.append(section(title, text, table(header, rows), *events, level=3))
     if not parts:
         return []
     text = (

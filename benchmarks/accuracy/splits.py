@@ -69,6 +69,8 @@ class Accuracy:
         sure as its least sure anomaly.
     calibration
         By anomaly.
+    diagnosed, truth
+        bool (windows, anomalies): what is diagnosed and what is there in the validation windows of all splits.
     """
 
     statuses: tuple[str, ...]
@@ -78,6 +80,8 @@ class Accuracy:
     inconclusive: FloatArray
     risk: FloatArray
     calibration: dict[str, Calibration]
+    diagnosed: BoolArray
+    truth: BoolArray
 
     def interval(self, status: int, anomaly: int) -> tuple[float, float]:
         """Return the 95 % interval (Wilson) of a rate, as if all windows of the status had been judged once."""
@@ -168,7 +172,7 @@ def measure(
     rng = np.random.default_rng(seed)
     size = round(TRAINING_SHARE * len(outcomes))
     matrices, inconclusive, windows = [], [], np.zeros(len(statuses))
-    probabilities, truths = [], []
+    probabilities, truths, diagnosed = [], [], []
     for _ in range(splits):
         order = rng.permutation(len(outcomes))
         training, validation = order[:size], order[size:]
@@ -178,7 +182,8 @@ def measure(
         rows = row_of[validation]
         # What is undecided counts as not diagnosed; the paper's method always decides.
         least = model.undecided[1] if method == "joint" else np.nextafter(0.5, 1.0)
-        matrices.append(_shares(probability >= least, rows, len(statuses)))
+        diagnosed.append(probability >= least)
+        matrices.append(_shares(diagnosed[-1], rows, len(statuses)))
         inconclusive.append(float(is_open.mean()))
         windows += np.bincount(rows, minlength=len(statuses)) / splits
         probabilities.append(probability)
@@ -192,6 +197,8 @@ def measure(
         np.array(inconclusive),
         _risk(everything, truth),
         {name: calibrate(everything[:, a], truth[:, a]) for a, name in enumerate(names)},
+        np.concatenate(diagnosed),
+        truth,
     )
 
 
