@@ -12,9 +12,11 @@ arXiv:2308.13068; A. Huet et al., Local Evaluation of Time Series Anomaly Detect
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
+from operator import itemgetter
 from typing import Final, TypeVar
 
 import numpy as np
@@ -24,6 +26,7 @@ from rwa_monitor.samples import FloatArray
 Interval = tuple[int, int]  # start and end in ns
 _Stretch = tuple[float, float]  # the same, from the start of its timeline on
 Time = TypeVar("Time", int, float)
+_START, _END = itemgetter(0), itemgetter(1)
 
 BETA: Final = 0.5  # of F: precision weighs twice as much as recall
 # Affiliation of an event that nothing is reported near: its precision is that of alarms at random times.
@@ -184,18 +187,24 @@ def _judge(timeline: Timeline) -> _Judged:
     )
     events = sorted(chain.from_iterable(union([event], whole) for event in given))
     alarms, covered = union(raised, whole), union(events, whole)
-    on_events = [[alarm for alarm in alarms if _is_on(alarm, event)] for event in events]
+    on_events = [_on(event, alarms) for event in events]
+    on_any = [_on(event, alarms) for event in covered]
     middles = [(before[1] + after[0]) / 2 for before, after in pairwise(covered)]
     zones = list(pairwise([whole[0], *middles, whole[1]])) if covered else []
-    near = [_affiliation(event, zone, union(alarms, zone)) for event, zone in zip(covered, zones, strict=True)]
+    near = [_affiliation(event, zone, _on(zone, alarms)) for event, zone in zip(covered, zones, strict=True)]
     return _Judged(
         alarms_on_events=[len(found) for found in on_events],
-        false_alarms=sum(not any(_is_on(alarm, event) for event in covered) for alarm in alarms),
+        false_alarms=len(alarms) - len(set(chain.from_iterable(on_any))),
         nominal_ns=_length([whole]) - _length(covered),
-        false_ns=_length(alarms) - sum(_length(union(alarms, event)) for event in covered),
+        false_ns=_length(alarms) - sum(_length(union(on, event)) for event, on in zip(covered, on_any, strict=True)),
         timing=[_timing(event, found[0], events) for event, found in zip(events, on_events, strict=True) if found],
-        affiliation=[near[k] for event in events for k, one in enumerate(covered) if one[0] <= event[0] < one[1]],
+        affiliation=[near[bisect_right(covered, start, key=_START) - 1] for start, _ in events],
     )
+
+
+def _on(event: _Stretch, alarms: Sequence[_Stretch]) -> Sequence[_Stretch]:
+    """Return which of the disjoint alarms, in order, overlap an event, whose end is part of it."""
+    return alarms[bisect_right(alarms, event[0], key=_END) : bisect_right(alarms, event[1], key=_START)]
 
 
 def _timing(event: _Stretch, alarm: _Stretch, events: Sequence[_Stretch]) -> tuple[float, bool]:
@@ -205,8 +214,8 @@ def _timing(event: _Stretch, alarm: _Stretch, events: Sequence[_Stretch]) -> tup
     if latency > 0:
         left = length - latency
         return (1.0 / (1.0 + (latency / left) ** TIMING_EXPONENT) if left else 0.0), True
-    earlier = max((other for other, _ in events if other < start), default=start - length)
-    reach = min(length, start - earlier)
+    earlier = bisect_left(events, start, key=_START)  # events that start before this one
+    reach = min(length, start - events[earlier - 1][0]) if earlier else length
     return max((latency + reach) / reach, 0.0) ** TIMING_EXPONENT, latency == 0
 
 
@@ -216,6 +225,7 @@ def _affiliation(event: _Stretch, zone: _Stretch, alarms: Sequence[_Stretch]) ->
     Each is 1 less the mean probability that a time drawn at random from the zone is nearer: to the event than a time of
     an alarm is, to a time of the event than its alarm is.
     """
+    alarms = union(alarms, zone)
     if not alarms:
         return RANDOM_PRECISION, 0.0, 0.0
     first, last = np.array(alarms, dtype=np.float64).T
@@ -254,11 +264,6 @@ def _nearer_than(alarm: _Stretch, part: _Stretch, zone: _Stretch) -> float:
 
 
 # ---- arithmetic ------------------------------------------------------------------------------------------------------
-
-
-def _is_on(alarm: _Stretch, event: _Stretch) -> bool:
-    """Return whether an alarm overlaps an event, whose end is part of it."""
-    return alarm[0] <= event[1] and event[0] < alarm[1]
 
 
 def _length(stretches: Iterable[_Stretch]) -> float:
