@@ -61,7 +61,7 @@ def command(diagnoses: Path, labels: Path, json: bool) -> int:
         counts = {"windows": found.windows, "timelines": len(found.overall)}
         click.echo(dumps({**counts, "kinds": kinds, "overall": rows}))
     else:
-        _print(scores | {"overall": overall})
+        _print([*scores.items(), ("overall", overall)])
     return UNREADABLE if problems else 0
 
 
@@ -110,7 +110,7 @@ def _scores(timelines: Sequence[Timeline]) -> dict[str, Scores]:
     }
 
 
-def _print(scores: dict[str, dict[str, Scores]]) -> None:
+def _print(scores: Sequence[tuple[str, dict[str, Scores]]]) -> None:
     """Print a line for each kind and detector."""
     from rich.table import Table
 
@@ -121,7 +121,7 @@ def _print(scores: dict[str, dict[str, Scores]]) -> None:
     table.add_column("alarms of", no_wrap=True)
     for column in COLUMNS.values():
         table.add_column(column, justify="right")
-    for kind, rows in scores.items():
+    for kind, rows in scores:
         for name, one in rows.items():
             values = [getattr(one, field) for field in COLUMNS]
             cells = [

@@ -330,7 +330,10 @@ class _Group:
 def _by_file(windows: Sequence[JudgedWindow], files: Sequence[LabelledFile], labels: Path) -> list[_Group]:
     """Group windows by file and wheel; a file is known by the end of its path, wherever it was diagnosed from."""
     source = display_name(labels)
-    labelled = {Path(os.path.relpath(file.path, labels.parent)).parts: file for file in files}
+    labelled: dict[tuple[str, ...], LabelledFile] = {}
+    for file in files:
+        if labelled.setdefault(Path(os.path.relpath(file.path, labels.parent)).parts, file) is not file:
+            raise InputError(source, f"has two rows for {display_name(file.path)}; leave one")
     groups: defaultdict[tuple[tuple[str, ...], str], _Group] = defaultdict(_Group)
     for window in windows:
         if window.source is None:

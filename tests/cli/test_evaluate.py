@@ -131,6 +131,7 @@ REFUSED = {
     "wrong columns": (AB, "wheel,kind,start_s,end_s\n", "row 1: the header must be wheel,kind,start_ns,end_ns"),
     "window without a label": (AB + line("c.csv", 0), LABELS, "labels.csv: has no row for c.csv, which has diagnoses"),
     "label without a window": (A, LABELS, "sub/b.csv; diagnose it too"),
+    "a file labelled twice": (AB, f"{LABELS}./a.csv,0,0\n", "labels.csv: has two rows for "),
     "kind without a label": (AB.replace("viscous", "f"), LABELS, "row 1: has no column for 'f', which the diagnoses"),
     "label of no kind": (
         A,
