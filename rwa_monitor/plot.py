@@ -22,7 +22,6 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 __all__ = ["discrepancy", "gains", "window"]
 
-SECONDS_PER_MINUTE: Final = 60.0
 MILLI: Final = 1e3  # N m to mN m
 MAX_DOTS: Final = 4_000  # of the measured friction in a picture; a screen shows no more
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")  # Okabe and Ito, of the switching systems
@@ -78,7 +77,7 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
 
 def _minutes(time_ns: Any, diagnosis: Diagnosis) -> Any:
     """Return a time, or an array of times, since the window's begin [min]."""
-    return (time_ns - diagnosis.window_start_ns) / (NANOSECONDS_PER_SECOND * SECONDS_PER_MINUTE)
+    return (time_ns - diagnosis.window_start_ns) / (60 * NANOSECONDS_PER_SECOND)
 
 
 def _without_viscous(friction_Nm: FloatArray, speed_rad_s: FloatArray, diagnosis: Diagnosis) -> FloatArray:

@@ -22,7 +22,7 @@ BLOCK: Final = 64  # recordings for each process at a time: what is finished wai
 # Dask's own work for a parcel, some 7 ms, is a third of diagnosing one short recording.
 PARCEL: Final = 8  # recordings, where each worker has so many parcels as this:
 # No worker is idle while the first in order is worked on, and memory does not grow with the number of recordings.
-PARCELS_PER_WORKER: Final = 8
+PARCELS_PER_WORKER: Final = BLOCK // PARCEL
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
 IDLE_S: Final = 10  # after which a process with nothing to do ends, also where the one that started it was killed
 CONNECT_TIMEOUT_S: Final = 5

@@ -22,7 +22,6 @@ WIDTH_IN_FILES: Final = 120  # characters of a line
 FAILED: Final = 1  # or a check found a difference
 WRONG_USE: Final = 2  # or bad input
 UNREADABLE: Final = 3  # done, but bytes of the input could not be read
-INTERRUPTED: Final = 130  # as a shell reports a program that SIGINT ended
 
 Item = TypeVar("Item")
 

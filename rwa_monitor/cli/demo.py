@@ -29,19 +29,15 @@ if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.simulation.demo_satellite import Satellite
 
-DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
-DEFAULT_SEED: Final = 1
-BATCH_SAMPLES: Final = 256
 SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
-REFRESH_S: Final = 0.2
 
 
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
 @click.option(
     "--duration",
     type=Real(1.0, MAX_DURATION_S),
-    default=DEFAULT_DURATION_S,
+    default=90.0,
     metavar="S",
     help="How long the satellite sends [s].",
 )
@@ -50,7 +46,7 @@ REFRESH_S: Final = 0.2
 @click.option(
     "--seed",
     type=Whole(min=0),
-    default=DEFAULT_SEED,
+    default=1,
     metavar="N",
     help="Seed of the satellite: another one hides another effect.",
 )
@@ -93,9 +89,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         ended = Event()
         monitor = workers.submit(run, options, ended, session=session, log=log)
         publishers = {key: SamplesPublisher(session, key) for key in satellite.telemetry}
-        sender = workers.submit(
-            send, satellite.telemetry, publishers, speed=satellite.speed, batch_samples=BATCH_SAMPLES, stop=ended
-        )
+        sender = workers.submit(send, satellite.telemetry, publishers, speed=satellite.speed, stop=ended)
         monitor.add_done_callback(lambda _: stop.set())
         sender.add_done_callback(lambda worker: stop.set() if worker.exception() else None)
         try:
@@ -168,8 +162,10 @@ class DemoView:
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
         """Print what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
+        from rwa_monitor.monitor.bus import IDLE_WAIT_S
+
         end = time.monotonic() + seconds
-        while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching() else 0.0):
+        while not done.wait(IDLE_WAIT_S) and time.monotonic() < end + (patience_s if self._searching() else 0.0):
             self._take_messages()
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._take_messages()

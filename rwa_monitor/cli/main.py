@@ -8,6 +8,7 @@ program and shows its traceback.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -16,7 +17,7 @@ from typing import Any, Final
 
 import click
 
-from rwa_monitor.cli.console import FAILED, INTERRUPTED, PROGRAM, WRONG_USE, log
+from rwa_monitor.cli.console import FAILED, PROGRAM, WRONG_USE, log
 from rwa_monitor.cli.options import FILE
 from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 
@@ -24,8 +25,6 @@ from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 # other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere, and for
 # all processes started from here; from Python, rwa_monitor.threads does it.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-
-MAX_SETTINGS_BYTES: Final = 1_000_000
 
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
@@ -104,7 +103,7 @@ class Program(click.Group):
             log(f"the package {error.name} is missing: install rwa-monitor again, with pip install .")
             status = FAILED
         except click.Abort:
-            status = INTERRUPTED
+            status = 128 + signal.SIGINT  # as a shell reports it
         except BrokenPipeError:
             # Whoever read our output has gone; what Python still flushes at its end goes nowhere, without a complaint.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -158,10 +157,10 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         ctx.exit(WRONG_USE)
     if settings is not None:
         from rwa_monitor.telemetry.files import display_name, read_text
-        from rwa_monitor.wheel.file_content import parse_toml
+        from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES, parse_toml
 
-        source, text = display_name(settings), read_text(settings, MAX_SETTINGS_BYTES)
-        tables = parse_toml(text, source, MAX_SETTINGS_BYTES, "a settings file")
+        source, text = display_name(settings), read_text(settings, MAX_CONTENT_BYTES)
+        tables = parse_toml(text, source, MAX_CONTENT_BYTES, "a settings file")
         ctx.default_map = _defaults(tables, main, ctx, source, "")
 
 

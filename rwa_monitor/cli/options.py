@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 # Transports whose other end shows who it is.
 _PROTECTED: Final = ("tls", "quic", "unixsock-stream", "unixpipe")
 
-BYTES_PER_GB: Final = 1e9
-
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 # Whether a file exists and can be used is found by whoever reads it, with the reason; click only makes it a Path.

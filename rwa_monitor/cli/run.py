@@ -11,7 +11,6 @@ import click
 
 from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import (
-    BYTES_PER_GB,
     FILE,
     Real,
     bus_options,
@@ -99,7 +98,7 @@ def command(
         own_wheels=own_wheels,
         model=read_model(model),
         record=record,
-        max_record_bytes=None if record_limit is None else int(record_limit * BYTES_PER_GB),
+        max_record_bytes=None if record_limit is None else int(record_limit * 1e9),
         bus=bus,
         shard=shard,
         stored_after_s=STORED_AFTER_S if stored_after is None else stored_after,

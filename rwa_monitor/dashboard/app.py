@@ -50,14 +50,12 @@ from rwa_monitor.version import RELEASE, SOFTWARE
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
-MAX_DIGITS: Final = 9  # of the size that a request states
 MAX_NAME: Final = 100  # characters of a person's name
 MAX_NOTE: Final = 2_000
 MAX_SHELVED_S: Final = 7 * 86_400.0
 MAX_WINDOWS: Final = 1_000
 MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 DEFAULT_LIMIT: Final = 200
-MAX_WATCH: Final = 300  # characters of a wheel that a page asks for
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -279,7 +277,7 @@ class Guard:
         if not secrets.compare_digest(headers.get(b"authorization", b""), f"Bearer {self._token}".encode()):
             return 401, "the token is missing or wrong; it is printed where the dashboard was started"
         size = headers.get(b"content-length", b"")
-        if not size.isdigit() or len(size) > MAX_DIGITS or int(size) > MAX_BODY_BYTES:
+        if not size.isdigit() or len(size) > len(str(MAX_BODY_BYTES)) or int(size) > MAX_BODY_BYTES:
             return 413, f"more than {MAX_BODY_BYTES} bytes, or not stated how many"
         return 200, ""
 
@@ -447,7 +445,7 @@ class Api:
             # The page asks for what it shows: {"watch": "spacecraft/wheel"}, of which it gets the samples.
             async for asked in socket.iter_json():
                 if isinstance(asked, dict):
-                    client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
+                    client.watches = str(asked.get("watch", ""))
         except (KeyError, ValueError):  # bytes, or a text that is none
             await socket.close(1003, "no JSON")
         finally:

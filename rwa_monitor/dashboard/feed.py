@@ -22,14 +22,12 @@ from rwa_monitor.dashboard.fleet import Received, record_entry
 from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Health, HealthAlarm, dump_json, health_message
+from rwa_monitor.messages import PERIOD_S, Health, HealthAlarm, dump_json, health_message
 from rwa_monitor.monitor.bus import HealthAnswers
 
 FRAME_PERIOD_S: Final = 0.1
-BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds takes the server for gone
 MAX_FRAMES: Final = 100  # that wait for one page
-MAX_ENTRIES: Final = 20_000  # of one frame
-MAX_POSTED: Final = 200_000  # that wait for a frame
+MAX_POSTED: Final = 20_000  # entries that wait for a frame
 BEAT_KEY: Final = "dashboard/beat"
 PULSE_KEY: Final = "dashboard/pulse"
 CLOSE_UP: Final = frozenset({"samples", "changepoints"})  # only for pages that show the wheel
@@ -85,7 +83,7 @@ class Hub:
             now = clock()
             entries: list[Received] = []
             if now >= beat_due:
-                beat_due = now + BEAT_PERIOD_S
+                beat_due = now + PERIOD_S  # a page without a beat for some seconds takes the server for gone
                 beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
                 entries.append(Received(BEAT_KEY, beat, time.time_ns()))
             self._hand_out(entries)
@@ -94,7 +92,7 @@ class Hub:
         """Hand out what has been gathered, behind these entries."""
         statuses: dict[str, Received] = {}
         close_up: list[Received] = []
-        for _ in range(min(len(self._posted), MAX_ENTRIES)):
+        for _ in range(len(self._posted)):
             received = self._posted.popleft()
             if received.brief:
                 statuses[received.wheel] = received

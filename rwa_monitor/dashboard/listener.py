@@ -22,21 +22,28 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import REPLAY, Diagnosis, Discrepancy, Health, Message, SamplesMessage, Status, split_key
+from rwa_monitor.messages import (
+    PERIOD_S,
+    REPLAY,
+    Diagnosis,
+    Discrepancy,
+    Health,
+    Message,
+    SamplesMessage,
+    Status,
+    split_key,
+)
 from rwa_monitor.monitor.bus import BusThread, BusWatch
-from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
 
 RECEIVED: Final[dict[str, type[Message]]] = {**KINDS, Health.kind: Health}
-RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
 BATCH_REPORTS: Final = 200  # of monitors; the alarms of a thousand wheels take some seconds
-CHECK_PERIOD_S: Final = 1.0
 PRUNE_PERIOD_S: Final = 3600.0
 # Silence of a monitor that is an alarm: a restart takes some seconds, and one that diagnoses many wheels at once may be
 # late by as many.
-SILENT_S: Final = 30 * STATUS_PERIOD_S
+SILENT_S: Final = 30 * PERIOD_S
 
 
 class Listener:
@@ -100,7 +107,7 @@ class Listener:
         now_s = time.monotonic()
         check_is_due = now_s >= self._check_due_s
         if check_is_due:
-            self._check_due_s = now_s + CHECK_PERIOD_S
+            self._check_due_s = now_s + PERIOD_S
             trouble = self._watch.trouble()
             self.hub.note("bus", trouble)
             if now_s >= self._retry_due_s:  # before what may take long: here all that has come so far is read
@@ -135,7 +142,7 @@ class Listener:
         try:
             work()
         except HistoryError as error:
-            self._retry_due_s = time.monotonic() + RETRY_S
+            self._retry_due_s = time.monotonic() + PERIOD_S
             if "history" not in self.hub.notes:
                 self.log(str(error))
             self.hub.note("history", f"{error}. {len(self._waiting)} windows wait to be stored.")

@@ -12,6 +12,7 @@ from typing import Final
 
 from rwa_monitor.dashboard.feed import array_json
 from rwa_monitor.dashboard.fleet import KINDS, DecimatedSamples, DerivedFriction, Fleet, Received, thinned_json
+from rwa_monitor.dashboard.listener import BATCH_WINDOWS
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
@@ -34,7 +35,6 @@ from rwa_monitor.monitor.recording.reader import (
 from rwa_monitor.monitor.setup import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
 
-MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
 SHOWN: Final = {kind.schema_name(): kind for kind in KINDS.values()}
 
@@ -80,8 +80,6 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     if folder is None or name not in {entry.name for entry in list_recordings(folder)}:
         raise InputError(name, "is no recording here")
     path = folder / name
-    if path.stat().st_size > MAX_REPLAY_BYTES:
-        raise InputError(name, f"is larger than {MAX_REPLAY_BYTES} bytes")
     recording = read_recording(path)
     entries = list(_entries(recording))
     # Reading stops at what is damaged; the page shows it.
@@ -101,7 +99,7 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
         if entry.first_ns is None or entry.last_ns is None or entry.first_ns >= end_ns or entry.last_ns < start_ns:
             continue
         with suppress(InputError):  # damaged, or too large: what others hold is shown
-            recording = read_recording((folder or Path()) / entry.name, MAX_REPLAY_BYTES)
+            recording = read_recording((folder or Path()) / entry.name)
             with_wheels = COMMON in recording.attachments
             wheels = WheelSet.of_recording(recording) if with_wheels else WheelSet(built_in_wheel())
             derived = DerivedFriction(wheels.of(window.spacecraft, window.wheel))
@@ -116,7 +114,7 @@ def latest_wheels(folder: Path | None) -> WheelSet | None:
     """Return the constants in the latest recording of a folder that has some; None where there is none."""
     for entry in list_recordings(folder):
         with suppress(InputError):  # damaged, or too large: an earlier one serves as well
-            recording = read_recording((folder or Path()) / entry.name, MAX_REPLAY_BYTES)
+            recording = read_recording((folder or Path()) / entry.name)
             if COMMON in recording.attachments:
                 return WheelSet.of_recording(recording)
     return None
@@ -148,9 +146,6 @@ def _entries(recording: Recording) -> Iterator[bytes]:
 
 
 # ---- into the history ------------------------------------------------------------------------------------------------
-
-
-BATCH_WINDOWS: Final = 200  # of one transaction
 
 
 def import_recordings(history: History, path: Path) -> tuple[int, int]:

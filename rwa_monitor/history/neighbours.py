@@ -14,12 +14,15 @@ Bayes' rule weighs them. Two wheels cannot be told from one cause and one except
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from rwa_monitor.history.alarms import WINDOW_POLICY
+from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import BoolArray, FloatArray
 
 COMPARED: Final = {"dry": "base dry friction", "viscous": "viscous friction"}  # coefficients, and their names in words
@@ -27,14 +30,13 @@ FEWEST_WHEELS: Final = 3
 MOST_WHEELS: Final = 16  # more are no siblings, but a fleet under one name
 SURE: Final = 0.95  # probability from which a shift counts as shared, or as of one wheel alone
 FEWEST_EARLIER: Final = 5  # windows that a wheel is compared with; with fewer, with what is nominal
-LATEST: Final = 3  # windows that are left out of what it was: those of which an alarm is made
+LATEST: Final = WINDOW_POLICY.n  # windows that are left out of what it was: those of which an alarm is made
 MOST_EARLIER: Final = 48  # windows; four days of 2.2 hours each
 SHIFT_STD: Final = 0.2  # S, one standard deviation of a shift where there is one; the learned anomalies are 15 to 30 %
 BOUNDS_APART: Final = 4.0  # standard deviations of healthy wheels between the nominal bounds, that is ±2
 LEAST_WANDER: Final = 0.005  # of a wheel's own coefficient from window to window, one standard deviation
 PRIOR_COMMON: Final = 0.05  # probability that a cause they share moved the latest windows
 PRIOR_ALONE: Final = 0.02  # the same of each wheel by itself
-NORMAL_MAD: Final = 1.4826  # standard deviations of a normal variable in its median absolute deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +95,7 @@ def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal
     earlier = values[:-LATEST][~anomalous[:-LATEST] & np.isfinite(values[:-LATEST])]
     if earlier.size >= FEWEST_EARLIER:
         was = float(np.median(earlier))
-        wander = max(NORMAL_MAD * float(np.median(np.abs(earlier - was))), LEAST_WANDER * was)
+        wander = max(float(np.median(np.abs(earlier - was))) / math.sqrt(CHI_MEDIAN), LEAST_WANDER * was)
         # The median of n windows has π/2 times the variance of their mean.
         variance = wander**2 * (1.0 + 0.5 * np.pi / earlier.size)
     else:

@@ -59,7 +59,7 @@ from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorStat
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
-MAX_ID: Final = 2**63 - 1  # that a database can hold
+MAX_ID: Final = np.iinfo(np.int64).max  # that a database can hold
 CHANGED: Final = "changed"  # alarms that a session has changed
 _ALARMS: Final = select(AlarmRow).options(selectinload(AlarmRow.trail))
 

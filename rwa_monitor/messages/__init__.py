@@ -28,6 +28,8 @@ MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are so
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
 MAX_CLOCK_NS: Final = 2**62  # of times in outputs: beyond every sample, and sums of two fit in 64 bits
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
+MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
+PERIOD_S: Final = 1.0  # of all that is done again and again: status, heartbeat, signs of life, flush, checks
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]

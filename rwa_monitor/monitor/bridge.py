@@ -1,6 +1,6 @@
 """The bridge from space packets to the bus: UDP datagrams in, samples of wheels out.
 
-Bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for `HOLD_S`, wheels are
+Bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for `PERIOD_S`, wheels are
 those of the map. What comes faster than it is read, the system drops: the packets' sequence count shows it.
 """
 
@@ -15,14 +15,14 @@ from threading import Event
 from typing import Any, Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.messages import PERIOD_S
+from rwa_monitor.monitor.bus import IDLE_WAIT_S
 from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, WheelPackets, packet_notes, split_packets
 from rwa_monitor.words import counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
-HOLD_S: Final = 1.0  # how long a sample waits for others at most
-WAIT_S: Final = 0.1  # for a datagram, before samples that wait are sent
 WARNINGS_S: Final = 10.0  # between two lines on what was left out
 
 
@@ -51,7 +51,7 @@ def listening(address: UdpAddress) -> Iterator[socket.socket]:
         raise RwaMonitorError(f"{address.host}: there is no such address: {error.strerror or error}") from error
     with socket.socket(family, kind, protocol) as receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-        receiver.settimeout(WAIT_S)
+        receiver.settimeout(IDLE_WAIT_S)
         try:
             receiver.bind(place)
         except OSError as error:
@@ -99,8 +99,8 @@ class Bridge:
                     self._send(wheel)
 
     def tick(self, now_s: float) -> None:
-        """Send what waits, each `HOLD_S`."""
-        if now_s - self._sent_s >= HOLD_S:
+        """Send what waits, each `PERIOD_S`."""
+        if now_s - self._sent_s >= PERIOD_S:
             self._sent_s = now_s
             self.send_all()
 

@@ -22,20 +22,16 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, PERIOD_S, EncodedMessage
 from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arrival_of, ask_publisher
-from rwa_monitor.telemetry.files import read_text
+from rwa_monitor.telemetry.files import MAX_DEPTH, read_text
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 
 # Of each publisher, at a start. It must be set: without a number the first live message ends Zenoh's wait for the
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
-# How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
-# when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
-HEARTBEAT_S: Final = 1.0
-MAX_CONFIG_BYTES: Final = 1_000_000
 ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
-MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
 
 # What Zenoh does by default, and what we do instead. What a configuration file sets otherwise than Zenoh's own default
 # counts; shared memory and plug-ins stay off in any case.
@@ -88,8 +84,9 @@ def session_config(options: BusOptions) -> zenoh.Config:
     """Return the Zenoh configuration of the options; raises InputError naming the option that is wrong."""
     config, default = zenoh.Config(), zenoh.Config()
     if options.config is not None:
-        if _depth(read_text(options.config, MAX_CONFIG_BYTES)) > MAX_CONFIG_DEPTH:
-            reason = f"is no Zenoh configuration: it is nested deeper than {MAX_CONFIG_DEPTH} levels"
+        # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand.
+        if _depth(read_text(options.config, MAX_CONTENT_BYTES)) > MAX_DEPTH:
+            reason = f"is no Zenoh configuration: it is nested deeper than {MAX_DEPTH} levels"
             raise InputError(str(options.config), reason)
         try:
             config = zenoh.Config.from_file(options.config)
@@ -198,7 +195,8 @@ def reliable_publisher(
 ) -> Any:
     """Declare a publisher that keeps so many messages for whoever comes late; its `undeclare` drops them.
 
-    It repeats the number of its last message, or sends it once.
+    It repeats the number of its last message, or sends it once: lost when that one message is (an outage, a subscriber
+    about to join), and with it the end of the stream until the next.
     """
     return ext.declare_advanced_publisher(
         session,
@@ -207,8 +205,8 @@ def reliable_publisher(
         congestion_control=zenoh.CongestionControl.BLOCK,
         cache=ext.CacheConfig(max_samples=kept),
         sample_miss_detection=ext.MissDetectionConfig(
-            heartbeat=HEARTBEAT_S if repeats_number else None,
-            sporadic_heartbeat=None if repeats_number else HEARTBEAT_S,
+            heartbeat=PERIOD_S if repeats_number else None,
+            sporadic_heartbeat=None if repeats_number else PERIOD_S,
         ),
         publisher_detection=True,
     )
@@ -333,9 +331,6 @@ class MonitorBus:
 # ---- whether the bus is there ----------------------------------------------------------------------------------------
 
 
-CHECK_PERIOD_S: Final = 1.0  # of the connections
-
-
 class BusWatch:
     """Watches the connections of a session that should connect somewhere.
 
@@ -369,7 +364,7 @@ class BusWatch:
         """Check the connections where that is due, and log once that the bus is gone, and once that it is back."""
         if now_s < self._due_s:
             return
-        self._due_s = now_s + CHECK_PERIOD_S
+        self._due_s = now_s + PERIOD_S
         trouble = self.trouble()
         if trouble != self._logged:
             log(trouble or "connected to the bus again")
@@ -379,7 +374,7 @@ class BusWatch:
 # ---- a subscription with a thread of its own -------------------------------------------------------------------------
 
 
-IDLE_WAIT_S: Final = 0.1
+IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
 
 
 class BusThread:

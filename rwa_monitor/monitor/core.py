@@ -655,9 +655,8 @@ def without_positions(carried: CarriedState) -> CarriedState:
 # ---- whether samples fit the wheel file at all ----------------------------------------------------------------------
 
 
-STEPS: Final = 64  # steps of time from which the period of the samples is taken
+ENOUGH: Final = 64  # steps of time that show the period; samples beyond a limit that are no single wild readings
 PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the median
-MANY_BEYOND: Final = 64  # samples beyond the limit that are no single wild readings
 SHARE_BEYOND: Final = 0.1  # of all samples
 
 
@@ -691,21 +690,21 @@ class SettingsCheck:
         events = [] if self._times is None else self._check_period(self._times, time_ns)
         self._seen += time_ns.size
         self._beyond += beyond
-        if beyond and not self._limits_reported and self._beyond >= max(MANY_BEYOND, SHARE_BEYOND * self._seen):
+        if beyond and not self._limits_reported and self._beyond >= max(ENOUGH, SHARE_BEYOND * self._seen):
             self._limits_reported = True
             text = f"{self._beyond} of {self._seen} samples are beyond the wheel's limits and rejected"
             events.append(Trouble("limits", f"{text}: is the speed in rpm, or is the wheel file another wheel's?"))
         return events
 
     def _check_period(self, before_ns: IntArray, time_ns: IntArray) -> list[Event]:
-        self._times = np.concatenate([before_ns, time_ns[: STEPS + 1 - before_ns.size]])
-        if self._times.size <= STEPS:
+        self._times = np.concatenate([before_ns, time_ns[: ENOUGH + 1 - before_ns.size]])
+        if self._times.size <= ENOUGH:
             return []
         steps = np.diff(self._times)
         self._times = None
         steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back show no period
         period_s, expected_s = float(np.median(steps)) if steps.size else 0.0, self._wheel.sample_period_s
-        if steps.size < STEPS // 2 or expected_s / PERIOD_DIFFERS <= period_s <= expected_s * PERIOD_DIFFERS:
+        if steps.size < ENOUGH // 2 or expected_s / PERIOD_DIFFERS <= period_s <= expected_s * PERIOD_DIFFERS:
             return []
         question = f"is sample_period_s = {expected_s:.6g} of the wheel file right?"
         return [Trouble("sample period", f"{question} The samples come every {period_s:.3g} s")]

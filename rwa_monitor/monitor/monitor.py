@@ -20,6 +20,8 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
     MAX_CLOCK_NS,
+    MAX_WHEELS,
+    PERIOD_S,
     REPLAY,
     Data,
     Diagnosis,
@@ -32,7 +34,7 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.bus import BusOptions, MonitorBus
+from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, MonitorBus
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
@@ -45,13 +47,10 @@ from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import counted, time_text
 
-IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
 TICK_S: Final = 0.05  # between two checks of what is due while messages flow
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
-MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
-STATUS_PERIOD_S: Final = 1.0
 # Samples as old as this when they come are no longer live: a message spans half a minute (256 samples at 8 Hz), a
 # link and its ground segment add seconds to minutes, and a pass after which a satellite dumps what it stored lasts ten.
 STORED_AFTER_S: Final = 600.0
@@ -99,7 +98,7 @@ class RunOptions:
     max_record_bytes: int | None = None
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
-    status_period_s: float = STATUS_PERIOD_S
+    status_period_s: float = PERIOD_S
     stored_after_s: float = STORED_AFTER_S
     log_verdicts: bool = True
 

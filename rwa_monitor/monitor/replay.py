@@ -30,7 +30,6 @@ from rwa_monitor.monitor.setup import Setup, WheelSet
 from rwa_monitor.monitor.state_recovery import run_recording
 from rwa_monitor.words import counted
 
-MAX_LISTED: Final = 20  # fields in the short report
 # Same code on another machine: sums may be taken in another order by its vector units, which moves the last bits.
 RELATIVE_TOLERANCE: Final = 1e-9
 # A difference of large numbers can be zero but for rounding; no torque, time or probability of ours is as small.
@@ -175,10 +174,7 @@ class Report:
         """Return the short report: a few lines, differences counted per field."""
         lines = [self._summary()]
         listed = sorted(self.fields.items(), key=lambda item: (-item[1], item[0]))
-        lines += [f"  {count} × {name}" for name, count in listed[:MAX_LISTED]]
-        if len(listed) > MAX_LISTED:
-            lines.append(f"  and {len(listed) - MAX_LISTED} more fields")
-        return "\n".join(lines)
+        return "\n".join((*lines, *(f"  {count} × {name}" for name, count in listed)))
 
     def long(self) -> str:
         """Return the long report: every difference."""

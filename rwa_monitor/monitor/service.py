@@ -23,6 +23,7 @@ import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.errors import InputError
+from rwa_monitor.messages import PERIOD_S
 from rwa_monitor.monitor.bus import BusWatch, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
@@ -118,9 +119,7 @@ def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
 # ---- the supervisor of the process -----------------------------------------------------------------------------------
 
 
-MICROSECONDS: Final = 1e6
 SIGNS_PER_SILENCE: Final = 3.0  # so that one that comes late is no alarm
-FILE_PERIOD_S: Final = 1.0  # between two signs in a file, where no socket asks for more
 
 
 class Supervisor:
@@ -154,9 +153,9 @@ class Supervisor:
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.period_s: float | None = None
         if self._address and ours and silence.isdecimal() and int(silence) > 0:
-            self.period_s = int(silence) / MICROSECONDS / SIGNS_PER_SILENCE
+            self.period_s = int(silence) * 1e-6 / SIGNS_PER_SILENCE  # stated in µs
         elif alive is not None:
-            self.period_s = FILE_PERIOD_S
+            self.period_s = PERIOD_S
         self._alive = alive
         self._due_s = float("-inf")
 

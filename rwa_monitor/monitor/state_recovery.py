@@ -20,6 +20,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Carried, outputs_of
 from rwa_monitor.monitor.recording.reader import (
     CHECKPOINT_PREFIX,
+    MAX_FILE_BYTES,
     RECORDING_SUFFIX,
     SOME_CHECKPOINTS,
     Attached,
@@ -32,7 +33,6 @@ from rwa_monitor.words import counted, first_few
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
-MAX_KEPT_BYTES: Final = 2**30  # of messages of these, of a recording
 
 
 @dataclass(slots=True)
@@ -105,8 +105,8 @@ def run_recording(
             _run_input(path, part, setup, run)
         elif part.schema in KEPT_SCHEMAS:
             kept_bytes += len(part.payload)
-            if kept_bytes > MAX_KEPT_BYTES:
-                raise InputError(str(path), f"holds more than {MAX_KEPT_BYTES:,} bytes of outputs")
+            if kept_bytes > MAX_FILE_BYTES:
+                raise InputError(str(path), f"holds more than {MAX_FILE_BYTES:,} bytes of outputs")
             recording.messages.append(part)
             if part.schema in COMPARED_SCHEMAS:
                 (run.own if run.inputs else run.inherited).append(part)
@@ -129,10 +129,8 @@ def _run_input(path: Path, recorded: EncodedMessage, setup: Setup, run: Recordin
 
 
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
-REPEATED_FILES: Final = 16
 REPEATED_BYTES: Final = 64 * 2**20
 PROGRESS_S: Final = 5.0  # between two lines on the progress of a recovery
-MAX_LISTED: Final = 5  # names in one line of the log
 
 
 @dataclass(slots=True)
@@ -201,7 +199,7 @@ def recover_state(
             key: core for key, core in cores.items() if setup_then.identity_of(*key) == setup.identity_of(*key)
         }
         if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
-            wheels = first_few(anew, MAX_LISTED)
+            wheels = first_few(anew)
             log(f"{path} was made with another wheel file or model of {wheels}: begun anew")
         recovered.diagnoses = _earlier_diagnoses(paths[place + len(runs) :])
         for run in runs:
@@ -252,7 +250,7 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[EncodedMessage]:
     """Return the diagnoses in the recordings before the last one, latest first in `paths`, as far as is worth it."""
     found: list[EncodedMessage] = []
     size = 0
-    for path in paths[:REPEATED_FILES]:
+    for path in paths:
         try:
             size += path.stat().st_size
             if size > REPEATED_BYTES:

@@ -25,10 +25,11 @@ import numpy as np
 
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.columns import MAX_ROWS
-from rwa_monitor.telemetry.files import display_name, first_line, read_bytes
+from rwa_monitor.telemetry.columns import MAX_ROWS, MAX_TABLE_BYTES
+from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, read_bytes
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
 from rwa_monitor.telemetry.telemetry_map import (
+    MAX_APID,
     TIME_UNITS,
     PacketWheel,
     channel_conversion,
@@ -39,9 +40,7 @@ from rwa_monitor.telemetry.telemetry_map import (
 )
 from rwa_monitor.words import counted
 
-MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
 HEADER_BYTES: Final = 6
-IDLE_APID: Final = 2_047
 UNSEGMENTED: Final = 0b11
 SEQUENCE_MODULUS: Final = 2**14
 
@@ -133,7 +132,7 @@ class PacketDecoder:
             return self._bad(reason)
         apid = int.from_bytes(packet[:2], "big") & 0x7FF
         telecommand = packet[0] & 0x10
-        if apid == IDLE_APID:
+        if apid > MAX_APID:
             counts.idle += 1
             return []
         if telecommand or apid not in self._by_apid:
@@ -303,7 +302,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     """
     source = display_name(path)
     decoder = PacketDecoder(decoding, source)
-    data = read_bytes(path, MAX_PACKET_FILE_BYTES)
+    data = read_bytes(path, MAX_TABLE_BYTES)
     stop = 0
     for packet in split_packets(data):
         stop += len(packet)
@@ -356,7 +355,6 @@ def packet_notes(counts: PacketCounts) -> list[str]:
 
 
 MAX_ENTRIES: Final = 10_000  # of a packet, with all containers in containers
-MAX_DEPTH: Final = 50  # of containers in containers
 MAX_EXPONENT: Final = 16  # of a polynomial calibrator
 
 

@@ -18,6 +18,8 @@ SPEED, ANGLE, ANGLE_IN_DEGREES = "speed_rad_s", "angle_rad", "angle_deg"
 _COLUMNS: Final = (*TABLE_CHANNELS, ANGLE_IN_DEGREES)
 MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
 MAX_COLUMNS: Final = 1_000
+MAX_TABLE_BYTES: Final = 2_000_000_000  # of a file
+ROWS_AT_ONCE: Final = 50_000  # read or written; as texts they take 20 times the memory of their values
 MAX_SPAN_NS: Final = 2**61  # 73 years: the slot of a sample is reckoned in int64 with twice its time
 
 

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 
 PathLike = str | os.PathLike[str]
 
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
-MAX_SHA256_BYTES: Final = 10_000
+MAX_DEPTH: Final = 64  # of what lies in each other in a file: levels of text, containers, types
 PIECE_BYTES: Final = 2**20  # of what does not state its size
 
 
@@ -72,7 +73,7 @@ def read_text(file: PathLike, limit: int) -> str:
     content = read_bytes(path, limit)
     hash_file = beside(path, SHA256_SUFFIX)
     if hash_file.exists():
-        stated = read_bytes(hash_file, MAX_SHA256_BYTES).split(maxsplit=1)
+        stated = read_bytes(hash_file, MAX_CONTENT_BYTES).split(maxsplit=1)
         if not stated or stated[0].decode("ascii", "replace").lower() != sha256(content).hexdigest():
             raise InputError(display_name(path), f"is not the file whose hash stands in {display_name(hash_file)}")
     return decode_utf8(content, path)

@@ -16,15 +16,19 @@ import pyarrow.parquet as pq
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.columns import SampleTable, check_rows, lay_out, table_of
+from rwa_monitor.telemetry.columns import (
+    MAX_TABLE_BYTES,
+    ROWS_AT_ONCE,
+    SampleTable,
+    check_rows,
+    lay_out,
+    table_of,
+)
 from rwa_monitor.telemetry.files import atomic_write, display_name, first_line, unreadable
 
 FIRST_ROW: Final = 1  # as a person counts: a Parquet table has no header row
 
-MAX_PARQUET_BYTES: Final = 2_000_000_000
 MAX_UNPACKED_BYTES: Final = 4_000_000_000  # of all columns; 20 million rows of 7 channels are 1.3 GB
-MAX_ROW_GROUPS: Final = 100_000
-BATCH_ROWS: Final = 100_000
 MAX_FOOTER_ENTRIES: Final = 1_000_000  # of a list in the footer, and characters of a text in it
 
 # A column; pyarrow has no types of its own.
@@ -41,8 +45,8 @@ def read_parquet(path: Path) -> SampleTable:
     """
     source = display_name(path)
     try:
-        if path.stat().st_size > MAX_PARQUET_BYTES:
-            raise InputError(source, f"is larger than the limit of {MAX_PARQUET_BYTES:,} bytes")
+        if path.stat().st_size > MAX_TABLE_BYTES:
+            raise InputError(source, f"is larger than the limit of {MAX_TABLE_BYTES:,} bytes")
         with pq.ParquetFile(
             path,
             pre_buffer=False,
@@ -68,8 +72,6 @@ def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:
     """Raise InputError where the footer promises too much, or a column that is wanted and holds no numbers."""
     metadata, schema = file.metadata, file.schema_arrow
     check_rows(metadata.num_rows, source)
-    if metadata.num_row_groups > MAX_ROW_GROUPS:
-        raise InputError(source, f"has {metadata.num_row_groups:,} row groups; the limit is {MAX_ROW_GROUPS:,}")
     for name in columns:
         kind = schema.field(name).type
         if not _is_number(kind):
@@ -85,7 +87,7 @@ def _read_columns(file: Any, names: list[str], source: str) -> Any:
     promised, batches, rows = file.metadata.num_rows, [], 0
     # On this thread: Arrow's own take half as much time again in all, and get in the way of the other processes where
     # many recordings are read at once.
-    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names, use_threads=False):
+    for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=names, use_threads=False):
         rows += len(batch)
         if rows > promised:
             break

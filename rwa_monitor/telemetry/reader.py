@@ -20,9 +20,9 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples, Timeliness, concatenate
 from rwa_monitor.telemetry.files import PathLike, display_name, read_text
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from rwa_monitor.wheel.wheel import Wheel
 
-MAX_MAP_BYTES: Final = 1_000_000
 MAX_XTCE_BYTES: Final = 4_000_000  # the telemetry of a whole satellite has some thousand parameters
 
 
@@ -132,7 +132,7 @@ def read_decoding(map_file: PathLike | None, xtce_file: PathLike | None) -> Deco
     def text_of(path: PathLike | None, limit: int) -> TextFile | None:
         return None if path is None else TextFile(display_name(path), read_text(path, limit))
 
-    return Decoding(text_of(map_file, MAX_MAP_BYTES), text_of(xtce_file, MAX_XTCE_BYTES))
+    return Decoding(text_of(map_file, MAX_CONTENT_BYTES), text_of(xtce_file, MAX_XTCE_BYTES))
 
 
 def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:

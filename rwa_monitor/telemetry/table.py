@@ -21,7 +21,15 @@ import numpy as np
 
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.columns import MAX_ROWS, SampleTable, check_rows, lay_out, table_of
+from rwa_monitor.telemetry.columns import (
+    MAX_ROWS,
+    MAX_TABLE_BYTES,
+    ROWS_AT_ONCE,
+    SampleTable,
+    check_rows,
+    lay_out,
+    table_of,
+)
 from rwa_monitor.telemetry.files import atomic_write, decode_utf8, display_name, read_bytes, unreadable
 from rwa_monitor.telemetry.pulses import speed_of_pulses
 
@@ -107,16 +115,14 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
 # ---- CSV: comma-separated UTF-8, one header row; read as text, so that every bad value can be named ------------------
 
 
-MAX_CSV_BYTES: Final = 2_000_000_000
 MAX_HEADER_BYTES: Final = 100_000
 FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 
 _PLAIN_DECIMAL: Final = re.compile(r"([+-]?[0-9]{1,18})(?:\.([0-9]*))?")
 _ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
-_LARGEST_INT64: Final = 2**63 - 1
+_LARGEST_INT64: Final = np.iinfo(np.int64).max
 _PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which the column's name ends
 _CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
-_ROWS_AT_ONCE: Final = 50_000  # as texts, which take 20 times the memory of their values
 
 
 def read_csv(path: Path) -> SampleTable:
@@ -129,7 +135,7 @@ def read_csv(path: Path) -> SampleTable:
     """
     source = display_name(path)
     # A closing blank line is nobody's mistake; one in the middle is a row without values, and is refused as such.
-    content = read_bytes(path, MAX_CSV_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
+    content = read_bytes(path, MAX_TABLE_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
     if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
         raise InputError(source, f"has more rows than the limit of {MAX_ROWS:,}: split it, and use --carry")
     decode_utf8(content, path)
@@ -156,8 +162,8 @@ def write_csv(samples: Samples, path: Path) -> None:
     names, arrays = zip(*samples.channels(), strict=True)
     with atomic_write(path) as part, part.open("w", encoding="ascii", newline="") as file:
         file.write(f"{','.join(names)}\n")
-        for first in range(0, len(samples), _ROWS_AT_ONCE):
-            columns = [_texts(values[first : first + _ROWS_AT_ONCE]) for values in arrays]
+        for first in range(0, len(samples), ROWS_AT_ONCE):
+            columns = [_texts(values[first : first + ROWS_AT_ONCE]) for values in arrays]
             file.writelines(f"{','.join(fields)}\n" for fields in zip(*columns, strict=True))
 
 
@@ -186,7 +192,7 @@ def _rows(reader: Any, count: int, source: str) -> Iterator[list[list[str]]]:
     """Yield the rows after the header, many at once, as their fields; an empty line is a row of empty fields."""
     done = 1  # the header
     try:
-        while rows := [fields or [""] * count for fields in islice(reader, _ROWS_AT_ONCE)]:
+        while rows := [fields or [""] * count for fields in islice(reader, ROWS_AT_ONCE)]:
             for row, fields in enumerate(rows, start=done + 1):
                 if len(fields) != count:
                     raise InputError(source, f"has {len(fields)} fields, the header has {count}", f"row {row}")

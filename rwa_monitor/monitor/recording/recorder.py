@@ -36,7 +36,7 @@ from typing import IO, Any, Final, NamedTuple, cast
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, EncodedMessage, dump_json
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, PERIOD_S, EncodedMessage, dump_json
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
@@ -56,9 +56,7 @@ MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
 MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
 BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
-FLUSH_PERIOD_S: Final = 1.0
-RETRY_PERIOD_S: Final = 1.0  # after the disk failed; twice as long after each failure that follows
-MAX_RETRY_PERIOD_S: Final = 32.0
+MAX_RETRY_PERIOD_S: Final = 32.0  # after the disk failed; twice as long after each failure, up to this
 MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go on one topic
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
@@ -134,7 +132,7 @@ class Recorder:
         self._begun_s = 0.0
         self._synced_s = 0.0
         self._retry_s = float("-inf")
-        self._retry_period_s = RETRY_PERIOD_S
+        self._retry_period_s = PERIOD_S
         self._refused_topics: set[str] = set()
 
     @property
@@ -162,7 +160,7 @@ class Recorder:
             self._fail(error, now_s)
             return
         self.error = ""
-        self._retry_period_s = RETRY_PERIOD_S
+        self._retry_period_s = PERIOD_S
         self._begun_s = self._synced_s = now_s
         self._predecessor = None
 
@@ -238,7 +236,7 @@ class Recorder:
         # Checkpoints of many wheels may be larger than a file should be; then they are at most half of it.
         written, begin = self._writer.size, self._writer.size_at_begin
         full = written > max(self._max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
-        if now_s - self._synced_s >= FLUSH_PERIOD_S:
+        if now_s - self._synced_s >= PERIOD_S:
             self.sync(now_s)
         if self._ending is not None:
             if not busy or now_s - self._moved_s >= BUSY_MOVE_S:
