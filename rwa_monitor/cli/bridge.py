@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
-from rwa_monitor.cli.options import Whole, bus_options, decoding_options, is_loopback, warn_if_alone
+from rwa_monitor.cli.options import (
+    Whole,
+    bus_options,
+    decoding_options,
+    is_loopback,
+    log,
+    stop_on_signals,
+    warn_if_alone,
+)
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -41,8 +48,7 @@ def command(udp: str, decoding: Decoding, batch: int, stored: bool, bus: BusOpti
     from contextlib import ExitStack
 
     from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
+    from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, endpoints, open_session
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
     address = UdpAddress.parse(udp, "--udp")

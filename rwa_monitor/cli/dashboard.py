@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import (
     FILE,
     Real,
     Whole,
     bus_options,
+    log,
     no_browser_option,
     port_option,
     record_option,
+    stop_on_signals,
     warn_if_alone,
 )
 from rwa_monitor.errors import InputError, needs_extra

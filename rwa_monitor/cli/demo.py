@@ -18,8 +18,16 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
-from rwa_monitor.cli.options import Real, Whole, bus_options, no_browser_option, port_option, record_option
+from rwa_monitor.cli.options import (
+    Real,
+    Whole,
+    bus_options,
+    log,
+    no_browser_option,
+    port_option,
+    record_option,
+    stop_on_signals,
+)
 from rwa_monitor.errors import MissingExtraError, needs_extra
 
 if TYPE_CHECKING:
@@ -61,10 +69,8 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     too. The page ends with it; rwa-monitor dashboard shows it again.
     """
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.monitor.bus import open_session
-    from rwa_monitor.monitor.monitor import RunOptions
-    from rwa_monitor.monitor.publisher import SamplesPublisher, send
-    from rwa_monitor.monitor.service import run
+    from rwa_monitor.monitor.bus import SamplesPublisher, open_session, send
+    from rwa_monitor.monitor.service import RunOptions, run
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.

@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import console_of_stdout, log, track
 from rwa_monitor.cli.options import (
     FILE,
     Recordings,
     as_one,
+    console_of_stdout,
+    log,
     method_option,
     model_option,
     recordings_options,
     scheduler_option,
+    track,
     wheel_option,
     workers_option,
 )
@@ -138,11 +140,11 @@ def _at_once(task: Diagnose, recordings: Recordings, many: AtOnce) -> Iterator[D
     """Diagnose many files at once."""
     from rwa_monitor.batch.cluster import each
     from rwa_monitor.telemetry.files import make_folder
-    from rwa_monitor.telemetry.table import parquet
+    from rwa_monitor.telemetry.table import arrow
 
     store = None
     if many.results:
-        parquet()  # raises an error that names what to install
+        arrow()  # raises an error that names what to install
         from rwa_monitor.batch.store import Store
 
         store = Store(many.results, task)

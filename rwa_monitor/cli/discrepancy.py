@@ -9,15 +9,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import console_of_stdout, log, status_line
 from rwa_monitor.cli.options import (
     FILE,
     Recordings,
     Whole,
     as_one,
+    console_of_stdout,
     known_wheel,
+    log,
     motor_off_option,
     recordings_options,
+    status_line,
     wheel_option,
 )
 

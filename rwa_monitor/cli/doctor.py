@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor import __version__
-from rwa_monitor.cli.console import FAILED
-from rwa_monitor.cli.options import FILE, bus_options, model_option, wheel_folder_option, wheel_option
+from rwa_monitor.cli.options import FAILED, FILE, bus_options, model_option, wheel_folder_option, wheel_option
 from rwa_monitor.errors import InputError, RwaMonitorError
 
 if TYPE_CHECKING:

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.console import log
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FILE, log
 
 
 @click.command(name="export", short_help="Write a wheel's friction model for other simulators.")
@@ -36,7 +35,7 @@ def command(wheel: Path, target: str, output: Path) -> int:
 
     What the model does not hold (noise, what changes when the dry level jumps) is logged, and is stated in the files.
     """
-    from rwa_monitor.export.formats import FORMATS
+    from rwa_monitor.export import FORMATS
     from rwa_monitor.export.model import friction_model
     from rwa_monitor.telemetry.configuration import read_wheel
     from rwa_monitor.telemetry.files import display_name, write_files

@@ -6,8 +6,15 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.console import log, status_line
-from rwa_monitor.cli.options import FILE, Recordings, known_wheel, motor_off_option, recordings_options
+from rwa_monitor.cli.options import (
+    FILE,
+    Recordings,
+    known_wheel,
+    log,
+    motor_off_option,
+    recordings_options,
+    status_line,
+)
 
 
 @click.command(name="identify", short_help="Learn a wheel's nominal friction, noise and switching laws.")

@@ -17,8 +17,7 @@ from typing import Any, Final
 
 import click
 
-from rwa_monitor.cli.console import FAILED, PROGRAM, WRONG_USE, log
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FAILED, FILE, PROGRAM, WRONG_USE, log
 from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 
 # One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each

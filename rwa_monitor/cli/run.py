@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import (
     FILE,
     Real,
     bus_options,
+    log,
     model_option,
+    stop_on_signals,
     warn_if_alone,
     wheel_folder_option,
     wheel_option,
@@ -81,8 +82,7 @@ def command(
     Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
-    from rwa_monitor.monitor.monitor import STORED_AFTER_S, RunOptions
-    from rwa_monitor.monitor.service import Supervisor, run
+    from rwa_monitor.monitor.service import STORED_AFTER_S, RunOptions, Supervisor, run
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
     common = read_wheel(wheel)

@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals, track
-from rwa_monitor.cli.options import FILE, Whole, bus_options, speed_option, warn_if_alone, wheel_option
+from rwa_monitor.cli.options import (
+    FILE,
+    Whole,
+    bus_options,
+    log,
+    speed_option,
+    stop_on_signals,
+    track,
+    warn_if_alone,
+    wheel_option,
+)
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -114,8 +123,7 @@ def publish(
     Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
     `simulate recording`; with --count the second wheel has the next seed, and so on.
     """
-    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.monitor.publisher import SamplesPublisher, send
+    from rwa_monitor.monitor.bus import BusWatch, SamplesPublisher, endpoints, open_session, send
 
     warn_if_alone(bus)
     if count > 1 and "{n}" not in key:

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.console import log, track
-from rwa_monitor.cli.options import FILE, scheduler_option, workers_option
+from rwa_monitor.cli.options import FILE, log, scheduler_option, track, workers_option
 from rwa_monitor.errors import InputError
 
 

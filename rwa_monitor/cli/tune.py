@@ -7,7 +7,7 @@ from json import dumps
 
 import click
 
-from rwa_monitor.cli.console import FAILED
+from rwa_monitor.cli.options import FAILED
 
 SEED = 20260126  # of the simulated check: the same wishes give the same figures
 

@@ -10,9 +10,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.feed import array_json
+from rwa_monitor.dashboard.feed import BATCH_WINDOWS, array_json
 from rwa_monitor.dashboard.fleet import KINDS, DecimatedSamples, DerivedFriction, Fleet, Received, thinned_json
-from rwa_monitor.dashboard.listener import BATCH_WINDOWS
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (

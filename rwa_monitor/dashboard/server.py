@@ -16,9 +16,8 @@ import uvicorn
 import zenoh
 
 from rwa_monitor.dashboard.app import Api, create_app
-from rwa_monitor.dashboard.feed import AlarmNotifier
+from rwa_monitor.dashboard.feed import SILENT_S, AlarmNotifier, Listener
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.listener import SILENT_S, Listener
 from rwa_monitor.dashboard.recordings import latest_wheels
 from rwa_monitor.errors import RwaMonitorError, needs_extra
 from rwa_monitor.history.store import History

@@ -13,8 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.export.c_source import c_files, render
-from rwa_monitor.export.cost import SWEEP_S, rms, sweep, torque
+from rwa_monitor.export.c_source import SWEEP_S, c_files, render, rms, sweep, torque
 from rwa_monitor.export.fmu import shared_library
 from rwa_monitor.export.model import FrictionModel
 from rwa_monitor.samples import FloatArray

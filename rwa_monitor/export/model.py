@@ -16,6 +16,7 @@ import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.export.recording import Recorded, Recorder, literal
+from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.formula import Formula
@@ -173,11 +174,11 @@ def _recorded_channels(recorder: Recorder, period_s: float) -> Channels:
     )
 
 
-def to_json(model: FrictionModel, software: str) -> Mapping[str, Any]:
+def to_json(model: FrictionModel) -> Mapping[str, Any]:
     """Return the model as plain content: constants, formulas, what is not held."""
     wheel = model.wheel
     return {
-        "software": software,
+        "software": SOFTWARE,
         "wheel": wheel.name,
         "wheel_sha256": wheel.sha256(),
         "report_sha256": model.reports,

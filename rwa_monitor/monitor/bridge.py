@@ -16,8 +16,7 @@ from typing import Any, Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import PERIOD_S
-from rwa_monitor.monitor.bus import IDLE_WAIT_S
-from rwa_monitor.monitor.publisher import SamplesPublisher
+from rwa_monitor.monitor.bus import IDLE_WAIT_S, SamplesPublisher
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, WheelPackets, packet_notes, split_packets
 from rwa_monitor.words import counted
 

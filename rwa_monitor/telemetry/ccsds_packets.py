@@ -25,9 +25,9 @@ import numpy as np
 
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.columns import MAX_ROWS, MAX_TABLE_BYTES
 from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, read_bytes
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
+from rwa_monitor.telemetry.table import MAX_ROWS, MAX_TABLE_BYTES
 from rwa_monitor.telemetry.telemetry_map import (
     MAX_APID,
     TIME_UNITS,

@@ -34,9 +34,9 @@ from numpy.typing import NDArray
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.columns import MAX_ROWS
 from rwa_monitor.telemetry.files import display_name, first_line, unreadable
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
+from rwa_monitor.telemetry.table import MAX_ROWS
 from rwa_monitor.telemetry.telemetry_map import (
     SI_UNITS,
     TopicChannel,

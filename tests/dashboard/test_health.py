@@ -13,7 +13,7 @@ import zenoh
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
-from rwa_monitor.monitor.monitor import RunOptions
+from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
 from tests.dashboard.support import START_S, acknowledge, send_windows
 from tests.dashboard.test_telemetry import with_friction

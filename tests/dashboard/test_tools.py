@@ -13,8 +13,8 @@ import pytest
 import zenoh
 from prometheus_client.parser import text_string_to_metric_families
 
+from rwa_monitor.dashboard.app import metrics
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.metrics import metrics
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from tests.dashboard.support import reporting, send_windows
 from tests.monitor.processes import wait_for

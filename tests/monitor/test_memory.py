@@ -14,10 +14,10 @@ from threading import Event
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session
 from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.monitor import MAX_WHEELS, TICK_S, Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.reader import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
-from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
+from rwa_monitor.monitor.replay import RecoveredState, recover_state
+from rwa_monitor.monitor.service import MAX_WHEELS, TICK_S, Clock, Monitor, RunOptions
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import model, telemetry, wheel
 

@@ -16,9 +16,8 @@ import pytest
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, EncodedMessage
 from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import file_sha256, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked, recover
 from tests.monitor.recordings import TOPICS
 
 Checkpoints = dict[str, Callable[[], bytes]]

@@ -20,12 +20,11 @@ import pytest
 from benchmarks.references import SilentBus
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.reader import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
-from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.state_recovery import recover_state
+from rwa_monitor.monitor.replay import recover_state, replay
+from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")

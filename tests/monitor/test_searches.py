@@ -16,9 +16,9 @@ import pytest
 import zenoh
 
 from rwa_monitor.messages import Discrepancy, samples_json
-from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import Searches, SearchJob, search
+from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.datasets import scaled_wheel

@@ -21,12 +21,11 @@ import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.messages import SamplesMessage, samples_json
-from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.ingest.backfill import Arrival, arrival_of
-from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import SamplesPublisher, replay_to_bus
 from rwa_monitor.monitor.recording.reader import read_chain
-from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.replay import replay, replay_to_bus
+from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.version import SOFTWARE

@@ -12,10 +12,10 @@ from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.reader import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
+from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.monitor.setup import WheelSet
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.configuration import read_wheel_folder

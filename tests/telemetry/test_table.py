@@ -15,8 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import TABLE_CHANNELS, FloatArray, Samples
-from rwa_monitor.telemetry.parquet_table import write_columns
-from rwa_monitor.telemetry.table import file_format, read_table, table_writer
+from rwa_monitor.telemetry.table import file_format, read_table, table_writer, write_parquet
 
 # Each example writes its own file in the one folder, so sharing that folder between examples is harmless.
 in_one_folder = settings(
@@ -153,7 +152,7 @@ def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> N
     assert in_degrees.ignored_columns == ()
     np.testing.assert_allclose(in_degrees.samples.angle_rad, angle, rtol=1e-15)
     path = tmp_path / "table.parquet"
-    write_columns(
+    write_parquet(
         {"time_ns": in_degrees.samples.time_ns, "speed_rad_s": np.ones(5), "angle_deg": np.degrees(angle)}, path
     )
     np.testing.assert_array_equal(read_table(path).samples.angle_rad, in_degrees.samples.angle_rad)
@@ -167,7 +166,7 @@ def test_pulse_times_are_the_same_in_seconds_and_nanoseconds(tmp_path: Path, ste
     expected = read_table(whole, 2).samples
     seconds = csv_file(tmp_path, "pulse_time_s\n" + "".join(f"{Decimal(int(time)).scaleb(-9)}\n" for time in times))
     path = tmp_path / "table.parquet"
-    write_columns({"pulse_time_ns": times}, path)
+    write_parquet({"pulse_time_ns": times}, path)
     for other in (read_table(seconds, 2).samples, read_table(path, 2).samples):
         np.testing.assert_array_equal(other.time_ns, expected.time_ns)
         np.testing.assert_array_equal(other.speed_rad_s, expected.speed_rad_s)
