@@ -23,7 +23,6 @@ from pydantic import BaseModel
 
 import rwa_monitor as rwa
 from rwa_monitor.changepoints.candidates import threshold_for
-from rwa_monitor.cli import options
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.messages import MESSAGES, Message

@@ -11,11 +11,11 @@ from functools import _lru_cache_wrapper
 from pathlib import Path
 from threading import Event
 
-from rwa_monitor.messages import samples_json
+from rwa_monitor.messages import PERIOD_S, samples_json
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session
 from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.recording.reader import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import RecoveredState, recover_state
 from rwa_monitor.monitor.service import MAX_WHEELS, TICK_S, Clock, Monitor, RunOptions
 from rwa_monitor.wheel.wheel import Wheel
@@ -55,7 +55,7 @@ class Driven:
                 payload = samples_json(replace(part, time_ns=part.time_ns + shift_ns), "p", number)
                 self.monitor.receive(f"rwa/sat/wheel_{place}/samples", payload)
                 self.sent_bytes += len(payload)
-            self.now_s += FLUSH_PERIOD_S
+            self.now_s += PERIOD_S
             self.monitor.tick()
 
 
