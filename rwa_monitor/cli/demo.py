@@ -154,17 +154,14 @@ class DemoView:
     """
 
     def __init__(self, session: zenoh.Session, satellite: Satellite, spacecraft: str) -> None:
-        from rwa_monitor.monitor.ingest.backfill import Inbox, arrival_of
+        from rwa_monitor.monitor.ingest.backfill import Inbox
 
         self.diagnoses: dict[str, list[tuple[float, Diagnosis]]] = {}
         self.found: dict[str, tuple[float, Discrepancy]] = {}
         self._satellite = satellite
         self._began_s = time.monotonic()
         self._inbox = Inbox()
-        # The bus calls from a thread of its own, where nothing but this may happen.
-        self._subscriber = session.declare_subscriber(
-            f"rwa/{spacecraft}/*/*", lambda sample: self._inbox.put(arrival_of(sample))
-        )
+        self._subscriber = session.declare_subscriber(f"rwa/{spacecraft}/*/*", self._inbox.receive)
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
         """Print what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""

@@ -41,11 +41,11 @@ from rwa_monitor.messages import (
     split_key,
 )
 from rwa_monitor.monitor.bus import BusThread, BusWatch, HealthAnswers
+from rwa_monitor.samples import SECONDS_PER_HOUR
 from rwa_monitor.words import time_text
 
 FRAME_PERIOD_S: Final = 0.1
 MAX_FRAMES: Final = 100  # that wait for one page
-MAX_POSTED: Final = 20_000  # entries that wait for a frame
 BEAT_KEY: Final = "dashboard/beat"
 PULSE_KEY: Final = "dashboard/pulse"
 CLOSE_UP: Final = frozenset({"samples", "changepoints"})  # only for pages that show the wheel
@@ -74,7 +74,7 @@ class Hub:
     def __init__(self) -> None:
         self.clients: set[Client] = set()
         self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
-        self._posted: deque[Received] = deque(maxlen=MAX_POSTED)  # its appends are atomic
+        self._posted: deque[Received] = deque(maxlen=MAX_WAITING)  # its appends are atomic
 
     def post(self, received: Received) -> None:
         """Take a message, from any thread; it is dropped while no page is open."""
@@ -247,17 +247,15 @@ def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
 
 
 RECEIVED: Final[dict[str, type[Message]]] = {**KINDS, Health.kind: Health}
-MAX_WAITING: Final = 10_000  # windows that wait for the history
-BATCH_WINDOWS: Final = 100  # of one transaction
-BATCH_REPORTS: Final = 200  # of monitors; the alarms of a thousand wheels take some seconds
-PRUNE_PERIOD_S: Final = 3600.0
+MAX_WAITING: Final = 10_000  # entries that wait for a frame, and windows that wait for the history
+BATCH: Final = 100  # windows, or reports of monitors, of one transaction: alarms of a thousand wheels take some seconds
 # Silence of a monitor that is an alarm: a restart takes some seconds, and one that diagnoses many wheels at once may be
 # late by as many.
 SILENT_S: Final = 30 * PERIOD_S
 
 
-class Listener:
-    """From the bus into the dashboard; use it with `with`.
+class Listener(BusThread):
+    """From the bus into the dashboard.
 
     Parameters
     ----------
@@ -298,21 +296,9 @@ class Listener:
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
         self._monitors = MonitorWatch(silent_s, history.monitors())
-        self._bus = BusThread(session, KEYS, self._receive, self._maintain, name="dashboard listener")
+        super().__init__(session, KEYS, "dashboard listener")
 
-    def __enter__(self) -> Self:
-        self._bus.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._bus.stop()
-
-    def _receive(self, key: str, payload: bytes) -> None:
-        self.receive(key, payload)
-        if len(self._waiting) >= BATCH_WINDOWS:
-            self._maintain()
-
-    def _maintain(self) -> None:
+    def on_idle(self) -> None:
         """Do what is due by the clock: store what could not be stored, check database and bus."""
         now_s = time.monotonic()
         check_is_due = now_s >= self._check_due_s
@@ -327,12 +313,12 @@ class Listener:
         if check_is_due and not self._waiting:
             self._use_history(self._show_others)
         if now_s >= self._prune_due_s:
-            self._prune_due_s = now_s + PRUNE_PERIOD_S
+            self._prune_due_s = now_s + SECONDS_PER_HOUR
             self._use_history(self.history.prune)
 
     def _report_monitors(self, trouble: str) -> None:
         """Write down which monitors report and which do not any more, and report the alarms that it makes."""
-        changes = self._monitors.changes(self.history.retired.names(), trouble)[:BATCH_REPORTS]  # the others later
+        changes = self._monitors.changes(self.history.retired.names(), trouble)[:BATCH]  # the others later
 
         def write() -> None:
             changed = self.history.take_monitors(changes)
@@ -362,6 +348,8 @@ class Listener:
 
     def receive(self, key: str, payload: bytes) -> None:
         """Pass on one message; one that is none of ours is dropped."""
+        if len(self._waiting) >= BATCH:
+            self.on_idle()
         try:
             spacecraft, wheel, kind = split_key(key)
             if kind not in RECEIVED:
@@ -400,7 +388,7 @@ class Listener:
         if not wheel.endswith(REPLAY):
             self._monitors.expect(spacecraft, wheel)
         elif message.time_ns[0] < known.decimated.last_ns:
-            known = self.fleet.begin_again(spacecraft, wheel)
+            known = self.fleet.begin(spacecraft, wheel, []) or known  # a replay that begins from the start
         if message.data == "stored":
             return  # the picture, and the rhythm in which samples come, are of now
         picked = self.fleet.take_samples(known, message.samples(), wall_ns)
@@ -431,7 +419,7 @@ class Listener:
 
     def _store_some(self) -> None:
         """Store windows together: to bring one to the disk takes as long as to bring a hundred."""
-        some = list(itertools.islice(self._waiting, BATCH_WINDOWS))
+        some = list(itertools.islice(self._waiting, BATCH))
         diagnoses = [message for message in some if isinstance(message, Diagnosis)]
         self.history.retired.record(message for message in some if isinstance(message, RetirementEvent))
         _, changed = self.history.add(*diagnoses)

@@ -321,19 +321,12 @@ class Fleet:
             return self._wheels.get((spacecraft, wheel))
 
     def begin(self, spacecraft: str, wheel: str, earlier: list[Diagnosis]) -> Wheel | None:
-        """Return a wheel, known from now on with its earlier windows; None where there are too many."""
+        """Return a wheel, known from now on with its earlier windows alone; None where there are too many."""
         with self.lock:
             if len(self._wheels) >= MAX_WHEELS:
                 return None
-            constants = self.constants.of(spacecraft, wheel)
-            known = self._wheels.setdefault((spacecraft, wheel), Wheel(DerivedFriction(constants)))
-            known.verdicts.extend(earlier)
-            return known
-
-    def begin_again(self, spacecraft: str, wheel: str) -> Wheel:
-        """Return a wheel of which nothing is known any more: of a replay that begins from the start."""
-        with self.lock:
             known = Wheel(DerivedFriction(self.constants.of(spacecraft, wheel)))
+            known.verdicts.extend(earlier)
             self._wheels[spacecraft, wheel] = known
             return known
 

@@ -10,8 +10,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.feed import BATCH_WINDOWS, array_json
-from rwa_monitor.dashboard.fleet import KINDS, DecimatedSamples, DerivedFriction, Fleet, Received, thinned_json
+from rwa_monitor.dashboard.feed import BATCH, array_json
+from rwa_monitor.dashboard.fleet import (
+    KINDS,
+    MAX_POINTS,
+    DecimatedSamples,
+    DerivedFriction,
+    Fleet,
+    Received,
+    thinned_json,
+)
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
@@ -34,7 +42,6 @@ from rwa_monitor.monitor.recording.reader import (
 from rwa_monitor.monitor.setup import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
 
-POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
 SHOWN: Final = {kind.schema_name(): kind for kind in KINDS.values()}
 
 
@@ -134,7 +141,7 @@ def _entries(recording: Recording) -> Iterator[bytes]:
         wheel = fleet.wheel(*name) or fleet.begin(*name, [])
         entry = Received(message.topic, shown.to_json(), message.publish_ns)
         if wheel is not None and isinstance(shown, SamplesMessage):
-            wheel.decimated.stride = max(wheel.decimated.stride, -(-counts[message.topic] // POINTS_PER_WHEEL))
+            wheel.decimated.stride = max(wheel.decimated.stride, -(-counts[message.topic] // MAX_POINTS))
             picked = fleet.take_samples(wheel, shown.samples(), message.publish_ns)
             if not len(picked):
                 continue
@@ -167,6 +174,6 @@ def import_recordings(history: History, path: Path) -> tuple[int, int]:
         for found in recording.parsed(Discrepancy):
             history.add_discrepancy(found)
         windows += len(diagnoses)
-        for begin in range(0, len(diagnoses), BATCH_WINDOWS):
-            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])[0]
+        for begin in range(0, len(diagnoses), BATCH):
+            new += history.add(*diagnoses[begin : begin + BATCH])[0]
     return windows, new

@@ -57,7 +57,7 @@ from rwa_monitor.history.neighbours import (
 )
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 
 MAX_ID: Final = np.iinfo(np.int64).max  # that a database can hold
 CHANGED: Final = "changed"  # alarms that a session has changed
@@ -486,9 +486,6 @@ def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
 # ---- how long what is kept -------------------------------------------------------------------------------------------
 
 
-DAY_NS: Final = 86_400 * NANOSECONDS_PER_SECOND
-
-
 # What is older than so many days before the latest window of its wheel is removed; open alarms are kept always.
 DIAGNOSES_DAYS: Final = 180.0  # what is older is not taken in again either
 ESTIMATES_DAYS: Final = 730.0
@@ -497,7 +494,7 @@ ALARMS_DAYS: Final = 3650.0  # closed ones, with their audit trail
 
 def oldest_ns(end_ns: int, days: float) -> int:
     """Return the time some days before the latest window's end."""
-    return end_ns - int(days * DAY_NS)
+    return end_ns - int(days * SECONDS_PER_DAY) * NANOSECONDS_PER_SECOND
 
 
 # ---- retired wheels --------------------------------------------------------------------------------------------------

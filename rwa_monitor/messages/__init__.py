@@ -30,6 +30,7 @@ MAX_CLOCK_NS: Final = 2**62  # of times in outputs: beyond every sample, and sum
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 PERIOD_S: Final = 1.0  # of all that is done again and again: status, heartbeat, signs of life, flush, checks
+LOG_PERIOD_S: Final = 10.0  # of what is logged or recorded of something that goes on
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]
@@ -223,11 +224,7 @@ def samples_json(samples: Samples, publisher: str, batch: int, data: Timeliness 
         values: FloatArray | None = getattr(samples, name)
         if values is not None:
             finite = np.isfinite(values)
-            readings: list[float | None] = values.tolist()
-            if not finite.all():
-                for i in np.flatnonzero(~finite):
-                    readings[i] = None
-            content[name] = readings
+            content[name] = (values if finite.all() else np.where(finite, values, np.array(None))).tolist()
     return dump_json(content)
 
 

@@ -15,14 +15,13 @@ from threading import Event
 from typing import Any, Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import PERIOD_S
+from rwa_monitor.messages import LOG_PERIOD_S, PERIOD_S
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, SamplesPublisher
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, WheelPackets, packet_notes, split_packets
 from rwa_monitor.words import counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
-WARNINGS_S: Final = 10.0  # between two lines on what was left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +153,7 @@ def run_bridge(
         bridge.tick(now_s)
         on_tick(now_s)
         if now_s >= next_warnings_s:
-            next_warnings_s = now_s + WARNINGS_S
+            next_warnings_s = now_s + LOG_PERIOD_S
             log_warnings()
     bridge.send_all()
     log_warnings()

@@ -2,7 +2,7 @@
 
 Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
 inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
-there is none for `PATIENCE_S`, because the monitor stands still, the message is dropped and counted: a longer wait
+there is none for `TIMEOUT_S`, because the monitor stands still, the message is dropped and counted: a longer wait
 would close the connection, and lose more than one message without a count. What was dropped is asked for again when
 there is time. Memory stays bounded in any case.
 """
@@ -19,14 +19,14 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, Final, Literal, TypeVar
+from typing import Any, Final, Literal, Self, TypeVar
 
 import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, PERIOD_S, EncodedMessage, SamplesMessage, samples_json
-from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arrival_of, ask_publisher
+from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, ask_publisher
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, Timeliness
 from rwa_monitor.telemetry.files import MAX_DEPTH, read_text
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
@@ -183,12 +183,12 @@ def check_wheels(key_expression: str) -> None:
         raise InputError("--wheels", f"{key_expression!r} takes no samples: they come on {ALL_SAMPLES}")
 
 
-def _subscriber(session: zenoh.Session, key_expression: str, on_sample: Callable[[zenoh.Sample], None]) -> Any:
+def _subscriber(session: zenoh.Session, key_expression: str, inbox: Inbox) -> Any:
     """Subscribe to messages from now on, and to what their publishers still hold of before."""
     return ext.declare_advanced_subscriber(
         session,
         key_expression,
-        on_sample,
+        inbox.receive,
         history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
         recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
     )
@@ -264,7 +264,6 @@ class MonitorBus:
         self.session = session
         self.inbox = inbox
         self._backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
-        self._open = True  # callbacks go on after undeclare(): they check this
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
         self._health = HealthAnswers(session)
@@ -272,7 +271,7 @@ class MonitorBus:
     def subscribe(self, key_expression: str) -> None:
         """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
         check_wheels(key_expression)
-        self._declared.append(_subscriber(self.session, key_expression, self._on_sample))
+        self._declared.append(_subscriber(self.session, key_expression, self.inbox))
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
@@ -316,7 +315,6 @@ class MonitorBus:
 
     def close(self) -> None:
         """Undeclare everything; what still arrives is ignored."""
-        self._open = False
         self._health.clear()
         self.inbox.close()
         for entity in [*reversed(self._declared), *self._publishers.values()]:
@@ -324,12 +322,6 @@ class MonitorBus:
                 entity.undeclare()
         self._declared.clear()
         self._publishers.clear()
-
-    # Called in threads beside Zenoh's: of samples append, and nothing else.
-
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        if self._open and sample.kind == zenoh.SampleKind.PUT:
-            self.inbox.put(arrival_of(sample))
 
 
 # ---- whether the bus is there ----------------------------------------------------------------------------------------
@@ -382,7 +374,9 @@ IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the
 
 
 class BusThread:
-    """A subscription and the one thread that works on what it brings. What was published before is asked for, too.
+    """A subscription and the one thread that works on what it brings; use it with `with`.
+
+    What was published before is asked for, too.
 
     Parameters
     ----------
@@ -390,52 +384,43 @@ class BusThread:
         An open Zenoh session; it is left open.
     key_expression
         What to listen to.
-    receive
-        Takes key and payload of each message, cut behind the largest size that a message may have.
-    on_idle
-        Called whenever the inbox is empty, again and again while nothing comes.
     name
         Of the thread.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key_expression: str,
-        receive: Callable[[str, bytes], None],
-        on_idle: Callable[[], None] = lambda: None,
-        *,
-        name: str,
-    ) -> None:
-        self._receive, self._on_idle = receive, on_idle
+    def __init__(self, session: zenoh.Session, key_expression: str, name: str) -> None:
         self._inbox = Inbox()
         self._stop = Event()
         self._thread = Thread(target=self._run, name=name, daemon=True)
-        self._subscriber = _subscriber(session, key_expression, self._on_sample)
+        self._subscriber = _subscriber(session, key_expression, self._inbox)
 
-    def start(self) -> None:
+    def __enter__(self) -> Self:
         """Begin to work on what came since the subscription."""
         self._thread.start()
+        return self
 
-    def stop(self) -> None:
+    def __exit__(self, *error: object) -> None:
         """Work on nothing more, and wait for the thread."""
         self._stop.set()
+        self._inbox.close()
         with suppress(zenoh.ZError):  # the session may have been closed under us
             self._subscriber.undeclare()
         self._inbox.wake.set()
         self._thread.join()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        """Called in Zenoh's threads: append, and nothing else."""
-        if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
-            self._inbox.put(arrival_of(sample))
+    def receive(self, key: str, payload: bytes) -> None:
+        """Take a message, cut behind the largest size that one may have."""
+        raise NotImplementedError
+
+    def on_idle(self) -> None:
+        """Do what is due; called whenever the inbox is empty, again and again while nothing comes."""
 
     def _run(self) -> None:
         while not self._stop.is_set():
             self._inbox.wake.clear()
             while not self._stop.is_set() and (message := self._inbox.take()) is not None:
-                self._receive(message.key, message.payload)
-            self._on_idle()
+                self.receive(message.key, message.payload)
+            self.on_idle()
             self._inbox.wake.wait(IDLE_WAIT_S)
 
 

@@ -25,7 +25,7 @@ from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
-from rwa_monitor.monitor.ingest.stored import StoredTelemetry, StoredWindow
+from rwa_monitor.monitor.ingest.stored import MAX_WINDOWS, StoredTelemetry, StoredWindow
 from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import (
     NANOSECONDS_PER_SECOND,
@@ -377,9 +377,6 @@ def diagnose_samples(
 # Work is done in blocks that end at fixed slots of the grid, at most a few slots behind the newest.
 
 
-MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
-
-
 class _OpenWindow(NamedTuple):
     """A window that is being filled: its first slot and what it has gathered."""
 
@@ -423,10 +420,11 @@ class Windows:
         self.counts = counts
         self.grid = SlotGrid(0, wheel.period_ns)
         self._samples, self._hop = wheel.window.samples, wheel.window.hop_slots
-        if self._samples > MAX_OPEN_WINDOWS * self._hop:
+        # A smaller hop would cost memory without more information.
+        if self._samples > MAX_WINDOWS * self._hop:
             raise InputError(
                 f"wheel {wheel.name}",
-                f"is below 1/{MAX_OPEN_WINDOWS} of window.samples ({self._samples})",
+                f"is below 1/{MAX_WINDOWS} of window.samples ({self._samples})",
                 "window.hop",
             )
         self.begin_source("friction_torque_Nm")

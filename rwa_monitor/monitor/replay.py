@@ -19,6 +19,7 @@ import zenoh
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
+    LOG_PERIOD_S,
     REPLAY,
     Changepoints,
     Diagnosis,
@@ -149,7 +150,6 @@ def _run_input(path: Path, recorded: EncodedMessage, setup: Setup, run: Recordin
 
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
 REPEATED_BYTES: Final = 64 * 2**20
-PROGRESS_S: Final = 5.0  # between two lines on the progress of a recovery
 
 
 @dataclass(slots=True)
@@ -191,16 +191,16 @@ def recover_state(
     stop
         Ends it early when set.
     log
-        Takes lines of the log; a large fleet takes minutes, with a line every `PROGRESS_S`.
+        Takes lines of the log; a large fleet takes minutes, with a line every `LOG_PERIOD_S`.
     """
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
     recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
-    due_s = time.monotonic() + PROGRESS_S
+    due_s = time.monotonic() + LOG_PERIOD_S
 
     def on_part(recording: Recording, _part: object) -> None:
         nonlocal due_s
         if time.monotonic() >= due_s:
-            due_s = time.monotonic() + PROGRESS_S
+            due_s = time.monotonic() + LOG_PERIOD_S
             log(f"recovering the state from {recording.path}: {recording.share:.0%} of it done")
 
     for place, path in enumerate(paths):

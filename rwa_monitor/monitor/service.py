@@ -29,6 +29,7 @@ from rwa_monitor.build import build
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
+    LOG_PERIOD_S,
     MAX_CLOCK_NS,
     MAX_WHEELS,
     PERIOD_S,
@@ -54,13 +55,13 @@ from rwa_monitor.monitor.replay import RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey, WheelSet
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.telemetry.files import refusing
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import counted, time_text
 
 TICK_S: Final = 0.05  # between two checks of what is due while messages flow
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
-STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
 # Samples as old as this when they come are no longer live: a message spans half a minute (256 samples at 8 Hz), a
 # link and its ground segment add seconds to minutes, and a pass after which a satellite dumps what it stored lasts ten.
@@ -251,7 +252,8 @@ class Monitor:
         for served in self._served.values():
             if now_s >= served.status_due_s:
                 served.status_due_s = now_s + self.options.status_period_s
-                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
+                # Every one is published; one in this time is recorded.
+                record = now_s - served.status_recorded_s >= LOG_PERIOD_S
                 if record:
                     served.status_recorded_s = now_s
                 self._status(served, record=record)
@@ -616,10 +618,8 @@ class Supervisor:
     def ready(self, status: str) -> None:
         """Report that the service has begun, and what it does; raises InputError if the file cannot be made."""
         if self._alive is not None:
-            try:
+            with refusing(self._alive, "cannot be touched"):
                 self._alive.touch()
-            except OSError as error:
-                raise InputError(str(self._alive), f"cannot be touched: {error.strerror}") from error
         self._send(f"READY=1\nSTATUS={status}")
 
     def alive(self, now_s: float) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -225,7 +226,6 @@ PREFIXED_ALONE: Final = ("s", "Hz")
 PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # without prefix: sizes written out
 SUPERSCRIPTS: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 DIGITS: Final = 4  # of a value whose error is not known
-NO_CHANCE: Final = 1e-16  # smaller probabilities are rounding
 
 
 def measure(value: float | None, std: float | None, unit: str) -> str:
@@ -257,8 +257,8 @@ def thousands(size: float) -> int:
 
 def probability(p: float) -> str:
     """Write a probability."""
-    if p < NO_CHANCE:
-        return f"< 10{str(math.floor(math.log10(NO_CHANCE))).translate(SUPERSCRIPTS)}"
+    if p < (rounding := sys.float_info.epsilon):
+        return f"< 10{str(math.floor(math.log10(rounding))).translate(SUPERSCRIPTS)}"
     if p >= PLAIN_FROM:
         return f"{p:.2g}"
     power = math.floor(math.log10(p))

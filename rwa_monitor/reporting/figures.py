@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.finished_search import Search, nested_models
-from rwa_monitor.reporting.residual_views import View, base_residual
+from rwa_monitor.reporting.residual_views import MIN_PER_BIN, View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
 
 BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: apart for colour-blind eyes too
@@ -28,7 +28,6 @@ ZOOM_SLOTS: Final = 1200  # of the close-up
 STEADY_SHARE: Final = 0.1  # of the largest acceleration, below which the speed counts as steady
 BIN_RATIO: Final = 0.1  # width of a bin over speed, as a share of the speed
 SLOW_RAD_S: Final = 1.0  # below which bins over speed get no narrower
-FEWEST_IN_BIN: Final = 5  # samples of which a mean is drawn
 
 
 def _residuals(search: Search) -> dict[str, FloatArray]:
@@ -183,7 +182,7 @@ def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, Floa
     bin_of = np.sign(speed) * np.ceil(np.log1p(np.abs(speed) / SLOW_RAD_S) / BIN_RATIO)
     at = (bin_of - bin_of.min(initial=0.0)).astype(np.int64)
     count = np.bincount(at)
-    full = count >= FEWEST_IN_BIN
+    full = count >= MIN_PER_BIN
     x, y = (np.bincount(at, values)[full] / count[full] for values in (speed, torque))
     return x, y, count[full]
 

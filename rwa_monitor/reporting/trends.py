@@ -19,7 +19,6 @@ from rwa_monitor.diagnosis.verdict import quantity, title
 from rwa_monitor.messages import Diagnosis, Message, Number, Quantity
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
-SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is given in hours
 SMALLEST_P: Final = 1e-9  # below, a p-value is only given as smaller: it rests on Gaussian tails
 
 
@@ -97,7 +96,8 @@ class CoefficientTrend:
             return f" and is beyond its limit of {limit}"
         if not np.isfinite(self.reach.time_s):
             return f" and is far from its limit of {limit}"
-        name, unit_s = ("days", SECONDS_PER_DAY) if self.reach.time_s - now >= SHORT_S else ("hours", SECONDS_PER_HOUR)
+        in_days = self.reach.time_s - now >= 2 * SECONDS_PER_DAY
+        name, unit_s = ("days", SECONDS_PER_DAY) if in_days else ("hours", SECONDS_PER_HOUR)
         low, median, high = (
             f"{(t - now) / unit_s:.2g}" if np.isfinite(t) else "never"
             for t in (self.reach.low_s, self.reach.time_s, self.reach.high_s)

@@ -109,14 +109,22 @@ def unreadable(path: Path, error: OSError) -> InputError:
     return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
 
 
+@contextmanager
+def refusing(path: Path, what: str, place: str = "") -> Iterator[None]:
+    """Raise InputError, with the option `place`, where the system refuses something in the block, and why."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(display_name(path), f"{what}: {error.strerror or error}", place) from error
+
+
 def make_folder(folder: Path, place: str = "") -> None:
     """Make a folder where it is missing; raises InputError, with the option `place`, where that cannot be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise InputError(display_name(folder), "is a file; a folder is needed here", place) from error
-    except OSError as error:
-        raise InputError(display_name(folder), f"cannot be made: {error.strerror or error}", place) from error
+    with refusing(folder, "cannot be made", place):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError as error:
+            raise InputError(display_name(folder), "is a file; a folder is needed here", place) from error
 
 
 @contextmanager
@@ -136,10 +144,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     if path.is_dir():
         raise InputError(display_name(path), "is a folder, not a file to write to")
-    try:
+    with refusing(path, "cannot be written"):
         part.touch()
-    except OSError as error:
-        raise InputError(display_name(path), f"cannot be written: {error.strerror or error}") from error
     try:
         yield part
         part.replace(path)
@@ -160,10 +166,8 @@ def write_files(folder: Path, contents: Mapping[str, bytes], place: str = "") ->
         If writing fails later, for instance because the disk is full.
     """
     make_folder(folder, place)
-    try:
+    with refusing(folder, "cannot be written to", place):
         part = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=folder))
-    except OSError as error:
-        raise InputError(display_name(folder), f"cannot be written to: {error.strerror or error}", place) from error
     try:
         for name, content in contents.items():
             (part / name).write_bytes(content)

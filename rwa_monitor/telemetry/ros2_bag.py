@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.files import display_name, first_line, unreadable
+from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, unreadable
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
 from rwa_monitor.telemetry.table import MAX_ROWS
 from rwa_monitor.telemetry.telemetry_map import (
@@ -48,11 +48,9 @@ from rwa_monitor.telemetry.telemetry_map import (
 )
 from rwa_monitor.words import counted
 
-MAX_RECORD_BYTES: Final = 64 * 2**20
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
-MAX_CHUNK_BYTES: Final = 64 * 2**20  # unpacked; rosbag2 writes chunks of less than one
+MAX_CHUNK_BYTES: Final = 64 * 2**20  # packed or unpacked; rosbag2 writes chunks of less than one. And of all schemas
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
-MAX_SCHEMAS_BYTES: Final = 64 * 2**20  # of all that are kept; a bag of hundreds of types has some
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
 MAX_CHANNELS: Final = 1_000  # of the topics of the map
 MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be listed
@@ -227,7 +225,7 @@ class _Bag:
             if opcode not in _WANTED and length <= MAX_SKIPPED_BYTES:
                 position = file.seek(length, os.SEEK_CUR)
                 continue
-            content = file.read(length) if length <= MAX_RECORD_BYTES else b""
+            content = file.read(length) if length <= MAX_CHUNK_BYTES else b""
             if len(content) < length:
                 break
             try:
@@ -271,7 +269,7 @@ class _Bag:
         elif opcode == Opcode.SCHEMA:
             schema = Schema.read(_stream(content))
             if schema.id not in self._schemas:
-                self._count("bytes of schemas", len(content), MAX_SCHEMAS_BYTES)
+                self._count("bytes of schemas", len(content), MAX_CHUNK_BYTES)
                 self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(_stream(content))
@@ -337,7 +335,6 @@ def _unpacked(chunk: Chunk) -> bytes:
 # ---- types of messages, and messages by their type -------------------------------------------------------------------
 
 MAX_SCHEMA_BYTES: Final = 65_536
-MAX_DEPTH: Final = 32  # of types in types
 FEW_VALUES: Final = 64  # a message may have beside one for each byte
 
 # A field's type; whether there are many, and of how many it always has; its name; the equals sign of a constant.

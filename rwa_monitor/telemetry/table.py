@@ -23,7 +23,15 @@ from numpy.typing import NDArray
 
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.files import atomic_write, decode_utf8, display_name, first_line, read_bytes, unreadable
+from rwa_monitor.telemetry.files import (
+    PIECE_BYTES,
+    atomic_write,
+    decode_utf8,
+    display_name,
+    first_line,
+    read_bytes,
+    unreadable,
+)
 from rwa_monitor.telemetry.pulses import speed_of_pulses
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
@@ -177,8 +185,7 @@ def _as_written(time_ns: int, column: str) -> str:
 PARQUET_MAGIC: Final = b"PAR1"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 # The record that follows: its opcode, its length, and as its first field the profile, a text after its length.
-ROS2_PROFILE: Final = b"\x04\x00\x00\x00ros2"
-_PROFILE_AT: Final = len(MCAP_MAGIC) + 1 + 8
+_ROS2: Final = re.compile(re.escape(MCAP_MAGIC) + rb".{9}\x04\x00\x00\x00ros2", re.DOTALL)
 
 PACKET_SUFFIXES: Final = (".ccsds", ".bin")  # space packets have no first bytes of their own either
 
@@ -210,7 +217,7 @@ def file_format(path: Path) -> FileFormat:
     """
     try:
         with path.open("rb") as file:
-            head = file.read(_PROFILE_AT + len(ROS2_PROFILE))
+            head = file.read(PIECE_BYTES)
     except OSError as error:
         raise unreadable(path, error) from error
     if not head:
@@ -218,7 +225,7 @@ def file_format(path: Path) -> FileFormat:
     if head.startswith(PARQUET_MAGIC):
         return "parquet"
     if head.startswith(MCAP_MAGIC):
-        return "ros2" if head[_PROFILE_AT:] == ROS2_PROFILE else "mcap"
+        return "ros2" if _ROS2.match(head) else "mcap"
     suffix = path.suffix.lower()
     if suffix in (".parquet", ".mcap"):
         raise InputError(display_name(path), f"is no {suffix[1:]} file (its first bytes are {head[:8]!r})")

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, import_recordings, list_recordings, replay_json
+from rwa_monitor.dashboard.fleet import MAX_POINTS
+from rwa_monitor.dashboard.recordings import import_recordings, list_recordings, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis
@@ -37,7 +38,7 @@ def test_a_replay_holds_all_diagnoses_in_order_and_thinned_samples() -> None:
         if entry["key"].endswith("/samples"):
             points[entry["key"]] = points.get(entry["key"], 0) + len(entry["message"]["time_ns"])
     assert points
-    assert max(points.values()) <= POINTS_PER_WHEEL
+    assert max(points.values()) <= MAX_POINTS
 
 
 def test_only_recordings_of_the_folder_are_opened(tmp_path: Path) -> None:

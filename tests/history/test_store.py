@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import MODEL_ALARM, Level, advice
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.store import DAY_NS, History
+from rwa_monitor.history.store import History
+from rwa_monitor.samples import SECONDS_PER_DAY
 from tests.history.support import WINDOW_NS, diagnosis, discrepancy
 
 
@@ -77,7 +78,7 @@ def test_no_database_is_refused_in_one_line(tmp_path: Path) -> None:
 
 
 def test_estimates_are_kept_longer_than_diagnoses(place: Path | str, monkeypatch: pytest.MonkeyPatch) -> None:
-    a_window = WINDOW_NS / DAY_NS
+    a_window = WINDOW_NS * 1e-9 / SECONDS_PER_DAY
     monkeypatch.setattr("rwa_monitor.history.store.DIAGNOSES_DAYS", 2.5 * a_window)
     monkeypatch.setattr("rwa_monitor.history.store.ESTIMATES_DAYS", 10.5 * a_window)
     windows = [diagnosis(n) for n in range(50)]

@@ -142,7 +142,7 @@ def test_what_is_damaged_on_its_way_is_asked_for_again(
             return arrival
         return arrival._replace(payload=arrival.payload[:-300] + b"\x91" + arrival.payload[:299])
 
-    monkeypatch.setattr("rwa_monitor.monitor.bus.arrival_of", arrives)
+    monkeypatch.setattr("rwa_monitor.monitor.ingest.backfill.arrival_of", arrives)
     with monitor(session, options(record=tmp_path)):
         publisher = SamplesPublisher(session, KEY)
         for start in range(0, len(samples), 100):

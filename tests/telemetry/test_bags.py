@@ -192,7 +192,7 @@ class Raw:
 
 X_MAP = bags.SHORT_MAP.rsplit("speed_rad_s", 1)[0] + 'speed_rad_s = { topic = "/x", field = "data", time = "log" }\n'
 NESTED = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1} a\nA{n + 1} b" for n in range(30)) + f"\n{NEXT}x_msgs/A30"
-CHAIN = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1}[1] a" for n in range(33)) + f"\n{NEXT}x_msgs/A33"
+CHAIN = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1}[1] a" for n in range(65)) + f"\n{NEXT}x_msgs/A65"
 WRAPPED = f"{NEXT}x_msgs/B\nC c\n{NEXT}x_msgs/C\n"
 BAD_CHANNELS = {
     "JSON": (Raw(encoding="json"), "holds json by ros2msg; cdr by ros2msg is wanted"),
@@ -200,8 +200,8 @@ BAD_CHANNELS = {
     "no type": (Raw(schema="float64\n"), "x_msgs/msg/X is no message type"),
     "a name that is none": (Raw(schema="float64 1data\n"), "is no message type"),
     "a type that is not there": (Raw(schema="float64 data\nOther o\n"), "x_msgs/Other is not in its definition"),
-    "a type in itself": (Raw(schema="X x\nfloat64 data\n"), "deeper than 32 levels"),
-    "types in types": (Raw(schema=f"float64 data\nA0[1] a\n{CHAIN}\nfloat64 x\n"), "deeper than 32 levels"),
+    "a type in itself": (Raw(schema="X x\nfloat64 data\n"), "deeper than 64 levels"),
+    "types in types": (Raw(schema=f"float64 data\nA0[1] a\n{CHAIN}\nfloat64 x\n"), "deeper than 64 levels"),
     "objects of few bytes": (Raw(schema=f"B[] b\nfloat64 data\n{WRAPPED}bool[0] x\n", data=MILLIONS), MORE_VALUES),
     "so many of them": (Raw(schema=f"float64 data\nB[99999999] b\n{WRAPPED}bool[0] x\n"), MORE_VALUES),
     "in each other": (Raw(schema=f"float64 data\nA0 a\n{NESTED}\nbool[0] x\n"), MORE_VALUES),
@@ -320,7 +320,7 @@ MANY: dict[str, Any] = {
         "more than 100 channels of the map's topics",
     ),
     "schemas": (
-        "MAX_SCHEMAS_BYTES",
+        "MAX_CHUNK_BYTES",
         10_000,
         lambda: b"".join(a_schema(n, bytes(1_000)) for n in range(1, 21)),
         "more than 10,000 bytes of schemas",
@@ -337,6 +337,6 @@ def test_more_than_a_bag_has_in_a_few_bytes_is_refused(
 
 
 def test_a_schema_that_comes_again_is_kept_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rwa_monitor.telemetry.ros2_bag.MAX_SCHEMAS_BYTES", 10_000)
+    monkeypatch.setattr("rwa_monitor.telemetry.ros2_bag.MAX_CHUNK_BYTES", 10_000)
     again = b"".join(a_schema(9, bytes(1_000)) for _ in range(20))
     assert read(with_chunk(tmp_path, again), X_MAP).speed_rad_s.tolist() == [1.5]

@@ -29,7 +29,7 @@ from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import EncodedMessage, Message, SamplesMessage
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage, Message, SamplesMessage
 from rwa_monitor.monitor.checkpoint import MAX_CHECKPOINT_BYTES
 from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
 from rwa_monitor.words import counted
@@ -46,7 +46,6 @@ MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records o
 # twentieth.
 MAX_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
-MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
 _CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
@@ -126,8 +125,8 @@ class Recording:
         """Return the settings attached by the recorder; raises InputError where there are none."""
         text = self.text(SETTINGS_ATTACHMENT)
         try:
-            if len(text) > MAX_JSON_BYTES:
-                raise ValueError(f"larger than {MAX_JSON_BYTES} bytes")
+            if len(text) > MAX_MESSAGE_BYTES:
+                raise ValueError(f"larger than {MAX_MESSAGE_BYTES} bytes")
             content = json.loads(text)
             if not isinstance(content, dict):
                 raise ValueError("no object")
@@ -272,7 +271,7 @@ class Recording:
             raise ValueError("another checksum")
         attachment = Attachment.read(ReadDataStream(BytesIO(content)))
         if attachment.name == CHANNELS_ATTACHMENT:
-            if len(attachment.data) > MAX_JSON_BYTES:
+            if len(attachment.data) > MAX_MESSAGE_BYTES:
                 raise ValueError("more channels than any recording has")
             for key, (topic, schema) in json.loads(attachment.data).items():
                 self._channels.setdefault(int(key), (str(topic), str(schema)))

@@ -51,12 +51,13 @@ from rwa_monitor.monitor.recording.reader import (
     recordings_of,
 )
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
-from rwa_monitor.telemetry.files import make_folder
+from rwa_monitor.samples import SECONDS_PER_DAY
+from rwa_monitor.telemetry.files import make_folder, refusing
 from rwa_monitor.version import SOFTWARE
 
 RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
-MAX_FILE_AGE_S: Final = 24 * 3600.0
+MAX_FILE_AGE_S: Final = SECONDS_PER_DAY
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
 MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
@@ -390,10 +391,8 @@ def locked(folder: Path) -> Iterator[None]:
         If the folder cannot be made or written, or another monitor holds it.
     """
     make_folder(folder, "--record")
-    try:
+    with refusing(folder, "cannot be written", "--record"):
         file = (folder / LOCK_NAME).open("ab")
-    except OSError as error:
-        raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
