@@ -25,11 +25,10 @@ from rwa_monitor.messages import (
     health_message,
     samples_json,
 )
-from rwa_monitor.monitor.setup import WheelSet
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
 from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_torque
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
-from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
 # What is shown of what goes over the bus.
@@ -306,13 +305,13 @@ class Fleet:
 
     Parameters
     ----------
-    constants
-        Of the wheels, for friction that is derived from current; None: the built-in wheel's.
+    setup
+        Has the constants of the wheels, for friction that is derived from current; None: the built-in wheel's.
     """
 
-    def __init__(self, constants: WheelSet | None = None) -> None:
+    def __init__(self, setup: Setup | None = None) -> None:
         self.lock = Lock()
-        self.constants = constants or WheelSet(built_in_wheel())
+        self.setup = setup or Setup()
         self._wheels: dict[tuple[str, str], Wheel] = {}
 
     def wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
@@ -325,7 +324,7 @@ class Fleet:
         with self.lock:
             if len(self._wheels) >= MAX_WHEELS:
                 return None
-            known = Wheel(DerivedFriction(self.constants.of(spacecraft, wheel)))
+            known = Wheel(DerivedFriction(self.setup.wheel(spacecraft, wheel)))
             known.verdicts.extend(earlier)
             self._wheels[spacecraft, wheel] = known
             return known

@@ -39,8 +39,7 @@ from rwa_monitor.monitor.recording.reader import (
     read_recording,
     time_span,
 )
-from rwa_monitor.monitor.setup import COMMON, WheelSet
-from rwa_monitor.wheel.wheel import built_in_wheel
+from rwa_monitor.monitor.setup import Setup
 
 SHOWN: Final = {kind.schema_name(): kind for kind in KINDS.values()}
 
@@ -106,9 +105,8 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
             continue
         with suppress(InputError):  # damaged, or too large: what others hold is shown
             recording = read_recording((folder or Path()) / entry.name)
-            with_wheels = COMMON in recording.attachments
-            wheels = WheelSet.of_recording(recording) if with_wheels else WheelSet(built_in_wheel())
-            derived = DerivedFriction(wheels.of(window.spacecraft, window.wheel))
+            setup = Setup.found_in(recording) or Setup()
+            derived = DerivedFriction(setup.wheel(window.spacecraft, window.wheel))
             for message in recording.messages:
                 if message.topic == topic:
                     samples = derived.add(SamplesMessage.parse(message.payload, topic).samples())
@@ -116,19 +114,19 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
     return decimated.message()
 
 
-def latest_wheels(folder: Path | None) -> WheelSet | None:
-    """Return the constants in the latest recording of a folder that has some; None where there is none."""
+def latest_setup(folder: Path | None) -> Setup | None:
+    """Return the setup of the latest recording of a folder that has one; None where there is none."""
     for entry in list_recordings(folder):
         with suppress(InputError):  # damaged, or too large: an earlier one serves as well
             recording = read_recording((folder or Path()) / entry.name)
-            if COMMON in recording.attachments:
-                return WheelSet.of_recording(recording)
+            if (setup := Setup.found_in(recording)) is not None:
+                return setup
     return None
 
 
 def _entries(recording: Recording) -> Iterator[bytes]:
     """Yield the entries {time_ns, key, message} that a page would have had, in the recording's order."""
-    fleet = Fleet(WheelSet.of_recording(recording) if COMMON in recording.attachments else None)
+    fleet = Fleet(Setup.found_in(recording))
     counts: Counter[str] = Counter()
     for message in recording.messages:
         if message.schema == SamplesMessage.schema_name():

@@ -18,10 +18,10 @@ import zenoh
 from rwa_monitor.dashboard.app import Api, create_app
 from rwa_monitor.dashboard.feed import SILENT_S, AlarmNotifier, Listener
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.recordings import latest_wheels
+from rwa_monitor.dashboard.recordings import latest_setup
 from rwa_monitor.errors import RwaMonitorError, needs_extra
 from rwa_monitor.history.store import History
-from rwa_monitor.monitor.setup import WheelSet
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
 
 HOST: Final = "127.0.0.1"
@@ -93,7 +93,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
         history = stack.enter_context(History(options.history_place))
-        fleet = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record))
+        fleet = Fleet(Setup(options.wheel) if options.wheel else latest_setup(options.record))
         listening = stack.enter_context(_socket(options.port))
         notifier = stack.enter_context(AlarmNotifier(session, history))
         app = create_app(Api(fleet, history, notifier, options.record), token)

@@ -47,7 +47,7 @@ from rwa_monitor.monitor.recording.reader import (
 )
 from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.searches import job_of, search
-from rwa_monitor.monitor.setup import Setup, WheelSet, key_of_name
+from rwa_monitor.monitor.setup import Setup, key_of_name
 from rwa_monitor.words import counted, first_few
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
@@ -120,7 +120,7 @@ def run_recording(
         if isinstance(part, Attached):
             key = key_of_name(part.name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
             checkpoint = Checkpoint.from_json(part.data, f"{path}: {part.name}")
-            run.cores[key] = WheelCore.resume(checkpoint, setup.wheels.of(*key), setup.model)
+            run.cores[key] = WheelCore.resume(checkpoint, setup.wheel(*key), setup.model)
         elif part.schema == SamplesMessage.schema_name():
             _run_input(path, part, setup, run)
         elif part.schema in KEPT_SCHEMAS:
@@ -513,17 +513,17 @@ class _Chain:
             self.owed += lost
         self.report.compare(own, replayed)
 
-        self._search_again(recording, setup.wheels)
+        self._search_again(recording, setup)
         if not any(message.schema == Diagnosis.schema_name() for message in recording.messages):
             self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
         self.report.files.append(recording.path)
 
-    def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
+    def _search_again(self, recording: Recording, setup: Setup) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
         for message in recording.messages:
             if message.schema == Discrepancy.schema_name():
                 report = Discrepancy.parse(message.payload, f"{recording.path}: {message.topic}")
-                again, _ = search(job_of(report, self._inputs_of(report, recording.path), wheels))
+                again, _ = search(job_of(report, self._inputs_of(report, recording.path), setup))
                 self.report.compare([message], [message._replace(payload=again.to_json())])
 
     def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[EncodedMessage]:

@@ -53,7 +53,7 @@ from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
 from rwa_monitor.monitor.replay import RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
-from rwa_monitor.monitor.setup import Setup, WheelKey, WheelSet
+from rwa_monitor.monitor.setup import Setup, WheelKey
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.telemetry.files import refusing
 from rwa_monitor.version import SOFTWARE
@@ -116,7 +116,7 @@ class RunOptions:
 
     def setup(self) -> Setup:
         """Return what diagnoses depend on."""
-        return Setup(WheelSet(self.wheel, self.own_wheels), self.model)
+        return Setup(self.wheel, self.own_wheels, self.model)
 
     def settings(self) -> dict[str, Any]:
         """Return the settings as they are written into a recording."""
@@ -201,7 +201,7 @@ class Monitor:
         self.clock = clock
         self._served: dict[WheelKey, _Served] = {}
         self._setup = options.setup()
-        self.searches = Searches(self._setup.wheels, options.record, log)
+        self.searches = Searches(self._setup, options.record, log)
         self._model_sha256 = options.model.sha256() if options.model else ""
         self._tick_due_s = 0.0
         self._logged: str = ""
