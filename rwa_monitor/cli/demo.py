@@ -24,6 +24,7 @@ from rwa_monitor.cli.options import (
     bus_options,
     log,
     no_browser_option,
+    option,
     port_option,
     record_option,
     stop_on_signals,
@@ -42,22 +43,10 @@ SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still t
 
 
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
-@click.option(
-    "--duration",
-    type=Real(1.0, MAX_DURATION_S),
-    default=90.0,
-    metavar="S",
-    help="How long the satellite sends [s].",
-)
+@option("--duration", Real(1.0, MAX_DURATION_S), "S", "How long the satellite sends [s].", default=90.0)
 @no_browser_option
 @port_option
-@click.option(
-    "--seed",
-    type=Whole(min=0),
-    default=1,
-    metavar="N",
-    help="Seed of the satellite: another one hides another effect.",
-)
+@option("--seed", Whole(min=0), "N", "Seed of the satellite: another one hides another effect.", default=1)
 @record_option
 @bus_options
 def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:

@@ -16,9 +16,11 @@ from rwa_monitor.cli.options import (
     Recordings,
     as_one,
     console_of_stdout,
+    flag,
     log,
     method_option,
     model_option,
+    option,
     recordings_options,
     scheduler_option,
     track,
@@ -46,11 +48,8 @@ class AtOnce:
 at_once_options = as_one(
     "many",
     AtOnce,
-    click.option(
-        "--results",
-        type=FILE,
-        metavar="DIR",
-        help="Keep one Parquet file for each recording there, and do again only what is not done.",
+    option(
+        "--results", FILE, "DIR", "Keep one Parquet file for each recording there, and do again only what is not done."
     ),
     scheduler_option,
     workers_option,
@@ -61,8 +60,8 @@ at_once_options = as_one(
 @wheel_option
 @model_option
 @method_option
-@click.option("--json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
-@click.option("--carry", is_flag=True, help="Start each file with what the ones before it showed of the wheel.")
+@flag("--json", "One JSON object for each window and line (rwa.Diagnosis).")
+@flag("--carry", "Start each file with what the ones before it showed of the wheel.")
 @at_once_options
 @recordings_options
 def command(

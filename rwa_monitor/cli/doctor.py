@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor import __version__
-from rwa_monitor.cli.options import FAILED, FILE, bus_options, model_option, wheel_folder_option, wheel_option
+from rwa_monitor.cli.options import FAILED, FILE, bus_options, model_option, option, wheel_folder_option, wheel_option
 from rwa_monitor.errors import InputError, RwaMonitorError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ ANSWER_S: Final = (
 @wheel_option
 @model_option
 @wheel_folder_option
-@click.option("--record", type=FILE, metavar="DIR", help="The folder in which `run` shall record.")
+@option("--record", FILE, "DIR", "The folder in which `run` shall record.")
 @bus_options
 def command(
     wheel: Path | None,

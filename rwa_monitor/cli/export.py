@@ -6,19 +6,15 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.options import FILE, log
+from rwa_monitor.cli.options import FILE, log, option
 
 
 @click.command(name="export", short_help="Write a wheel's friction model for other simulators.")
 @click.argument("wheel", type=FILE, metavar="WHEEL.toml")
-@click.option(
-    "--to",
-    "target",
-    type=click.Choice(["c", "fmu", "basilisk", "json", "detector"]),
-    required=True,
-    help="What to write.",
+@option(
+    "--to target", click.Choice(["c", "fmu", "basilisk", "json", "detector"]), None, "What to write.", required=True
 )
-@click.option("-o", "--output", type=FILE, required=True, metavar="OUT", help="Folder to write to.")
+@option("-o --output", FILE, "OUT", "Folder to write to.", required=True)
 def command(wheel: Path, target: str, output: Path) -> int:
     """Write the friction model of a wheel file, its effects included, for other simulators.
 

@@ -13,6 +13,7 @@ from rwa_monitor.cli.options import (
     FILE,
     UNREADABLE,
     bus_options,
+    flag,
     log,
     recording_output_option,
     speed_option,
@@ -27,10 +28,10 @@ if TYPE_CHECKING:
 
 @click.command(name="replay", short_help="Re-run a recording, and check that the results agree.")
 @click.argument("recordings", nargs=-1, required=True, type=FILE, metavar="RECORDING...")
-@click.option("--verify", is_flag=True, help="Compare with what the recording holds, to 1e-9 relative.")
-@click.option("--exact", is_flag=True, help="Demand equal bytes; means --verify.")
-@click.option("--long", is_flag=True, help="List every difference, not only their number per field.")
-@click.option("--publish", is_flag=True, help="Publish the recorded inputs on the bus instead.")
+@flag("--verify", "Compare with what the recording holds, to 1e-9 relative.")
+@flag("--exact", "Demand equal bytes; means --verify.")
+@flag("--long", "List every difference, not only their number per field.")
+@flag("--publish", "Publish the recorded inputs on the bus instead.")
 @speed_option
 @bus_options
 def command(

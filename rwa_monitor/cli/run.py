@@ -15,6 +15,7 @@ from rwa_monitor.cli.options import (
     bus_options,
     log,
     model_option,
+    option,
     stop_on_signals,
     warn_if_alone,
     wheel_folder_option,
@@ -36,18 +37,16 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 
 
 @click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
-@click.option("--wheels", default="rwa/*/*/samples", metavar="KEYEXPR", help="Keys of the samples to take.")
+@option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
 @wheel_option
 @wheel_folder_option
 @model_option
-@click.option(
-    "--record", type=FILE, metavar="DIR", help="Record everything in this folder, and continue from what it holds."
-)
-@click.option(
+@option("--record", FILE, "DIR", "Record everything in this folder, and continue from what it holds.")
+@option(
     "--record-limit",
-    type=Real(min=0.1),
-    metavar="GB",
-    help="Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
+    Real(min=0.1),
+    "GB",
+    "Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
 @click.option(
     "--shard",
@@ -56,14 +55,14 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     metavar="I/N",
     help="Serve share I of N: the wheels are divided among N of these.",
 )
-@click.option(
+@option(
     "--stored-after",
-    type=Real(min=0.0),
-    metavar="S",
-    help="Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
+    Real(min=0.0),
+    "S",
+    "Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
     " not say, and the wheel's clock agrees with it; 0: never.  [default: 600]",
 )
-@click.option("--alive", type=FILE, metavar="FILE", help="Touched every second, for a container's health check.")
+@option("--alive", FILE, "FILE", "Touched every second, for a container's health check.")
 @bus_options
 def command(
     wheels: str,

@@ -13,19 +13,15 @@ from __future__ import annotations
 import os
 import re
 import struct
-import zlib
 from array import array
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, Final, Literal, NamedTuple
 
 import numpy as np
 import zstandard
-from lz4.frame import LZ4FrameDecompressor
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
@@ -35,6 +31,15 @@ from numpy.typing import NDArray
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, unreadable
+from rwa_monitor.telemetry.mcap_chunk import (
+    MAX_CHUNK_BYTES,
+    MESSAGE,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    records_in,
+    stream_of,
+    unpacked,
+)
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
 from rwa_monitor.telemetry.table import MAX_ROWS
 from rwa_monitor.telemetry.telemetry_map import (
@@ -49,7 +54,6 @@ from rwa_monitor.telemetry.telemetry_map import (
 from rwa_monitor.words import counted
 
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
-MAX_CHUNK_BYTES: Final = 64 * 2**20  # packed or unpacked; rosbag2 writes chunks of less than one. And of all schemas
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
 MAX_CHANNELS: Final = 1_000  # of the topics of the map
@@ -57,9 +61,6 @@ MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be
 MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
 
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
-_HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
-_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, number, time when it was logged and published [ns]
-_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _WANTED: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK})
 
 
@@ -218,8 +219,8 @@ class _Bag:
     def read(self, file: IO[bytes]) -> None:
         """Read all that is whole."""
         position = file.seek(len(MCAP0_MAGIC))
-        while len(head := file.read(_HEAD.size)) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
+        while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+            opcode, length = RECORD_HEAD.unpack(head)
             if opcode == Opcode.DATA_END:  # what follows repeats what came
                 return
             if opcode not in _WANTED and length <= MAX_SKIPPED_BYTES:
@@ -243,36 +244,27 @@ class _Bag:
             raise InputError(self._source, f"has more than {limit:,} {what}")
 
     def _unpacked(self, content: bytes) -> Iterator[tuple[int, bytes]]:
-        """Yield the records in a chunk; raises ValueError where they are others than the chunk states."""
-        chunk = Chunk.read(_stream(content))
+        """Return the records in a chunk; raises ValueError where they are others than the chunk states."""
+        chunk = Chunk.read(stream_of(content))
         self._count("bytes to be unpacked", chunk.uncompressed_size, MAX_WORK_BYTES)
-        data = _unpacked(chunk)
-        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-            raise ValueError("it has another checksum than it states")
-        position = 0
-        while position < len(data):
-            opcode, length = _HEAD.unpack_from(data, position)
-            position += _HEAD.size + length
-            if position > len(data):
-                raise ValueError("a record in it reaches beyond its end")
-            yield opcode, data[position - length : position]
+        return records_in(unpacked(chunk))
 
     def _take(self, opcode: int, content: bytes) -> None:
         """Take a message of the map's topics, or what describes one; others are passed over unread."""
         self._count("records", 1, MAX_RECORDS)
-        if opcode == _MESSAGE:
-            channel_id, _, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content)
+        if opcode == MESSAGE:
+            channel_id, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(content)
             if channel_id not in self._topics:
                 self._undescribed += 1
             elif (topic := self._topics[channel_id]) is not None:
-                self._decode(topic, content[_MESSAGE_HEAD.size :], {"log": log_ns, "publish": publish_ns})
+                self._decode(topic, content[MESSAGE_HEAD.size :], {"log": log_ns, "publish": publish_ns})
         elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(content))
+            schema = Schema.read(stream_of(content))
             if schema.id not in self._schemas:
                 self._count("bytes of schemas", len(content), MAX_CHUNK_BYTES)
                 self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(content))
+            channel = Channel.read(stream_of(content))
             if channel.id not in self._topics:
                 wanted = channel.topic in self._series
                 self._names.add(channel.topic if wanted else channel.topic[:MAX_NAME])
@@ -303,33 +295,6 @@ class _Bag:
         except (ArithmeticError, TypeError, ValueError, struct.error) as error:  # bytes that are not as in the schema
             self._refused += 1
             self._first_refused = self._first_refused or f"topic {topic.name}: {first_line(error)}"
-
-
-def _stream(data: bytes) -> ReadDataStream:
-    """Return the stream of one record: no length in it reaches beyond."""
-    return ReadDataStream(BytesIO(data))
-
-
-def _unpacked(chunk: Chunk) -> bytes:
-    """Return the content of a chunk; raises ValueError where it is more than stated, before it is unpacked."""
-    size = chunk.uncompressed_size
-    if size > MAX_CHUNK_BYTES:
-        raise ValueError(f"it unpacks to {size:,} bytes; the limit is {MAX_CHUNK_BYTES:,}")
-    if chunk.compression == "":
-        data = chunk.data
-    elif chunk.compression == "zstd":
-        # The decompressor goes by the frame, not by its caller.
-        stated = zstandard.get_frame_parameters(chunk.data).content_size
-        if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise ValueError(f"its frame states {stated:,} bytes, it itself {size:,}")
-        data = zstandard.decompress(chunk.data, size)
-    elif chunk.compression == "lz4":
-        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
-    else:
-        raise ValueError(f"its compression {chunk.compression[:20]!r} is not known")
-    if len(data) != size:
-        raise ValueError(f"it unpacks to another size than the {size:,} bytes it states")
-    return bytes(data)
 
 
 # ---- types of messages, and messages by their type -------------------------------------------------------------------

@@ -18,12 +18,9 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from errno import EIO
 from hashlib import file_digest
-from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
 
-import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
@@ -32,11 +29,19 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage, Message, SamplesMessage
 from rwa_monitor.monitor.checkpoint import MAX_CHECKPOINT_BYTES
 from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
+from rwa_monitor.telemetry.mcap_chunk import (
+    MAX_CHUNK_BYTES,
+    MESSAGE,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    records_in,
+    stream_of,
+    unpacked,
+)
 from rwa_monitor.words import counted
 
 Parsed = TypeVar("Parsed", bound=Message)
 RECORDING_SUFFIX: Final = ".mcap"
-MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what they begin with
 # Of a monitor's own: they hold a checkpoint of each wheel, 1.7 MB where a window of 80,000 slots is nearly full,
 # and 4,096 wheels are the most.
@@ -48,10 +53,7 @@ MAX_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
 _CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
-_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 _FOOTER: Final = struct.Struct("<BQQQI8s")  # these, where the summary begins, and its offsets, checksum, the magic
-_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
-_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
 CHANNELS_ATTACHMENT: Final = "channels.json"
 SETTINGS_ATTACHMENT: Final = "settings.json"
@@ -196,17 +198,17 @@ class Recording:
 
     def _record_end(self, position: int) -> int | None:
         """Return where the record at `position` ends, None where no record can be."""
-        if position + _RECORD_HEAD.size > self._size:
+        if position + RECORD_HEAD.size > self._size:
             return None
-        length = int.from_bytes(self._read(position + 1, position + _RECORD_HEAD.size), "little")
-        stop = position + _RECORD_HEAD.size + length
+        length = int.from_bytes(self._read(position + 1, position + RECORD_HEAD.size), "little")
+        stop = position + RECORD_HEAD.size + length
         return stop if length <= MAX_CHECKPOINT_BYTES and stop <= self._size else None
 
     def _take_record(self, position: int, stop: int) -> bool:
         """Take in one record; False where it is damaged."""
         self._begin_work(stop - position)
         record = self._read(position, stop)
-        opcode, content = record[0], record[_RECORD_HEAD.size :]
+        opcode, content = record[0], record[RECORD_HEAD.size :]
         if opcode == Opcode.DATA_END:
             self.finished = self._is_end(stop)
             return self.finished
@@ -218,45 +220,34 @@ class Recording:
 
     def _unpack(self, content: bytes) -> bytes:
         """Return the data of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
-        chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-        if not _is_acceptable(chunk):
-            raise ValueError("a size or checksum that is none")
-        self._begin_work(chunk.uncompressed_size)
-        data: bytes = zstandard.decompress(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
-        if zlib.crc32(data) != chunk.uncompressed_crc:
-            raise ValueError("another checksum")
-        return data
+        chunk = Chunk.read(stream_of(content))
+        if not chunk.uncompressed_crc:
+            raise ValueError("no checksum")
+        self._begin_work(min(chunk.uncompressed_size, MAX_CHUNK_BYTES))  # more is not unpacked
+        return unpacked(chunk)
 
     def _take_records(self, data: bytes) -> None:
         """Take in the records of a chunk; raises as `_unpack`."""
-        position, end = 0, len(data)
-        while position < end:
+        for opcode, record in records_in(data):
             self._records += 1
             if self._records > MAX_RECORDS:
                 raise InputError(display_name(self.path), f"has more than {MAX_RECORDS:,} records")
-            opcode, length = _RECORD_HEAD.unpack_from(data, position)
-            start, position = position + _RECORD_HEAD.size, position + _RECORD_HEAD.size + length
-            if position > end:
-                raise ValueError("a record that reaches beyond its chunk")
-            if opcode == _MESSAGE:
-                self._take_message(data, start, position)
+            if opcode == MESSAGE:
+                self._take_message(record)
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(ReadDataStream(BytesIO(data[start:position])))
+                schema = Schema.read(stream_of(record))
                 self._schemas[schema.id] = schema.name
             elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(ReadDataStream(BytesIO(data[start:position])))
+                channel = Channel.read(stream_of(record))
                 self._channels[channel.id] = (channel.topic, self._schemas.get(channel.schema_id, ""))
 
-    def _take_message(self, data: bytes, start: int, stop: int) -> None:
-        if stop - start < _MESSAGE_HEAD.size:
-            raise ValueError("a message without its head")
-        channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+    def _take_message(self, record: bytes) -> None:
+        channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(record)
         if channel not in self._channels:
             self._lost_messages += 1
             return
-        content = data[start + _MESSAGE_HEAD.size : stop]
         topic, schema = self._channels[channel]
-        self._found.append(EncodedMessage(topic, schema, content, log_time, publish_time))
+        self._found.append(EncodedMessage(topic, schema, record[MESSAGE_HEAD.size :], log_time, publish_time))
 
     def _begin_work(self, size: int) -> None:
         """Add to the work done on the file; raises InputError where it is too much."""
@@ -269,7 +260,7 @@ class Recording:
         """Take in an attachment; raises whatever the parsers do if it is damaged."""
         if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
             raise ValueError("another checksum")
-        attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+        attachment = Attachment.read(stream_of(content))
         if attachment.name == CHANNELS_ATTACHMENT:
             if len(attachment.data) > MAX_MESSAGE_BYTES:
                 raise ValueError("more channels than any recording has")
@@ -303,7 +294,7 @@ class Recording:
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
             return False
         self._begin_work(stop - start)
-        return _is_sound(lambda: self._unpack(self._read(start + _RECORD_HEAD.size, stop)))
+        return _is_sound(lambda: self._unpack(self._read(start + RECORD_HEAD.size, stop)))
 
 
 def _is_sound(parse: Callable[[], object]) -> bool:
@@ -330,15 +321,6 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
     if opcode == Opcode.MESSAGE_INDEX:  # a channel, then an array after its length
         return len(content) == 6 + int.from_bytes(content[2:6], "little")
     return False
-
-
-def _is_acceptable(chunk: Chunk) -> bool:
-    """Return whether a chunk has a checksum, and a size that may be unpacked."""
-    if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
-        return False
-    if chunk.compression == "zstd":
-        return bool(zstandard.get_frame_parameters(chunk.data).content_size == chunk.uncompressed_size)
-    return chunk.compression == ""
 
 
 # ---- files and folders of recordings ---------------------------------------------------------------------------------
@@ -443,14 +425,14 @@ def time_span(path: Path) -> tuple[int, int] | None:
         with path.open("rb") as file:
             for _ in range(MAX_RECORDS):
                 file.seek(position)
-                head = file.read(_RECORD_HEAD.size + _CHUNK_SPAN.size)
-                if len(head) < _RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
+                head = file.read(RECORD_HEAD.size + _CHUNK_SPAN.size)
+                if len(head) < RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
                     break
-                opcode, length = _RECORD_HEAD.unpack_from(head)
-                start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, _RECORD_HEAD.size)
+                opcode, length = RECORD_HEAD.unpack_from(head)
+                start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, RECORD_HEAD.size)
                 if opcode == Opcode.CHUNK and end_ns:
                     first_ns, last_ns = first_ns or start_ns or end_ns, max(last_ns, end_ns)
-                position += _RECORD_HEAD.size + length
+                position += RECORD_HEAD.size + length
     except OSError as error:
         raise unreadable(path, error) from error
     return None if first_ns is None else (first_ns, last_ns)
