@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 FIRST_UTC_S: Final = 631_152_000  # 1990: a clock with less does not count from 1970, so that it gives no UTC
+Log = Callable[[str], None]  # takes a line of a log
 FEW: Final = 8  # names in one line
 
 

@@ -27,7 +27,7 @@ os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM
 
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
-COMMANDS: Final = (
+COMMANDS: Final = [
     "demo",
     "run",
     "simulate",
@@ -43,7 +43,7 @@ COMMANDS: Final = (
     "foxglove",
     "dashboard",
     "doctor",
-)
+]
 MODULES: Final = {"recover": "replay", "foxglove": "replay"}  # commands beside another one in its module
 
 
@@ -55,7 +55,7 @@ class Program(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         del ctx
-        return list(COMMANDS)
+        return COMMANDS
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in self.commands or cmd_name not in COMMANDS:

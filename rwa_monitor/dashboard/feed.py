@@ -42,7 +42,7 @@ from rwa_monitor.messages import (
 )
 from rwa_monitor.monitor.bus import BusThread, BusWatch, HealthAnswers
 from rwa_monitor.samples import SECONDS_PER_HOUR
-from rwa_monitor.words import time_text
+from rwa_monitor.words import Log, time_text
 
 FRAME_PERIOD_S: Final = 0.1
 MAX_FRAMES: Final = 100  # that wait for one page
@@ -282,7 +282,7 @@ class Listener(BusThread):
         fleet: Fleet,
         history: History,
         notifier: AlarmNotifier,
-        log: Callable[[str], None],
+        log: Log,
         connect: Sequence[str],
         silent_s: float,
     ) -> None:

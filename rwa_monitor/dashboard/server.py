@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +23,7 @@ from rwa_monitor.errors import RwaMonitorError, needs_extra
 from rwa_monitor.history.store import History
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.words import Log
 
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
@@ -80,7 +81,7 @@ class Running:
 
 
 @contextmanager
-def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str], None] = print) -> Iterator[Running]:
+def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -> Iterator[Running]:
     """Serve the dashboard while the context lasts.
 
     Raises

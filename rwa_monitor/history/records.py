@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
 from rwa_monitor.diagnosis.trend import Reach
 from rwa_monitor.history.alarms import BOUNDS, EventKind, Level
-from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
+from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number, Share
 from rwa_monitor.reporting.trends import FrictionEstimate, coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
 
@@ -100,7 +100,7 @@ class EstimateRecord(FrictionEstimate):
     """One estimate of one window, with its nominal range and what was diagnosed of it."""
 
     name: str
-    probability: Annotated[float, Field(ge=0, le=1)]
+    probability: Share
     severity: Number | None
     active: bool
 

@@ -37,6 +37,7 @@ TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]
 ClockNs = Annotated[int, Field(ge=-MAX_CLOCK_NS, le=MAX_CLOCK_NS)]
 Slot = Annotated[int, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
 Name = Annotated[str, Field(max_length=200)]
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
 AlarmLevel = Literal["normal", "watch", "warning", "distress", "critical"]
@@ -243,7 +244,7 @@ class Anomaly(Message):
     """One possible anomaly; severity 0 at the nominal bound, 1 at the median of the learned anomaly."""
 
     active: bool
-    probability: Annotated[float, Field(ge=0, le=1)]
+    probability: Share
     severity: Number | None
     severity_std: Number | None
     estimate: Number | None
@@ -276,7 +277,7 @@ class AttributedChangepoint(Message):
     jump_Nm: Number
     std_Nm: Number
     fss: str
-    confidence: Annotated[float, Field(ge=0, le=1)]
+    confidence: Share
 
 
 class Residuals(Message):
@@ -314,7 +315,7 @@ class Diagnosis(Message):
     window_start_ns: ClockNs
     window_end_ns: ClockNs
     samples: Count
-    coverage: Annotated[float, Field(ge=0, le=1)]
+    coverage: Share
     partial: bool
     verdict: Verdict
     reason: str
@@ -338,7 +339,7 @@ class ProvisionalJump(Message):
     time_ns: ClockNs
     jump_Nm: Number
     std_Nm: Number
-    confidence: Annotated[float, Field(ge=0, le=1)]
+    confidence: Share
 
 
 class Changepoints(Message):
@@ -429,7 +430,7 @@ class Status(Message):
     messages_dropped: Count
     messages_missed: Count
     queue_depth: Count
-    window_fill: Annotated[float, Field(ge=0, le=1)]
+    window_fill: Share
     last_error: str | None
     recording: str | None
     software: str
@@ -462,7 +463,7 @@ class FoundEffect(Message):
     equivalent: list[str]
     separate_by: str
     parameters: dict[str, Uncertain]
-    p_value: Annotated[float, Field(ge=0, le=1)]
+    p_value: Share
     delta_deviance: Number
     formula: str | None = None
 

@@ -18,7 +18,7 @@ from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import LOG_PERIOD_S, PERIOD_S
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, SamplesPublisher
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, WheelPackets, packet_notes, split_packets
-from rwa_monitor.words import counted
+from rwa_monitor.words import Log, counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
@@ -130,7 +130,7 @@ def run_bridge(
     bridge: Bridge,
     receiver: socket.socket,
     stop: Event,
-    log: Callable[[str], None],
+    log: Log,
     on_tick: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Hand on what a socket receives until stopped; what is left out is logged, each line once.

@@ -14,7 +14,7 @@ import math
 import re
 import secrets
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +30,7 @@ from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, ask_pu
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, Timeliness
 from rwa_monitor.telemetry.files import MAX_DEPTH, read_text
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
+from rwa_monitor.words import Log
 
 # Of each publisher, at a start. It must be set: without a number the first live message ends Zenoh's wait for the
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
@@ -356,7 +357,7 @@ class BusWatch:
         where = " or ".join(self._where)
         return "" if connected else f"The bus is gone: there is no connection to {where}. Trying again."
 
-    def log_changes(self, now_s: float, log: Callable[[str], None]) -> None:
+    def log_changes(self, now_s: float, log: Log) -> None:
         """Check the connections where that is due, and log once that the bus is gone, and once that it is back."""
         if now_s < self._due_s:
             return

@@ -48,7 +48,7 @@ from rwa_monitor.monitor.recording.reader import (
 from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, key_of_name
-from rwa_monitor.words import counted, first_few
+from rwa_monitor.words import Log, counted, first_few
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
@@ -178,7 +178,7 @@ def recover_state(
     folder: Path,
     setup: Setup,
     stop: Event,
-    log: Callable[[str], None],
+    log: Log,
 ) -> RecoveredState:
     """Recover the cores from the last recording of a folder that can be used; incomplete when stopped.
 
@@ -231,9 +231,7 @@ def recover_state(
     return recovered
 
 
-def _needed_before(
-    path: Path, settings: dict[str, Any], earlier: Sequence[Path], log: Callable[[str], None]
-) -> Path | None:
+def _needed_before(path: Path, settings: dict[str, Any], earlier: Sequence[Path], log: Log) -> Path | None:
     """Return the recording before one that holds the state of some wheels only; None where it holds all, as most do.
 
     A monitor that ended while it brought the wheels from one recording over into the next left two.

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import active_children, get_context
@@ -25,6 +25,7 @@ from rwa_monitor.monitor.setup import Setup, WheelKey
 from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text
 from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.words import Log
 
 if TYPE_CHECKING:
     from rwa_monitor.discrepancy.finished_search import Search
@@ -96,7 +97,7 @@ class Searches:
         Takes lines of the log.
     """
 
-    def __init__(self, setup: Setup, folder: Path | None, log: Callable[[str], None]) -> None:
+    def __init__(self, setup: Setup, folder: Path | None, log: Log) -> None:
         self.setup = setup
         self.folder = folder
         self.log = log

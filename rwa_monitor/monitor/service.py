@@ -58,7 +58,7 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.telemetry.files import refusing
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
-from rwa_monitor.words import counted, time_text
+from rwa_monitor.words import Log, counted, time_text
 
 TICK_S: Final = 0.05  # between two checks of what is due while messages flow
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
@@ -191,7 +191,7 @@ class Monitor:
         options: RunOptions,
         bus: MonitorBus,
         recorder: Recorder | None,
-        log: Callable[[str], None],
+        log: Log,
         clock: Clock,
     ) -> None:
         self.options = options
@@ -492,7 +492,7 @@ def run(
     stop: threading.Event,
     *,
     session: zenoh.Session | None = None,
-    log: Callable[[str], None] = print,
+    log: Log = print,
     supervisor: Supervisor | None = None,
 ) -> None:
     """Monitor until `stop` is set; returns within two seconds of that.
@@ -562,7 +562,7 @@ def run(
         supervisor.stopping()
 
 
-def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
+def _unbreakable(log: Log) -> Log:
     """Return a log that does not end the monitor when its reader has gone, or its disk is full."""
 
     def logged(line: str) -> None:
