@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -37,8 +36,7 @@ if TYPE_CHECKING:
     Named = list[tuple[str, Samples]]  # name and samples of each recording
 
 
-@dataclass(frozen=True, slots=True)
-class ReportOptions:
+class ReportOptions(NamedTuple):
     """What a report on one wheel is to hold, beyond the search."""
 
     out: Path | None

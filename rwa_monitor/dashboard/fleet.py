@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from threading import Lock
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,8 +217,7 @@ def _known(values: FloatArray | None, count: int) -> FloatArray:
 # ---- the latest message of each kind of each wheel -------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(NamedTuple):
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
     `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
@@ -350,13 +349,13 @@ class Fleet:
                         rhythm,
                         dump_json(_refused(message)),
                     )
-                    received = replace(received, beside=rhythm, brief=pulse)
+                    received = received._replace(beside=rhythm, brief=pulse)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]
                 case Diagnosis():
                     wheel.verdicts.extend([message])
-                    received = replace(received, beside=wheel.verdicts.to_json())
+                    received = received._replace(beside=wheel.verdicts.to_json())
                     latest = wheel.diagnosis
                     if message.data and latest is not None and message.window_end_ns < latest.window_end_ns:
                         return received  # of a dump: the wheel's state is that of its latest window

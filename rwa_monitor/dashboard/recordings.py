@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -143,7 +142,7 @@ def _entries(recording: Recording) -> Iterator[bytes]:
             picked = fleet.take_samples(wheel, shown.samples(), message.publish_ns)
             if not len(picked):
                 continue
-            entry = replace(entry, payload=thinned_json(picked))
+            entry = entry._replace(payload=thinned_json(picked))
         elif wheel is not None and isinstance(shown, Diagnosis):
             entry = fleet.take(wheel, shown, entry)
         yield b'{"time_ns":%d,%b' % (message.time_ns, entry.to_json()[1:])

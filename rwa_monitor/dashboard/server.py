@@ -7,10 +7,9 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import Final
+from typing import Final, NamedTuple
 
 import uvicorn
 import zenoh
@@ -32,8 +31,7 @@ START_S: Final = 60.0  # on a busy machine; when it cannot start at all, its thr
 SHUTDOWN_S: Final = 2
 
 
-@dataclass(frozen=True, slots=True)
-class DashboardOptions:
+class DashboardOptions(NamedTuple):
     """Settings of the dashboard.
 
     Attributes
@@ -72,8 +70,7 @@ class DashboardOptions:
         return self.history or (self.record / HISTORY_NAME if self.record else None)
 
 
-@dataclass(frozen=True, slots=True)
-class Running:
+class Running(NamedTuple):
     """A dashboard that runs: its address, and the same with the token in it."""
 
     address: str

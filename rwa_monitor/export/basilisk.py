@@ -8,8 +8,7 @@ sweep of `cost.sweep`, whose first quarter is the way up from rest.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -25,8 +24,7 @@ NO_STRIBECK: Final = -1.0  # of betaStatic: Basilisk's own value for a wheel wit
 TRIED_SHARES: Final = (0.003, 0.01, 0.03, 0.1)  # of the largest speed: where the fit of betaStatic begins
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
+class Fit(NamedTuple):
     """Basilisk's parameters by name, and the RMSE [N m] over the sweep."""
 
     values: dict[str, float]

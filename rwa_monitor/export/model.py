@@ -9,8 +9,7 @@ solves it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -48,8 +47,7 @@ class _RecordedJumps:
         return self._channel("(state->time_s - state->jump_time_s)")
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """One effect of the model.
 
     Attributes
@@ -85,8 +83,7 @@ class Part:
         ]
 
 
-@dataclass(frozen=True, slots=True)
-class FrictionModel:
+class FrictionModel(NamedTuple):
     """A wheel's friction.
 
     Attributes

@@ -16,8 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -39,8 +38,7 @@ PRIOR_COMMON: Final = 0.05  # probability that a cause they share moved the late
 PRIOR_ALONE: Final = 0.02  # the same of each wheel by itself
 
 
-@dataclass(frozen=True, slots=True)
-class Shift:
+class Shift(NamedTuple):
     """By how much a coefficient of one wheel moved, relative to what it was.
 
     Attributes
@@ -56,8 +54,7 @@ class Shift:
     nominal: float
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(NamedTuple):
     """What the shifts of siblings show.
 
     Attributes
@@ -138,8 +135,7 @@ def compare(shifts: Sequence[Shift]) -> Comparison | None:
     return Comparison(common, shift, float(np.sqrt(max(variance, 0.0))), alone_weights)
 
 
-@dataclass(frozen=True, slots=True)
-class Moved:
+class Moved(NamedTuple):
     """How a coefficient of one wheel moved beside its siblings.
 
     Attributes

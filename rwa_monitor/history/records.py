@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import BeforeValidator
 
@@ -52,8 +51,7 @@ class AlarmRecord(Message):
     trail: list[AlarmLine]
 
 
-@dataclass(frozen=True, slots=True)
-class MonitorState:
+class MonitorState(NamedTuple):
     """Whether the monitor of a wheel reports.
 
     Attributes

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import Any, Final, Self
@@ -248,7 +247,7 @@ class History:
                 row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
-                    self._log(session, row, replace(happened, kind="unshelved"))
+                    self._log(session, row, happened._replace(kind="unshelved"))
             self._log(session, row, happened)
         _write(row, after, time_ns)
         session.flush()
@@ -281,7 +280,7 @@ class History:
             row, state = self._open_alarm(session, alarm_id)
             alarm = _alarm(state, row)
             if row.name.endswith(STORED_ALARM):  # what was then needs no normal window now
-                alarm = replace(alarm, phase="returned")
+                alarm = alarm._replace(phase="returned")
             after, events = acknowledge(alarm, state.last_window_ns)
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")

@@ -10,9 +10,9 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from threading import Event
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import LOG_PERIOD_S, PERIOD_S
@@ -24,8 +24,7 @@ MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
 
 
-@dataclass(frozen=True, slots=True)
-class UdpAddress:
+class UdpAddress(NamedTuple):
     """Where datagrams come in, or go to."""
 
     host: str

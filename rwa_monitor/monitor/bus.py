@@ -16,10 +16,9 @@ import secrets
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, Final, Literal, Self, TypeVar
+from typing import Any, Final, Literal, NamedTuple, Self, TypeVar
 
 import zenoh
 from zenoh import ext
@@ -61,8 +60,7 @@ _JSON5_STRING_OR_COMMENT: Final = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\
 _ENDPOINT: Final = re.compile(r"(?:tcp|udp|tls|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?!tcp|udp|tls|quic|ws)[a-z0-9_-]+/\S+")
 
 
-@dataclass(frozen=True, slots=True)
-class BusOptions:
+class BusOptions(NamedTuple):
     """The Zenoh options of the command line, under their usual names.
 
     Attributes
@@ -161,7 +159,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
         raise InputError("--mode", "a client needs an endpoint to connect to (-e tcp/HOST:PORT)")
     zenoh.init_log_from_env_or("error")
     if options.mode is None and options.config is None and options.connect and not options.listen:
-        as_client = session_config(replace(options, mode="client"))
+        as_client = session_config(options._replace(mode="client"))
         with suppress(zenoh.ZError):  # none answers: as a peer it can wait
             return zenoh.open(as_client)
     try:

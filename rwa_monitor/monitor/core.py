@@ -10,7 +10,6 @@ result does not depend on how the samples are cut into messages.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
@@ -293,7 +292,7 @@ class WheelCore:
             values = {name: array[slots] for name, array in window.values.items()}
             happened = [*windows.write(slots, values, self.wheel.window.samples), *windows.end_epoch()]
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
-            events.append(replace(diagnosed, data="stored"))
+            events.append(diagnosed._replace(data="stored"))
             self._windows.go_on_from(diagnosed)
             return diagnosed.carried
 

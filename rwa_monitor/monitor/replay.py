@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
-from typing import Any, Final, TypeGuard
+from typing import Any, Final, NamedTuple, TypeGuard
 
 import zenoh
 
@@ -298,8 +298,7 @@ ABSENT: Final = object()  # stands for a field that one of two messages lacks
 MAX_DIFFERENCES: Final = 10_000  # listed one by one; the rest is counted
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(NamedTuple):
     """One field that differs: which message, where in it, and both values."""
 
     message: str

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from multiprocessing import active_children, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
@@ -35,8 +35,7 @@ NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
 MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches that may come or that wait, all wheels together
 
 
-@dataclass(frozen=True, slots=True)
-class SearchJob:
+class SearchJob(NamedTuple):
     """One search: spacecraft and wheel, its constants, and the messages that hold its samples."""
 
     key: WheelKey

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import zenoh
 
@@ -161,8 +161,7 @@ class _Served:
         return self.core.checkpoint().to_json()
 
 
-@dataclass(frozen=True, slots=True)
-class Clock:
+class Clock(NamedTuple):
     """The clocks of the machine: wall time [ns], and one that only goes forward [s]."""
 
     wall_ns: Callable[[], int] = time.time_ns

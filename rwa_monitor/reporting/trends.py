@@ -9,8 +9,7 @@ Each coefficient is followed to the bound of its nominal range, or to a limit th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -56,8 +55,7 @@ def window_friction(diagnosis: Diagnosis) -> WindowFriction:
     return {"dry": estimate("dry", friction.base_dry), "viscous": estimate("viscous", friction.viscous)}
 
 
-@dataclass(frozen=True, slots=True)
-class CoefficientTrend:
+class CoefficientTrend(NamedTuple):
     """The trend of one coefficient.
 
     Attributes

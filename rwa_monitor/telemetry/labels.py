@@ -16,9 +16,9 @@ import io
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,7 @@ from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
 MAX_LABELS_BYTES: Final = 100_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class LabelledFile:
+class LabelledFile(NamedTuple):
     """A recording and its anomalies: name → whether it is there."""
 
     path: Path

@@ -7,8 +7,8 @@ whole turn unequal distances between the pulses cancel, and so does what repeats
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any, Final
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
@@ -26,8 +26,7 @@ LEAST_REGULAR: Final = 0.8  # of the steps: where fewer are, missed pulses and p
 MOST_MISSED: Final = 10.0  # pulses in a row: longer the speed is not known well enough to count them
 
 
-@dataclass(frozen=True, slots=True)
-class Turning:
+class Turning(NamedTuple):
     """What pulses show of a wheel's turning.
 
     Attributes

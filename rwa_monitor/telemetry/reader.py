@@ -10,9 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,8 +25,7 @@ from rwa_monitor.wheel.wheel import Wheel
 MAX_XTCE_BYTES: Final = 4_000_000  # the telemetry of a whole satellite has some thousand parameters
 
 
-@dataclass(frozen=True, slots=True)
-class SampleBatch:
+class SampleBatch(NamedTuple):
     """Samples that came together; publisher, batch number and data as in the message, where they came as one."""
 
     samples: Samples
@@ -36,8 +34,7 @@ class SampleBatch:
     data: Timeliness | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class WheelTelemetry:
+class WheelTelemetry(NamedTuple):
     """All telemetry of one wheel in one file.
 
     Attributes
@@ -59,8 +56,7 @@ class WheelTelemetry:
     constants: Wheel | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class TelemetryFile:
+class TelemetryFile(NamedTuple):
     """A file of telemetry.
 
     Attributes
@@ -81,16 +77,14 @@ class TelemetryFile:
     notes: Sequence[str] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class TextFile:
+class TextFile(NamedTuple):
     """A text and the file it came from, for messages."""
 
     source: str
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Decoding:
+class Decoding(NamedTuple):
     """What it takes to understand telemetry that does not name its channels; texts, so that it travels to workers.
 
     Attributes
@@ -114,7 +108,7 @@ class Decoding:
         """Return what telemetry of a wheel is read with."""
         if wheel is None:
             return self
-        return replace(self, motor_off=bool(wheel.friction.motor_off), pulses_per_turn=wheel.pulses_per_turn)
+        return self._replace(motor_off=bool(wheel.friction.motor_off), pulses_per_turn=wheel.pulses_per_turn)
 
     def sha256(self) -> str | None:
         """Return a hash of both texts; None where there is none."""

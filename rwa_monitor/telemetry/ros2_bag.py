@@ -16,7 +16,6 @@ import struct
 from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Final, Literal, NamedTuple
 
@@ -172,8 +171,7 @@ def _field(message: Any, path: str) -> Any:
 # ---- the bag ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Topic:
+class _Topic(NamedTuple):
     """A channel of the bag that the map names."""
 
     name: str

@@ -80,8 +80,7 @@ class Batch(NamedTuple):
     passed: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Trouble:
+class Trouble(NamedTuple):
     """What an operator should read about a wheel's telemetry.
 
     Attributes

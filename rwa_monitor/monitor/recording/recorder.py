@@ -28,7 +28,6 @@ import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
@@ -626,8 +625,7 @@ def _new_file(target: Path) -> Iterator[IO[bytes]]:
 # ---- what a damaged recording still holds: every whole chunk, and only true messages ---------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Recovery:
+class Recovery(NamedTuple):
     """What was saved and what was lost.
 
     Attributes
@@ -676,8 +674,7 @@ def recover(source: Path, target: Path) -> Recovery:
 # ---- recordings for Foxglove -----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class FoxgloveFile:
+class FoxgloveFile(NamedTuple):
     """What was written: the layout's path, the number of messages, and a line for each part that could not be read."""
 
     layout: Path
