@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rwa_monitor.history.records import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import (
+    MAX_WHEELS,
     REPORTS,
     Changepoints,
     Diagnosis,
@@ -34,7 +35,6 @@ KEYS: Final = "rwa/*/*/*"  # on the bus
 # What is shown of what goes over the bus.
 SHOWN: Final[tuple[type[Message], ...]] = (SamplesMessage, *REPORTS)
 KINDS: Final = {message.kind: message for message in SHOWN}
-MAX_WHEELS: Final = 5_000
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history is begun with
 

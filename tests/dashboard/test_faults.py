@@ -218,19 +218,6 @@ def test_a_locked_database_is_reported_and_what_came_meanwhile_is_stored(
         wait_for(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
 
 
-def test_a_database_that_is_removed_is_reported_until_it_is_back(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
-) -> None:
-    path = tmp_path / HISTORY_NAME
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running, opened(chromium) as page:
-        with page.expect_response("**/api/verdicts"):  # while it is there
-            page.goto(running.address_with_token)
-        path.rename(tmp_path / "aside")
-        expect(page.locator("#banner")).to_contain_text("is gone: put it back")
-        (tmp_path / "aside").rename(path)
-        expect(page.locator("#banner")).to_be_hidden()
-
-
 @pytest.mark.parametrize("complaint", [""])
 def test_a_server_that_is_gone_is_reported_and_found_again(session: zenoh.Session, page: Any, tmp_path: Path) -> None:
     options = DashboardOptions(free_port(), tmp_path, token="right")

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
 from benchmarks.dashboard_load import FRAMES
-from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
-from rwa_monitor.history.store import History
-from tests.dashboard.support import ask, expect, opened, send_windows, serious, status
+from rwa_monitor.dashboard.server import Running
+from tests.dashboard.support import ask, expect, send_windows, serious, status
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
@@ -70,20 +68,6 @@ def test_the_strip_shows_and_reads_each_window_and_opens_its_wheel(
     expect(reading).to_contain_text("nominal")
     page.keyboard.press("Enter")
     expect(page.locator("h1")).to_have_text("sat / wheel_2")
-
-
-@pytest.mark.browser
-def test_verdicts_from_before_the_dashboard_are_in_the_strip(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
-) -> None:
-    with History(tmp_path / "history.sqlite3") as history:
-        history.add(*(diagnosis(number, severity=2.0 if number == 1 else None) for number in range(4)))
-    with serve(DashboardOptions(0, tmp_path, silent_s=0.0), session) as running, opened(chromium) as page:
-        found = ask(running.address, "api/verdicts")[1]["sat/wheel_1"]
-        assert found["verdict"] == ["nominal", "anomalous", "nominal", "nominal"]
-        assert found["severity"] == [0.0, 2.0, 0.0, 0.0]
-        page.goto(running.address)
-        expect(page.locator(".wheel .unseen")).to_have_text("Of the last 4 windows: 1 anomalous, 3 nominal.")
 
 
 @pytest.mark.browser

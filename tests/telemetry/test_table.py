@@ -234,18 +234,6 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("content", "place", "reason"), REFUSED.values(), ids=REFUSED)
-def test_a_bad_csv_is_refused_with_place_and_reason(
-    tmp_path: Path, content: str | bytes, place: str, reason: str
-) -> None:
-    path = csv_file(tmp_path, content)
-    with pytest.raises(InputError) as caught:
-        read_table(path)
-    assert (caught.value.source, caught.value.place) == (str(path), place)
-    assert reason in caught.value.reason
-    assert "\n" not in str(caught.value)
-
-
 PARQUET_REFUSED = {
     "text": ({"time_s": [0.0], "speed_rad_s": ["fast"]}, "column speed_rad_s", "holds string, not numbers"),
     "no rows": ({"time_s": pa.array([], pa.float64()), "speed_rad_s": pa.array([], pa.float64())}, "", "no rows"),
@@ -262,16 +250,24 @@ PARQUET_REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("columns", "place", "reason"), PARQUET_REFUSED.values(), ids=PARQUET_REFUSED)
-def test_a_bad_parquet_is_refused_with_place_and_reason(
-    tmp_path: Path, columns: dict[str, list[object]] | pa.Table, place: str, reason: str
+@pytest.mark.parametrize(
+    ("content", "place", "reason"),
+    [*REFUSED.values(), *PARQUET_REFUSED.values()],
+    ids=[*REFUSED, *(f"parquet: {name}" for name in PARQUET_REFUSED)],
+)
+def test_a_bad_table_is_refused_with_place_and_reason(
+    tmp_path: Path, content: str | bytes | dict[str, list[object]] | pa.Table, place: str, reason: str
 ) -> None:
-    path = tmp_path / "table.parquet"
-    pq.write_table(columns if isinstance(columns, pa.Table) else pa.table(columns), path)
+    if isinstance(content, str | bytes):
+        path = csv_file(tmp_path, content)
+    else:
+        path = tmp_path / "table.parquet"
+        pq.write_table(content if isinstance(content, pa.Table) else pa.table(content), path)
     with pytest.raises(InputError) as caught:
         read_table(path)
     assert (caught.value.source, caught.value.place) == (str(path), place)
     assert reason in caught.value.reason
+    assert "\n" not in str(caught.value)
 
 
 def test_a_folder_is_refused_with_what_is_in_it(tmp_path: Path) -> None:

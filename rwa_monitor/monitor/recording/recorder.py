@@ -36,7 +36,7 @@ from typing import IO, Any, Final, NamedTuple, cast
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, PERIOD_S, EncodedMessage, dump_json
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_WHEELS, MESSAGES, PERIOD_S, EncodedMessage, dump_json
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
@@ -58,11 +58,9 @@ RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
 MAX_FILE_AGE_S: Final = SECONDS_PER_DAY
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
-SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
 MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
 BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
 MAX_RETRY_PERIOD_S: Final = 32.0  # after the disk failed; twice as long after each failure, up to this
-MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go on one topic
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
@@ -139,6 +137,7 @@ class Recorder:
         self._retry_s = float("-inf")
         self._retry_period_s = PERIOD_S
         self._refused_topics: set[str] = set()
+        self._schemas_bytes = len(dump_json(message_schemas()))  # in every file
 
     @property
     def path(self) -> Path | None:
@@ -204,7 +203,8 @@ class Recorder:
 
     def refused(self, key: str, payload: bytes) -> None:
         """Record a message that was refused, as it came (the first 8 MiB of it)."""
-        if key not in self._refused_topics and len(self._refused_topics) >= MAX_REFUSED_TOPICS:
+        # What comes on more keys than a process has wheels goes on one topic.
+        if key not in self._refused_topics and len(self._refused_topics) >= MAX_WHEELS:
             key = "rwa"
         self._refused_topics.add(key)
         self.write(EncodedMessage(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES]))
@@ -337,7 +337,7 @@ class Recorder:
 
     def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
         """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
-        needed = max(self._max_file_bytes, 2 * (begin + SCHEMAS_BYTES)) + Sink.GATHERED_BYTES
+        needed = max(self._max_file_bytes, 2 * (begin + self._schemas_bytes)) + Sink.GATHERED_BYTES
         self._make_room(needed - written)
         self._check_free(more)
 
