@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
@@ -128,7 +126,7 @@ def make_folder(folder: Path, place: str = "") -> None:
 
 
 @contextmanager
-def atomic_write(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path, place: str = "") -> Iterator[Path]:
     """Give a temporary file in the same folder to write to, which takes the name `path` when all went well.
 
     A reader sees the old file or the whole new one, never a part; after an exception nothing is left behind.
@@ -136,15 +134,15 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the folder does not exist or may not be written to: a wrong option, seen before any work is lost.
+        If the folder does not exist or may not be written to, with the option `place`: seen before any work is lost.
     RwaMonitorError
         If writing fails later, for instance because the disk is full.
     """
     # One name a process: what a killed one left is overwritten by the next with its id, and ignored otherwise.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     if path.is_dir():
-        raise InputError(display_name(path), "is a folder, not a file to write to")
-    with refusing(path, "cannot be written"):
+        raise InputError(display_name(path), "is a folder, not a file to write to", place)
+    with refusing(path, "cannot be written", place):
         part.touch()
     try:
         yield part
@@ -166,17 +164,9 @@ def write_files(folder: Path, contents: Mapping[str, bytes], place: str = "") ->
         If writing fails later, for instance because the disk is full.
     """
     make_folder(folder, place)
-    with refusing(folder, "cannot be written to", place):
-        part = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=folder))
-    try:
+    with ExitStack() as parts:
         for name, content in contents.items():
-            (part / name).write_bytes(content)
-        for name in contents:
-            (part / name).replace(folder / name)
-    except OSError as error:
-        raise RwaMonitorError(f"{display_name(folder)}: writing failed: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+            parts.enter_context(atomic_write(folder / name, place)).write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:
