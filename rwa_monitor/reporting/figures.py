@@ -24,7 +24,6 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
 FRICTION: Final = "friction torque [N m]"
 MAX_POINTS: Final = 2500  # of a line in a picture
 STANDARD_ERRORS: Final = 2.0  # that the bars of all views show
-ZOOM_SLOTS: Final = 1200  # of the close-up
 STEADY_SHARE: Final = 0.1  # of the largest acceleration, below which the speed counts as steady
 BIN_RATIO: Final = 0.1  # width of a bin over speed, as a share of the speed
 SLOW_RAD_S: Final = 1.0  # below which bins over speed get no narrower
@@ -48,7 +47,7 @@ def overlay(search: Search) -> Figure:
     pulled_in = (problem.z_measured - problem.z)[:end]
     left = {name: (residual[:end] + pulled_in) * sign for name, residual in _residuals(search).items()}
     difference = [*left.values()][-1] - left[AS_IT_IS]
-    width = min(ZOOM_SLOTS, max(end // 6, 2))
+    width = min(MAX_POINTS // 2, max(end // 6, 2))
     centre = int(np.argmax(np.convolve(difference**2, np.ones(max(width // 6, 1)), mode="same")))
     zoom = slice(max(centre - width // 2, 0), min(centre + width // 2, end))
 

@@ -72,7 +72,7 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
 
 
 def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder_module, "MOVED_BYTES", 1)
+    monkeypatch.setattr(recorder_module, "PIECE_BYTES", 1)
     writing = recorder(tmp_path)
     wheels = {f"sat/{number}": lambda: b"{}" for number in range(8)}
     writing.begin(wheels, now_s=0.0)

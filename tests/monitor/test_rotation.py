@@ -100,7 +100,7 @@ class Run:
 @pytest.fixture
 def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Run]]:
     """Return what starts a monitor that brings one wheel over at a time; all of them end with the test."""
-    monkeypatch.setattr(recorder_module, "MOVED_BYTES", 1)
+    monkeypatch.setattr(recorder_module, "PIECE_BYTES", 1)
     runs: list[Run] = []
 
     class Started(Run):

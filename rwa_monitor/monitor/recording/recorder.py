@@ -51,14 +51,13 @@ from rwa_monitor.monitor.recording.reader import (
 )
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from rwa_monitor.samples import SECONDS_PER_DAY
-from rwa_monitor.telemetry.files import make_folder, refusing
+from rwa_monitor.telemetry.files import PIECE_BYTES, make_folder, refusing
 from rwa_monitor.version import SOFTWARE
 
 RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
 MAX_FILE_AGE_S: Final = SECONDS_PER_DAY
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
-MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
 BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
 MAX_RETRY_PERIOD_S: Final = 32.0  # after the disk failed; twice as long after each failure, up to this
 REFUSED: Final = "refused"
@@ -275,7 +274,8 @@ class Recorder:
             # A state must not come to the disk before all that it was made of, nor its outputs be lost.
             self._ending.sync()
             moved = 0
-            while self._left and moved < min(MOVED_BYTES, self._max_file_bytes):
+            # Or one checkpoint: a full window of 80,000 slots has 1.7 MB, and takes 6 ms.
+            while self._left and moved < min(PIECE_BYTES, self._max_file_bytes):
                 name, make = self._left.popitem()
                 data = make()
                 moved += len(data)
