@@ -1,4 +1,4 @@
-"""Options that several commands share, each written once."""
+"""What commands share: exit codes, log and progress on stderr (stdout is for data), a clean stop; and their options."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def stop_on_signals() -> Iterator[Event]:
             signal.signal(number, handler)
 
 
-# ---- the process: exit codes, log and progress on stderr (stdout is for data), a clean stop on a signal --------------
+# ---- options ---------------------------------------------------------------------------------------------------------
 
 
 # Transports whose other end shows who it is.

@@ -2,6 +2,10 @@
 
 Reading needs no token, changing does. Requests that name another host or come from another origin are refused, so that
 no other web page can reach a dashboard on this machine.
+
+Metrics are in the text exposition format of Prometheus, version 0.0.4
+(https://prometheus.io/docs/instrumenting/exposition_formats/): base units, names that end in their unit, counters that
+end in _total. What is not known is left out, rather than given as a number.
 """
 
 from __future__ import annotations
@@ -52,7 +56,7 @@ from rwa_monitor.messages import (
     dump_json,
     key_of,
 )
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from rwa_monitor.version import RELEASE, SOFTWARE
 
 CONTENT_TYPE: Final = CONTENT_TYPE_PLAIN_0_0_4
@@ -165,14 +169,14 @@ def _add_status(add: Callable[..., None], status: Status) -> None:
             add(f"rwa_monitor_{what}_total", about, getattr(status, f"{what}_{outcome}"), outcome=outcome)
 
 
-# ---- metrics ---------------------------------------------------------------------------------------------------------
+# ---- the web application ---------------------------------------------------------------------------------------------
 
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
 MAX_NAME: Final = 100  # characters of a person's name
 MAX_NOTE: Final = 2_000
-MAX_SHELVED_S: Final = 7 * 86_400.0
+MAX_SHELVED_S: Final = 7 * SECONDS_PER_DAY
 MAX_WINDOWS: Final = 1_000
 MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 DEFAULT_LIMIT: Final = 200

@@ -4,6 +4,9 @@ A frame is a JSON array of entries {key, received_wall_ns, beside, message}; `me
 key. What only the view of one wheel shows goes to the pages that show that wheel: samples, changepoints,
 the whole status. Of all other statuses a frame holds one pulse. A page that does not keep up is disconnected and
 connects again, rather than falling behind unnoticed.
+
+What comes goes to the fleet, to the history and to the feed. A history that cannot be written just now holds nothing
+up: its windows wait, and are written when it can be again.
 """
 
 from __future__ import annotations

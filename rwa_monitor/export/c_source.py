@@ -1,4 +1,4 @@
-"""The friction model as one C99 file and its header: no allocation, libm alone."""
+"""The friction model as one C99 file and its header: no allocation, libm alone; what leaving effects out costs."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def cost(part: Part, model: FrictionModel) -> str:
     return "nothing, where the caller's level jumps as the effect has it"
 
 
-# ---- what an effect is worth in torque over a sweep of the speed: what it costs a format that cannot hold it ---------
+# ---- the model in C --------------------------------------------------------------------------------------------------
 
 
 FOLDER: Final = Path(__file__).parent

@@ -1,5 +1,6 @@
-"""Replays recordings: the same core on the recorded inputs must give the recorded diagnoses.
+"""Runs recordings again: the state that a monitor goes on from, and whether the recorded diagnoses come out again.
 
+A replay runs single recordings; a monitor that starts goes on from those that an earlier run left in its folder.
 Messages are compared in order: lengths, types, bytes, then field by field with a tolerance.
 """
 
@@ -282,7 +283,7 @@ def _is_diagnosis(part: Attached | EncodedMessage) -> TypeGuard[EncodedMessage]:
     return isinstance(part, EncodedMessage) and part.schema == Diagnosis.schema_name()
 
 
-# ---- recordings run again, and the state that those of a folder hold -------------------------------------------------
+# ---- comparing -------------------------------------------------------------------------------------------------------
 
 
 # Same code on another machine: sums may be taken in another order by its vector units, which moves the last bits.

@@ -1,8 +1,9 @@
 """The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is stopped.
 
-One thread does everything in order: take a message from the inbox, record it, feed the wheel's core, record what the
-core reports, bring a diagnosis to the disk, publish. Other threads only fill the inbox (`bus.Inbox`): when it is full,
-reliable publishers are slowed down to our pace, and what may be dropped in the end is counted and shown in `status`.
+One thread does everything in order, so that what is on the disk is always a beginning of what happened: take a message
+from the inbox, record it, feed the wheel's core, record what the core reports, bring a diagnosis to the disk, publish.
+Other threads only fill the inbox (`bus.Inbox`): when it is full, reliable publishers are slowed down to our pace, and
+what may be dropped in the end is counted and shown in `status`.
 
 After a crash the state is recovered from the last recording, and what came in between is taken from the publishers'
 history (`backfill`). A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new
@@ -483,7 +484,7 @@ class Monitor:
         self._logged = text
 
 
-# ---- all wheels of a bus, one message at a time ----------------------------------------------------------------------
+# ---- from the start to the stop --------------------------------------------------------------------------------------
 
 
 def run(
