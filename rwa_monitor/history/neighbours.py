@@ -108,31 +108,25 @@ def compare(shifts: Sequence[Shift]) -> Comparison | None:
     if count < FEWEST_WHEELS:
         return None
     r = np.array([shift.value for shift in shifts])
-    own = np.diag([shift.variance for shift in shifts])
-    shared, each = np.ones((count, count)), np.eye(count)
-    moved = [(0.0, None), (1.0, None), *((0.0, i) for i in range(count)), *((1.0, i) for i in range(count))]
-    log_weight, means = np.empty(len(moved)), np.zeros((len(moved), 2))
-    for k, (all_of_them, alone) in enumerate(moved):
-        covariance = own + SHIFT_STD**2 * all_of_them * shared
-        if alone is not None:
-            covariance = covariance + SHIFT_STD**2 * np.outer(each[alone], each[alone])
-        inverse = np.linalg.inv(covariance)
-        _, log_determinant = np.linalg.slogdet(covariance)
-        prior = np.log(PRIOR_COMMON if all_of_them else 1.0 - PRIOR_COMMON)
-        prior += np.log(1.0 - count * PRIOR_ALONE if alone is None else PRIOR_ALONE)
-        log_weight[k] = prior - 0.5 * (float(r @ inverse @ r) + log_determinant)
-        if all_of_them:  # the shift that they share, given the shifts
-            gain = SHIFT_STD**2 * np.sum(inverse, axis=0)
-            means[k] = float(gain @ r), SHIFT_STD**2 * (1.0 - float(np.sum(gain)))
+    # A hypothesis a row: whether a cause that all share moved them, and which wheel moved by itself.
+    shared = np.repeat([False, True], count + 1)
+    alone = np.tile(np.vstack([np.zeros(count), np.eye(count)]), (2, 1))
+    moved = shared[:, None, None] + alone[:, :, None] * alone[:, None, :]
+    covariance = np.diag([shift.variance for shift in shifts]) + SHIFT_STD**2 * moved
+    inverse = np.linalg.inv(covariance)
+    prior = np.where(shared, np.log(PRIOR_COMMON), np.log(1.0 - PRIOR_COMMON))
+    prior += np.where(alone.any(axis=1), np.log(PRIOR_ALONE), np.log(1.0 - count * PRIOR_ALONE))
+    log_weight = prior - 0.5 * (r @ inverse @ r + np.linalg.slogdet(covariance)[1])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    with_cause = np.array([all_of_them > 0.0 for all_of_them, _ in moved])
-    common = float(weight[with_cause].sum())
-    of_these = weight[with_cause] / max(common, np.finfo(float).tiny)
-    shift = float(of_these @ means[with_cause, 0])
-    variance = float(of_these @ (means[with_cause, 1] + (means[with_cause, 0] - shift) ** 2))
-    alone_weights = np.array([sum(w for w, (_, j) in zip(weight, moved, strict=True) if j == i) for i in range(count)])
-    return Comparison(common, shift, float(np.sqrt(max(variance, 0.0))), alone_weights)
+    # The shift that they share, given the shifts.
+    gain = SHIFT_STD**2 * inverse[shared].sum(axis=1)
+    means, variances = gain @ r, SHIFT_STD**2 * (1.0 - gain.sum(axis=1))
+    common = float(weight[shared].sum())
+    of_these = weight[shared] / max(common, np.finfo(float).tiny)
+    shift = float(of_these @ means)
+    variance = float(of_these @ (variances + (means - shift) ** 2))
+    return Comparison(common, shift, float(np.sqrt(max(variance, 0.0))), weight @ alone)
 
 
 class Moved(NamedTuple):
