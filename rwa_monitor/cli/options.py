@@ -31,8 +31,8 @@ PROGRAM: Final = "rwa-monitor"
 WIDTH_IN_FILES: Final = 120  # characters of a line
 
 # Exit codes; 0 is done.
-FAILED: Final = 1  # or a check found a difference
-WRONG_USE: Final = 2  # or bad input
+FAILED: Final = click.ClickException.exit_code  # or a check found a difference
+WRONG_USE: Final = click.UsageError.exit_code  # or bad input
 UNREADABLE: Final = 3  # done, but bytes of the input could not be read
 
 Item = TypeVar("Item")

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from rwa_monitor.history.records import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import (
+    INTERVALS_TILL_LATE,
     MAX_WHEELS,
     REPORTS,
     Changepoints,
@@ -46,7 +47,6 @@ SPARSEST: Final = 8  # slots per sample up to which a stretch is laid on the slo
 LEAST_STALE_S: Final = 10.0
 FIRST_STALE_S: Final = 60.0  # while nothing is known of the rhythm
 RHYTHMS: Final = 8  # messages whose intervals are looked at
-LATE_FACTOR: Final = 3.0  # a message that is three intervals late does not come
 FASTEST: Final = 2_000.0  # times real time: what comes faster is read out of a memory, and is no rhythm
 
 
@@ -107,7 +107,7 @@ class Rhythm:
 
     def __init__(self) -> None:
         self.wall_ns: int | None = None
-        self._span_s = FIRST_STALE_S / LATE_FACTOR
+        self._span_s = FIRST_STALE_S / INTERVALS_TILL_LATE
         self._last_sample_ns: int | None = None
         self._intervals: deque[float] = deque(maxlen=RHYTHMS)
 
@@ -135,7 +135,7 @@ class Rhythm:
         """Silence after which the samples are no longer those of now [s]."""
         known = len(self._intervals) >= RHYTHMS // 2
         expected_s = max(self._intervals) if known else self._span_s
-        return max(LEAST_STALE_S, LATE_FACTOR * expected_s)
+        return max(LEAST_STALE_S, INTERVALS_TILL_LATE * expected_s)
 
     def to_json(self) -> bytes:
         """Return it as it goes with a status in the feed."""

@@ -30,6 +30,7 @@ MAX_CLOCK_NS: Final = 2**62  # of times in outputs: beyond every sample, and sum
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 PERIOD_S: Final = 1.0  # of all that is done again and again: status, heartbeat, signs of life, flush, checks
+INTERVALS_TILL_LATE: Final = 3.0  # after which something that comes at intervals counts as gone
 LOG_PERIOD_S: Final = 10.0  # of what is logged or recorded of something that goes on
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]

@@ -369,7 +369,7 @@ class BusWatch:
 # ---- a subscription with a thread of its own -------------------------------------------------------------------------
 
 
-IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
+IDLE_WAIT_S: Final = 0.1  # between two looks at what is due by the clock, also while messages flow
 
 
 class BusThread:

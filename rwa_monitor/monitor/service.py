@@ -30,6 +30,7 @@ from rwa_monitor.build import build
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
+    INTERVALS_TILL_LATE,
     LOG_PERIOD_S,
     MAX_CLOCK_NS,
     MAX_WHEELS,
@@ -61,7 +62,6 @@ from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import Log, counted, time_text
 
-TICK_S: Final = 0.05  # between two checks of what is due while messages flow
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
 # Samples as old as this when they come are no longer live: a message spans half a minute (256 samples at 8 Hz), a
@@ -242,7 +242,7 @@ class Monitor:
         now_s = self.clock.monotonic_s()
         if now_s < self._tick_due_s:
             return
-        self._tick_due_s = now_s + TICK_S
+        self._tick_due_s = now_s + IDLE_WAIT_S
         if self.recorder is not None:
             self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
             self._log_recorder()
@@ -575,9 +575,6 @@ def _unbreakable(log: Log) -> Log:
 # ---- the supervisor of the process -----------------------------------------------------------------------------------
 
 
-SIGNS_PER_SILENCE: Final = 3.0  # so that one that comes late is no alarm
-
-
 class Supervisor:
     """The supervisor of this process, in the protocol of systemd (sd_notify(3)); does nothing where there is none.
 
@@ -609,7 +606,7 @@ class Supervisor:
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.period_s: float | None = None
         if self._address and ours and silence.isdecimal() and int(silence) > 0:
-            self.period_s = int(silence) * 1e-6 / SIGNS_PER_SILENCE  # stated in µs
+            self.period_s = int(silence) * 1e-6 / INTERVALS_TILL_LATE  # stated in µs
         elif alive is not None:
             self.period_s = PERIOD_S
         self._alive = alive

@@ -16,9 +16,9 @@ import io
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -32,7 +32,8 @@ from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
 MAX_LABELS_BYTES: Final = 100_000_000
 
 
-class LabelledFile(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class LabelledFile:
     """A recording and its anomalies: name → whether it is there."""
 
     path: Path

@@ -27,7 +27,7 @@ from mcap.records import Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from rwa_monitor.errors import InputError
+from rwa_monitor.errors import MAX_PART, InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, unreadable
 from rwa_monitor.telemetry.mcap_chunk import (
@@ -40,7 +40,7 @@ from rwa_monitor.telemetry.mcap_chunk import (
     unpacked,
 )
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
-from rwa_monitor.telemetry.table import MAX_ROWS
+from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.telemetry.telemetry_map import (
     SI_UNITS,
     TopicChannel,
@@ -55,9 +55,9 @@ from rwa_monitor.words import counted
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
-MAX_CHANNELS: Final = 1_000  # of the topics of the map
-MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be listed
-MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
+MAX_MESSAGE_BYTES: Final = (
+    2**18
+)  # of a topic of the map, and of its schema; the state of a thousand joints has some 50 kB
 
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
 _WANTED: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK})
@@ -265,7 +265,7 @@ class _Bag:
             channel = Channel.read(stream_of(content))
             if channel.id not in self._topics:
                 wanted = channel.topic in self._series
-                self._names.add(channel.topic if wanted else channel.topic[:MAX_NAME])
+                self._names.add(channel.topic if wanted else channel.topic[:MAX_PART])
                 self._topics[channel.id] = self._topic(channel) if wanted else None
 
     def _topic(self, channel: Channel) -> _Topic:
@@ -275,7 +275,7 @@ class _Bag:
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             how = f"{channel.message_encoding} by {schema.encoding if schema else 'nothing'}"
             raise InputError(self._source, f"holds {how}; cdr by ros2msg is wanted", place)
-        self._count("channels of the map's topics", 1, MAX_CHANNELS)
+        self._count("channels of the map's topics", 1, MAX_COLUMNS)
         try:
             kind = MessageType(schema.name, schema.data)
         except ValueError as error:
@@ -297,7 +297,6 @@ class _Bag:
 
 # ---- types of messages, and messages by their type -------------------------------------------------------------------
 
-MAX_SCHEMA_BYTES: Final = 65_536
 FEW_VALUES: Final = 64  # a message may have beside one for each byte
 
 # A field's type; whether there are many, and of how many it always has; its name; the equals sign of a constant.
@@ -335,8 +334,8 @@ class MessageType:
     """
 
     def __init__(self, name: str, data: bytes) -> None:
-        if len(data) > MAX_SCHEMA_BYTES:
-            raise ValueError(f"its schema has more than {MAX_SCHEMA_BYTES:,} bytes")
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise ValueError(f"its schema has more than {MAX_MESSAGE_BYTES:,} bytes")
         time = [_Field("sec", "int32", 1, False), _Field("nanosec", "uint32", 1, False)]
         self._types = {"builtin_interfaces/Time": time, "builtin_interfaces/Duration": time}
         self._name = current = _full_name(name)

@@ -262,7 +262,6 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
 # ---- CSV: comma-separated UTF-8, one header row; read as text, so that every bad value can be named ------------------
 
 
-MAX_HEADER_BYTES: Final = 100_000
 FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 
 _PLAIN_DECIMAL: Final = re.compile(r"([+-]?[0-9]{1,18})(?:\.([0-9]*))?")
@@ -321,8 +320,8 @@ def _texts(values: FloatArray | IntArray) -> list[str]:
 
 def _header(content: bytes, reader: Any, source: str) -> list[str]:
     """Return the names in the first row."""
-    if not re.match(rb"[^\r\n]{1,%d}(?![^\r\n])" % MAX_HEADER_BYTES, content):
-        reason = f"has no header of at most {MAX_HEADER_BYTES:,} bytes"
+    if not re.match(rb"[^\r\n]{1,%d}(?![^\r\n])" % PIECE_BYTES, content):
+        reason = f"has no header of at most {PIECE_BYTES:,} bytes"
         raise InputError(source, reason, "row 1")
     try:
         names = [name.strip() for name in next(reader)]
@@ -423,7 +422,6 @@ def table_writer(path: Path) -> Callable[[Samples, Path], None]:
 
 
 MAX_UNPACKED_BYTES: Final = 4_000_000_000  # of all columns; 20 million rows of 7 channels are 1.3 GB
-MAX_FOOTER_ENTRIES: Final = 1_000_000  # of a list in the footer, and characters of a text in it
 
 
 def read_parquet(path: Path) -> SampleTable:
@@ -438,13 +436,7 @@ def read_parquet(path: Path) -> SampleTable:
     try:
         if path.stat().st_size > MAX_TABLE_BYTES:
             raise InputError(source, f"is larger than the limit of {MAX_TABLE_BYTES:,} bytes")
-        with pa.parquet.ParquetFile(
-            path,
-            pre_buffer=False,
-            page_checksum_verification=True,
-            thrift_string_size_limit=MAX_FOOTER_ENTRIES,
-            thrift_container_size_limit=MAX_FOOTER_ENTRIES,
-        ) as file:
+        with pa.parquet.ParquetFile(path, pre_buffer=False, page_checksum_verification=True) as file:
             layout = lay_out(file.schema_arrow.names, source)
             _check_footer(file, (layout.time, *layout.channels), source)
             table = _read_columns(file, [layout.time, *layout.channels], source)

@@ -30,7 +30,7 @@ from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorde
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 BATCH: Final = 128  # samples of a message
 SLOTS: Final = 3 * WINDOW
-TICK_S: Final = 0.06  # of the monitor's clock, between two messages
+TICK_S: Final = 0.12  # of the monitor's clock, between two messages
 
 
 @cache

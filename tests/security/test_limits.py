@@ -28,10 +28,10 @@ from rwa_monitor.monitor.recording.reader import (
     read_recording,
 )
 from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
+from rwa_monitor.telemetry.files import PIECE_BYTES
 from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
 from rwa_monitor.telemetry.table import (
     MAX_COLUMNS,
-    MAX_HEADER_BYTES,
     MAX_ROWS,
     MAX_TABLE_BYTES,
     read_table,
@@ -105,7 +105,7 @@ def test_a_message_of_too_many_samples_is_refused() -> None:
         ("model.json", "[" * DEEP),
         ("model.json", '{"anomalies":' + "[" * DEEP),
         ("model.json", json.dumps({"x" * 900_000: 1})),
-        ("table.csv", "x" * (MAX_HEADER_BYTES + 1)),
+        ("table.csv", "x" * (PIECE_BYTES + 1)),
         ("table.csv", ",".join("a" * (MAX_COLUMNS + 1)) + "\n1"),
         ("table.csv", "time_ns,speed_rad_s,friction_torque_Nm\n" + ",,\n" * 10),
         ("table.csv", "time_ns,speed_rad_s,friction_torque_Nm\n" + "1" * 1_000_000 + ",1,1\n"),

@@ -36,7 +36,15 @@ from typing import IO, Any, Final, NamedTuple, cast
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_WHEELS, MESSAGES, PERIOD_S, EncodedMessage, dump_json
+from rwa_monitor.messages import (
+    LOG_PERIOD_S,
+    MAX_MESSAGE_BYTES,
+    MAX_WHEELS,
+    MESSAGES,
+    PERIOD_S,
+    EncodedMessage,
+    dump_json,
+)
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
@@ -59,7 +67,6 @@ MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recover
 MAX_FILE_AGE_S: Final = SECONDS_PER_DAY
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
-MAX_RETRY_PERIOD_S: Final = 32.0  # after the disk failed; twice as long after each failure, up to this
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
@@ -364,7 +371,7 @@ class Recorder:
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
         self._retry_s = now_s + self._retry_period_s
-        self._retry_period_s = min(2.0 * self._retry_period_s, MAX_RETRY_PERIOD_S)
+        self._retry_period_s = min(2.0 * self._retry_period_s, LOG_PERIOD_S)
         self.abandon()
 
 
