@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -229,7 +229,7 @@ def _history(seed: int, windows: int, number: int) -> dict[str, int]:
             after = {}
             for anomaly, level in levels.items():
                 alarm, events = advance(alarms[name].get(anomaly, Alarm()), level, closed.end_ns, policy)
-                after[anomaly] = replace(alarm, phase="quiet") if alarm.phase == "returned" else alarm
+                after[anomaly] = alarm._replace(phase="quiet") if alarm.phase == "returned" else alarm
                 raised[name] += sum(event.kind in {"raised", "relapsed"} for event in events)
             alarms[name] = alarms[name] | after
     return raised

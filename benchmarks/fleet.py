@@ -28,7 +28,7 @@ from rwa_monitor.batch.cluster import each
 from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.parquet_table import write_parquet
+from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.threads import cores
 from rwa_monitor.wheel.wheel import built_in_wheel
 
@@ -59,7 +59,7 @@ def _recordings(folder: Path, count: int) -> list[Path]:
 
 def _recording(folder: Path, seed: int) -> Path:
     file = folder / f"wheel_{seed:04d}.parquet"
-    write_parquet(simulate(Scenario(), built_in_wheel(), np.random.default_rng(seed)).samples, file)
+    table_writer(file)(simulate(Scenario(), built_in_wheel(), np.random.default_rng(seed)).samples, file)
     return file
 
 

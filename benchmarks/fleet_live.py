@@ -33,12 +33,11 @@ from benchmarks.machine import describe_machine
 from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.monitor.recording.reader import recordings_of
 from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks.accuracy.campaign import in_processes
 from benchmarks.page import add_output_option, counted, page, put_out, section, table
 from benchmarks.target import Target, at_least, at_most, exit_code, target_table
-from rwa_monitor.cli.console import track
+from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.monitor.core import diagnose_samples

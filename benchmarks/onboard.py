@@ -28,8 +28,7 @@ from benchmarks.machine import machine_in_words
 from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint, samples_of
 from benchmarks.window import window_of
-from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.publisher import SamplesPublisher
+from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.simulation.datasets import generate
 
 WHEELS = 4

@@ -26,10 +26,10 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, EncodedMessage, SamplesMessage, Status, samples_json
 from rwa_monitor.monitor.bus import MonitorBus
 from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
-from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import Recorder
-from rwa_monitor.monitor.state_recovery import recover_state
+from rwa_monitor.monitor.replay import recover_state
+from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.accuracy.campaign import in_processes
 from benchmarks.page import NONE, add_output_option, counted, page, put_out, section, table
-from rwa_monitor.cli.console import track
+from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.trend import MIN_WINDOWS, SIGNIFICANCE, find_trend
 from rwa_monitor.monitor.core import diagnose_samples

@@ -14,6 +14,7 @@ import sys
 import types
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from signal import SIGINT
 from typing import Any, Union, get_args, get_origin
 
 import click
@@ -23,8 +24,8 @@ from pydantic import BaseModel
 
 import rwa_monitor as rwa
 from rwa_monitor.changepoints.candidates import threshold_for
-from rwa_monitor.cli import console
 from rwa_monitor.cli.main import main as program
+from rwa_monitor.cli.options import FAILED, UNREADABLE, WRONG_USE
 from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.messages import MESSAGES, Message
 from rwa_monitor.simulation import scenario
@@ -263,13 +264,12 @@ def _walk(command: click.Command, context: click.Context, path: str) -> Iterator
 
 def _exit_codes() -> str:
     meaning = {
-        "FAILED": "failed, or a check found a difference",
-        "WRONG_USE": "wrong use or bad input",
-        "UNREADABLE": "done, but bytes of the input could not be read (reported which)",
-        "INTERRUPTED": "interrupted (Ctrl-C)",
+        FAILED: "failed, or a check found a difference",
+        WRONG_USE: "wrong use or bad input",
+        UNREADABLE: "done, but bytes of the input could not be read (reported which)",
+        128 + SIGINT: "interrupted (Ctrl-C)",
     }
-    rows = [(str(getattr(console, name)), words) for name, words in meaning.items()]
-    return _table(("code", ""), [("0", "done"), *rows])
+    return _table(("code", ""), [("0", "done"), *((str(code), words) for code, words in meaning.items())])
 
 
 def _bus() -> Iterator[str]:

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 MAX_PART: Final = 500  # characters of the place of an error, and of its reason
 # Of `difflib`, from 0 to 1. At its own 0.6 a key of another unit or meaning passes for a misspelt one.
 LIKENESS: Final = 0.7
-MAX_NAME: Final = 100  # characters: a longer name is none of ours, and comparing takes the square of its length
 
 
 class RwaMonitorError(Exception):
@@ -109,7 +108,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     known
         All that could have been written there.
     """
-    if len(name) > MAX_NAME:
+    if len(name) > MAX_PART:  # none of ours, and comparing takes the square of its length
         return ""
     # Here: it takes as long to load as all else that --help needs.
     from difflib import get_close_matches  # noqa: PLC0415

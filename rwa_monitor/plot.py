@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
+from rwa_monitor.reporting.figures import MAX_POINTS
 from rwa_monitor.reporting.figures import gains_picture as gains
 from rwa_monitor.reporting.figures import overlay as discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
@@ -22,9 +23,7 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 __all__ = ["discrepancy", "gains", "window"]
 
-SECONDS_PER_MINUTE: Final = 60.0
 MILLI: Final = 1e3  # N m to mN m
-MAX_DOTS: Final = 4_000  # of the measured friction in a picture; a screen shows no more
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")  # Okabe and Ito, of the switching systems
 NOT_OF_A_SYSTEM: Final = "#555555"
 GROUND: Final = "0.6"
@@ -53,7 +52,7 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
         raise InputError("samples", f"none lies in the window that begins at {diagnosis.window_start_ns} ns")
     minutes = _minutes(samples.time_ns[inside], diagnosis)
     speed_rad_s = samples.speed_rad_s[inside]
-    every = max(speed_rad_s.size // MAX_DOTS, 1)
+    every = max(speed_rad_s.size // MAX_POINTS, 1)
     colours = dict(zip(diagnosis.friction.fss, COLOURS, strict=False))
 
     figure = Figure(figsize=(9.0, 4.2), layout="constrained")
@@ -78,7 +77,7 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
 
 def _minutes(time_ns: Any, diagnosis: Diagnosis) -> Any:
     """Return a time, or an array of times, since the window's begin [min]."""
-    return (time_ns - diagnosis.window_start_ns) / (NANOSECONDS_PER_SECOND * SECONDS_PER_MINUTE)
+    return (time_ns - diagnosis.window_start_ns) / (60 * NANOSECONDS_PER_SECOND)
 
 
 def _without_viscous(friction_Nm: FloatArray, speed_rad_s: FloatArray, diagnosis: Diagnosis) -> FloatArray:

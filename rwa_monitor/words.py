@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
@@ -10,7 +10,8 @@ import numpy as np
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 FIRST_UTC_S: Final = 631_152_000  # 1990: a clock with less does not count from 1970, so that it gives no UTC
-MILLISECOND_NS: Final = 1_000_000
+Log = Callable[[str], None]  # takes a line of a log
+FEW: Final = 8  # names in one line
 
 
 def time_text(time_ns: int) -> str:
@@ -25,7 +26,7 @@ def time_text(time_ns: int) -> str:
     """
     if time_ns < FIRST_UTC_S * NANOSECONDS_PER_SECOND:
         return f"{time_ns / NANOSECONDS_PER_SECOND:.3f} s"
-    return f"{np.datetime64((time_ns + MILLISECOND_NS // 2) // MILLISECOND_NS, 'ms')}Z"
+    return f"{np.datetime64((time_ns + 500_000) // 1_000_000, 'ms')}Z"
 
 
 def counted(count: int, what: str) -> str:
@@ -39,7 +40,7 @@ def counted(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def first_few(names: Sequence[str], most: int) -> str:
+def first_few(names: Sequence[str], most: int = FEW) -> str:
     """Return a list of names in one line, with the number of those beyond the first `most`.
 
     Examples

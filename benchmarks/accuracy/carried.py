@@ -14,7 +14,7 @@ from typing import Final, Literal
 import numpy as np
 
 from benchmarks.accuracy.campaign import in_processes
-from rwa_monitor.cli.console import track
+from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.monitor.core import diagnose_samples

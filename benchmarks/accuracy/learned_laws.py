@@ -13,7 +13,7 @@ import numpy as np
 
 from benchmarks.accuracy.campaign import in_processes
 from benchmarks.accuracy.outcome import JumpScore, score_jumps
-from rwa_monitor.cli.console import track
+from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify

@@ -26,7 +26,7 @@ from benchmarks.speed.peers import (
 )
 from benchmarks.target import Target, at_most
 from rwa_monitor.changepoints.stage_results import Method
-from rwa_monitor.cli.console import track
+from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import generate

@@ -21,7 +21,7 @@ from benchmarks.speed.search import search_costs, search_section
 from benchmarks.speed.windows import HardWindow, WindowTimes, time_hard_window, time_windows
 from benchmarks.target import at_least, at_most
 from benchmarks.window import window_of
-from rwa_monitor.cli.console import track
+from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.wheel.wheel import built_in_wheel

@@ -25,14 +25,13 @@ from benchmarks.window import Window
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session
+from rwa_monitor.monitor.bus import BusOptions, MonitorBus, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
-from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.monitor.recording.reader import RECORDING_SUFFIX, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import REFUSED, Recorder
-from rwa_monitor.monitor.state_recovery import RecoveredState
+from rwa_monitor.monitor.replay import RecoveredState
+from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

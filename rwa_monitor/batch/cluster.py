@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
+Task = Callable[[Path], Result]  # what is done for each recording
 BLOCK: Final = 64  # recordings for each process at a time: what is finished waits in memory for those before it
 # Dask's own work for a parcel, some 7 ms, is a third of diagnosing one short recording.
 PARCEL: Final = 8  # recordings, where each worker has so many parcels as this:
 # No worker is idle while the first in order is worked on, and memory does not grow with the number of recordings.
-PARCELS_PER_WORKER: Final = 8
+PARCELS_PER_WORKER: Final = BLOCK // PARCEL
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
 IDLE_S: Final = 10  # after which a process with nothing to do ends, also where the one that started it was killed
 CONNECT_TIMEOUT_S: Final = 5
@@ -48,7 +49,7 @@ class Outcome(Generic[Result]):
 
 
 def each(
-    task: Callable[[Path], Result], files: Sequence[Path], *, scheduler: str | None = None, workers: int | None = None
+    task: Task[Result], files: Sequence[Path], *, scheduler: str | None = None, workers: int | None = None
 ) -> Iterator[Outcome[Result]]:
     """Do a task for each recording, and yield what became of it in the order of `files`.
 
@@ -82,7 +83,7 @@ def each(
             yield from _in_processes(task, files[first : first + BLOCK * workers], workers)
 
 
-def _guarded(task: Callable[[Path], Result], file: Path) -> Outcome[Result]:
+def _guarded(task: Task[Result], file: Path) -> Outcome[Result]:
     """Do the task for one recording, and turn whatever goes wrong into its outcome."""
     try:
         return Outcome(file, task(file))
@@ -98,7 +99,7 @@ def _guarded(task: Callable[[Path], Result], file: Path) -> Outcome[Result]:
 # ---- on this machine -------------------------------------------------------------------------------------------------
 
 
-def _in_processes(task: Callable[[Path], Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
+def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
     """Yield the outcomes in the order of `files`, from so many processes."""
     given = 0
     try:
@@ -115,7 +116,7 @@ def _in_processes(task: Callable[[Path], Result], files: Sequence[Path], workers
                 yield Outcome(file, None, f"{file}: {reason}")
 
 
-def _parallel(task: Callable[[Path], Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
+def _parallel(task: Task[Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
     from joblib import Parallel, delayed, parallel_config
 
     # One thread of linear algebra, since the last bit depends on their number.
@@ -150,11 +151,11 @@ def _release() -> str:
     return SOFTWARE
 
 
-def _itself(task: Callable[[Path], Result]) -> Callable[[Path], Result]:
+def _itself(task: Task[Result]) -> Task[Result]:
     return task
 
 
-def _on_cluster(client: Client, task: Callable[[Path], Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
+def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
     """Yield the outcomes in the order of `files`; a bounded number of recordings is on its way at a time."""
     from distributed import wait
 
@@ -185,6 +186,6 @@ def _on_cluster(client: Client, task: Callable[[Path], Result], files: Sequence[
             yield Outcome(file, None, f"{file}: {error}") if error else alone.result()[0]
 
 
-def _parcel(task: Callable[[Path], Result], files: Sequence[Path]) -> list[Outcome[Result]]:
+def _parcel(task: Task[Result], files: Sequence[Path]) -> list[Outcome[Result]]:
     """Do the task for some recordings, one after the other."""
     return [_guarded(task, file) for file in files]

@@ -7,8 +7,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
-from rwa_monitor.cli.options import Whole, bus_options, decoding_options, is_loopback, warn_if_alone
+from rwa_monitor.cli.options import (
+    Whole,
+    bus_options,
+    decoding_options,
+    flag,
+    is_loopback,
+    log,
+    option,
+    stop_on_signals,
+    warn_if_alone,
+)
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -16,21 +25,10 @@ if TYPE_CHECKING:
 
 
 @click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
-@click.option(
-    "--udp",
-    required=True,
-    metavar="[HOST:]PORT",
-    help="Where packets come in.  [HOST: 127.0.0.1 where none is given]",
-)
+@option("--udp", str, "[HOST:]PORT", "Where packets come in.  [HOST: 127.0.0.1 where none is given]", required=True)
 @decoding_options
-@click.option(
-    "--batch",
-    type=Whole(1, 10_000),
-    metavar="N",
-    default=256,
-    help="Samples of one message at most.",
-)
-@click.option("--stored", is_flag=True, help="The packets are a dump: publish their samples as stored, not live.")
+@option("--batch", Whole(1, 10_000), "N", "Samples of one message at most.", default=256)
+@flag("--stored", "The packets are a dump: publish their samples as stored, not live.")
 @bus_options
 def command(udp: str, decoding: Decoding, batch: int, stored: bool, bus: BusOptions) -> None:
     """Bring CCSDS space packets from UDP onto the bus, as samples of the wheels that the map names.
@@ -41,8 +39,7 @@ def command(udp: str, decoding: Decoding, batch: int, stored: bool, bus: BusOpti
     from contextlib import ExitStack
 
     from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
+    from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, endpoints, open_session
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
     address = UdpAddress.parse(udp, "--udp")

@@ -10,15 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import (
     FILE,
     Real,
     Whole,
     bus_options,
+    log,
     no_browser_option,
+    option,
     port_option,
     record_option,
+    stop_on_signals,
     warn_if_alone,
 )
 from rwa_monitor.errors import InputError, needs_extra
@@ -30,34 +32,23 @@ if TYPE_CHECKING:
 @click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
 @port_option
 @record_option
-@click.option(
-    "--history",
-    metavar="URL",
-    help="Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
-)
-@click.option(
+@option("--history", str, "URL", "Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]")
+@option(
     "--silence",
-    type=Real(min=0),
-    metavar="S",
+    Real(min=0),
+    "S",
+    "A monitor that has been silent for so many seconds is an alarm; 0 for none.",
     default=30.0,
-    help="A monitor that has been silent for so many seconds is an alarm; 0 for none.",
 )
-@click.option(
+@option(
     "--foxglove",
-    type=Whole(0, 65535),
-    metavar="PORT",
-    help="Serve Foxglove live on this port, on loopback (needs rwa-monitor[foxglove]).",
+    Whole(0, 65535),
+    "PORT",
+    "Serve Foxglove live on this port, on loopback (needs rwa-monitor[foxglove]).",
 )
-@click.option(
-    "--token",
-    metavar="T",
-    help="Who has it may acknowledge and shelve.  [default: a random one]",
-)
-@click.option(
-    "--wheel",
-    type=FILE,
-    metavar="W.toml",
-    help="Constants for friction from current.  [default: those of the latest recording in DIR]",
+@option("--token", str, "T", "Who has it may acknowledge and shelve.  [default: a random one]")
+@option(
+    "--wheel", FILE, "W.toml", "Constants for friction from current.  [default: those of the latest recording in DIR]"
 )
 @no_browser_option
 @bus_options

@@ -7,7 +7,7 @@ What is true of the simulated satellite is printed at the end.
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
@@ -18,8 +18,17 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
-from rwa_monitor.cli.options import Real, Whole, bus_options, no_browser_option, port_option, record_option
+from rwa_monitor.cli.options import (
+    Real,
+    Whole,
+    bus_options,
+    log,
+    no_browser_option,
+    option,
+    port_option,
+    record_option,
+    stop_on_signals,
+)
 from rwa_monitor.errors import MissingExtraError, needs_extra
 
 if TYPE_CHECKING:
@@ -29,31 +38,16 @@ if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.simulation.demo_satellite import Satellite
 
-DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
-DEFAULT_SEED: Final = 1
-BATCH_SAMPLES: Final = 256
+TEMPLATE: Final = Path(__file__).with_suffix(".txt")  # of what is printed at the end
 SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
-REFRESH_S: Final = 0.2
 
 
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
-@click.option(
-    "--duration",
-    type=Real(1.0, MAX_DURATION_S),
-    default=DEFAULT_DURATION_S,
-    metavar="S",
-    help="How long the satellite sends [s].",
-)
+@option("--duration", Real(1.0, MAX_DURATION_S), "S", "How long the satellite sends [s].", default=90.0)
 @no_browser_option
 @port_option
-@click.option(
-    "--seed",
-    type=Whole(min=0),
-    default=DEFAULT_SEED,
-    metavar="N",
-    help="Seed of the satellite: another one hides another effect.",
-)
+@option("--seed", Whole(min=0), "N", "Seed of the satellite: another one hides another effect.", default=1)
 @record_option
 @bus_options
 def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:
@@ -65,10 +59,8 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     too. The page ends with it; rwa-monitor dashboard shows it again.
     """
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.monitor.bus import open_session
-    from rwa_monitor.monitor.monitor import RunOptions
-    from rwa_monitor.monitor.publisher import SamplesPublisher, send
-    from rwa_monitor.monitor.service import run
+    from rwa_monitor.monitor.bus import SamplesPublisher, open_session, send
+    from rwa_monitor.monitor.service import RunOptions, run
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
@@ -93,9 +85,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         ended = Event()
         monitor = workers.submit(run, options, ended, session=session, log=log)
         publishers = {key: SamplesPublisher(session, key) for key in satellite.telemetry}
-        sender = workers.submit(
-            send, satellite.telemetry, publishers, speed=satellite.speed, batch_samples=BATCH_SAMPLES, stop=ended
-        )
+        sender = workers.submit(send, satellite.telemetry, publishers, speed=satellite.speed, stop=ended)
         monitor.add_done_callback(lambda _: stop.set())
         sender.add_done_callback(lambda worker: stop.set() if worker.exception() else None)
         try:
@@ -104,12 +94,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
             ended.set()
         sender.result()
         monitor.result()
-    _print_findings(satellite, view, record)
-    _print_truth(satellite, view, record)
-    if served:
-        click.echo(
-            f"The page ended with the demo. To see it again: rwa-monitor dashboard --record {quote(str(record))}"
-        )
+    click.echo(_report(satellite, view, record, served=served), nl=False)
 
 
 def _serve_page(
@@ -154,22 +139,22 @@ class DemoView:
     """
 
     def __init__(self, session: zenoh.Session, satellite: Satellite, spacecraft: str) -> None:
-        from rwa_monitor.monitor.ingest.backfill import Inbox, arrival_of
+        from rwa_monitor.monitor.ingest.backfill import Inbox
 
-        self.diagnoses: dict[str, list[tuple[float, Diagnosis]]] = {}
+        self.diagnoses: defaultdict[str, list[tuple[float, Diagnosis]]] = defaultdict(list)
         self.found: dict[str, tuple[float, Discrepancy]] = {}
+        self.spacecraft = spacecraft
         self._satellite = satellite
         self._began_s = time.monotonic()
         self._inbox = Inbox()
-        # The bus calls from a thread of its own, where nothing but this may happen.
-        self._subscriber = session.declare_subscriber(
-            f"rwa/{spacecraft}/*/*", lambda sample: self._inbox.put(arrival_of(sample))
-        )
+        self._subscriber = session.declare_subscriber(f"rwa/{spacecraft}/*/*", self._inbox.receive)
 
     def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
         """Print what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
+        from rwa_monitor.monitor.bus import IDLE_WAIT_S
+
         end = time.monotonic() + seconds
-        while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching() else 0.0):
+        while not done.wait(IDLE_WAIT_S) and time.monotonic() < end + (patience_s if self._searching() else 0.0):
             self._take_messages()
         self._subscriber.undeclare()  # type: ignore[no-untyped-call]
         self._take_messages()
@@ -178,11 +163,15 @@ class DemoView:
         """Return whether the model of a wheel did not fit for as many windows in a row as begin a search."""
         from rwa_monitor.monitor.searches import PATIENCE
 
-        misfits = "".join("-+"[diagnosis.model_adequate] for _, diagnosis in self.diagnoses.get(wheel, ()))
+        misfits = "".join("-+"[diagnosis.model_adequate] for _, diagnosis in self.diagnoses[wheel])
         return "-" * PATIENCE in misfits
 
     def _searching(self) -> bool:
         return any(self.searched(wheel) and wheel not in self.found for wheel in self.diagnoses)
+
+    def verdicts(self, wheel: str) -> list[str]:
+        """Return the verdicts on a wheel's windows, in order."""
+        return [diagnosis.verdict for _, diagnosis in self.diagnoses[wheel]]
 
     def _take_messages(self) -> None:
         from rwa_monitor.messages import Diagnosis, Discrepancy
@@ -194,7 +183,7 @@ class DemoView:
                 self.found[wheel] = elapsed_s, Discrepancy.parse(message.payload, message.key)
             elif kind == Diagnosis.kind:
                 new = Diagnosis.parse(message.payload, message.key)
-                self.diagnoses.setdefault(wheel, []).append((elapsed_s, new))
+                self.diagnoses[wheel].append((elapsed_s, new))
                 hours = self.hours(new.window_end_ns)
                 click.echo(f"{elapsed_s:6.1f} s  {wheel}  {hours:5.1f} h  {new.verdict:12}  {new.reason}")
 
@@ -208,68 +197,36 @@ class DemoView:
 # ---- at the end ------------------------------------------------------------------------------------------------------
 
 
-def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
-    """Print what the searches found missing in the wheels' model, what that gains, and where it is written."""
-    for wheel, (found_s, found) in sorted(view.found.items()):
-        folder = record / "discrepancy" / found.spacecraft / wheel
-        click.echo(f"\nWhat the monitor found in {wheel}, {found_s:.0f} s into the demo:")
-        for effect in found.effects:
-            others = f", or, equivalent in these data, {', '.join(effect.equivalent)}" if effect.equivalent else ""
-            click.echo(f"  missing in its model: {effect.name}{others}")
-            for name, value in effect.parameters.items():
-                spread = f" ± {value.std:.1g}" if value.std is not None else ""
-                click.echo(f"    {name} = {value.value:.4g}{spread}")
-        if found.unexplained is not None:
-            click.echo(f"  left unexplained: {found.unexplained.signature}")
-        if wheel == satellite.hiding and (folder / "extended_wheel.toml").exists():
-            before = [diagnosis.verdict for _, diagnosis in view.diagnoses[wheel]]
-            after = _diagnose_again(satellite, folder / "extended_wheel.toml")[: len(before)]
-            click.echo(f"  its windows as they were diagnosed: {_counts(before)}")
-            click.echo(f"  and once more, with the augmented model: {_counts(after)}")
-        click.echo(f"  report: {folder / 'report.html'}\n  augmented model: {folder / 'extended_wheel.toml'}")
-    if satellite.hiding not in view.found:
-        what = "the search for it ended" if view.searched(satellite.hiding) else "two windows in a row had shown it"
-        click.echo(
-            f"\nThe model of {satellite.hiding} lacks an effect. The demo ended before {what};"
-            " a longer --duration gives it time."
-        )
-
-
-def _diagnose_again(satellite: Satellite, extended: Path) -> list[str]:
-    """Return the verdicts on the full windows of the wheel that hides an effect, with its augmented model."""
-    import rwa_monitor as rwa
-
-    diagnoses = rwa.diagnose(satellite.hidden.samples, rwa.read_wheel(extended))
-    return [diagnosis.verdict for diagnosis in diagnoses if not diagnosis.partial]
-
-
 def _counts(verdicts: Iterable[str]) -> str:
     return ", ".join(f"{count} {verdict}" for verdict, count in Counter(verdicts).items())
 
 
-def _print_truth(satellite: Satellite, view: DemoView, record: Path) -> None:
-    """Print what happened, what the monitor diagnosed, and how to check the recording."""
+def _report(satellite: Satellite, view: DemoView, record: Path, *, served: bool) -> str:
+    """Return what was found, what was true, and how to see it again."""
+    import jinja2
+
+    import rwa_monitor as rwa
     from rwa_monitor.simulation.demo_satellite import ANOMALY, FACTOR, FAILING, WHEELS
     from rwa_monitor.words import counted
 
-    effect = satellite.hidden.effect
-    values = ", ".join(f"{name} = {value:.4g}" for name, value in effect.parameters.items())
-    click.echo(
-        f"\nWhat was true: the {ANOMALY} friction of {FAILING} grew to {FACTOR} times its nominal value"
-        f" from {view.hours(satellite.onset_ns):.1f} h on; the other wheels were healthy.\n"
-        f"{satellite.hiding} has {effect.name} ({values}), which the monitor's wheel file lacks."
+    again: list[str] = []  # verdicts on the windows of the wheel that hides an effect, with its augmented model
+    for extended in record.glob(f"discrepancy/{view.spacecraft}/{satellite.hiding}/extended_wheel.toml"):
+        diagnoses = rwa.diagnose(satellite.hidden.samples, rwa.read_wheel(extended))
+        again = [diagnosis.verdict for diagnosis in diagnoses if not diagnosis.partial]
+    template = jinja2.Environment(trim_blocks=True, lstrip_blocks=True, autoescape=False).from_string(  # noqa: S701
+        TEMPLATE.read_text(encoding="utf-8")
     )
-    for wheel in WHEELS:
-        diagnoses = view.diagnoses.get(wheel, [])
-        verdicts = _counts(diagnosis.verdict for _, diagnosis in diagnoses) or "no window was full yet"
-        click.echo(f"  {wheel}  {counted(len(diagnoses), 'window')}: {verdicts}")
-        anomalous = [each for each in diagnoses if each[1].verdict == "anomalous"]
-        if anomalous:
-            click.echo(
-                f"           first called anomalous {anomalous[0][0]:.0f} s into the demo: {anomalous[0][1].reason}"
-            )
-        elif wheel == FAILING:
-            click.echo(f"The demo ended before {FAILING} was called anomalous; a longer --duration shows it.")
-    click.echo(
-        f"\nThe recording is in {record}. To check that it replays: rwa-monitor replay --verify {quote(str(record))}"
+    return template.render(
+        satellite=satellite,
+        view=view,
+        record=record,
+        quoted=quote(str(record)),
+        served=served,
+        again=again[: len(view.verdicts(satellite.hiding))],
+        counted=counted,
+        counts=_counts,
+        ANOMALY=ANOMALY,
+        FACTOR=FACTOR,
+        FAILING=FAILING,
+        WHEELS=WHEELS,
     )

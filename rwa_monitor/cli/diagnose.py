@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from rwa_monitor.cli.console import console_of_stdout, log, track
 from rwa_monitor.cli.options import (
     FILE,
     Recordings,
     as_one,
+    console_of_stdout,
+    flag,
+    log,
     method_option,
     model_option,
+    option,
     recordings_options,
     scheduler_option,
+    track,
     wheel_option,
     workers_option,
 )
@@ -32,8 +35,7 @@ if TYPE_CHECKING:
     from rwa_monitor.reporting.trends import WindowFriction
 
 
-@dataclass(frozen=True, slots=True)
-class AtOnce:
+class AtOnce(NamedTuple):
     """Where to diagnose many recordings at once, and to keep the results."""
 
     results: Path | None = None
@@ -44,11 +46,8 @@ class AtOnce:
 at_once_options = as_one(
     "many",
     AtOnce,
-    click.option(
-        "--results",
-        type=FILE,
-        metavar="DIR",
-        help="Keep one Parquet file for each recording there, and do again only what is not done.",
+    option(
+        "--results", FILE, "DIR", "Keep one Parquet file for each recording there, and do again only what is not done."
     ),
     scheduler_option,
     workers_option,
@@ -59,8 +58,8 @@ at_once_options = as_one(
 @wheel_option
 @model_option
 @method_option
-@click.option("--json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
-@click.option("--carry", is_flag=True, help="Start each file with what the ones before it showed of the wheel.")
+@flag("--json", "One JSON object for each window and line (rwa.Diagnosis).")
+@flag("--carry", "Start each file with what the ones before it showed of the wheel.")
 @at_once_options
 @recordings_options
 def command(
@@ -138,11 +137,11 @@ def _at_once(task: Diagnose, recordings: Recordings, many: AtOnce) -> Iterator[D
     """Diagnose many files at once."""
     from rwa_monitor.batch.cluster import each
     from rwa_monitor.telemetry.files import make_folder
-    from rwa_monitor.telemetry.table import parquet
+    from rwa_monitor.telemetry.table import arrow
 
     store = None
     if many.results:
-        parquet()  # raises an error that names what to install
+        arrow()  # raises an error that names what to install
         from rwa_monitor.batch.store import Store
 
         store = Store(many.results, task)

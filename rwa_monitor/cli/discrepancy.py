@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from rwa_monitor.cli.console import console_of_stdout, log, status_line
 from rwa_monitor.cli.options import (
     FILE,
     Recordings,
     Whole,
     as_one,
+    console_of_stdout,
+    flag,
     known_wheel,
+    log,
     motor_off_option,
+    option,
     recordings_options,
+    status_line,
     wheel_option,
 )
 
@@ -33,8 +36,7 @@ if TYPE_CHECKING:
     Named = list[tuple[str, Samples]]  # name and samples of each recording
 
 
-@dataclass(frozen=True, slots=True)
-class ReportOptions:
+class ReportOptions(NamedTuple):
     """What a report on one wheel is to hold, beyond the search."""
 
     out: Path | None
@@ -48,41 +50,37 @@ class ReportOptions:
 report_options = as_one(
     "wanted",
     ReportOptions,
-    click.option(
-        "--out", type=FILE, metavar="DIR", help="Write report.html, report.json and extended_wheel.toml there."
-    ),
-    click.option(
+    option("--out", FILE, "DIR", "Write report.html, report.json and extended_wheel.toml there."),
+    option(
         "--bootstrap",
-        type=Whole(0, 10_000),
+        Whole(0, 10_000),
+        "B",
+        "Take p-values from B simulated records without the effect instead of the table.",
         default=0,
-        metavar="B",
-        help="Take p-values from B simulated records without the effect instead of the table.",
     ),
-    click.option(
+    option(
         "--held-out",
-        type=FILE,
+        FILE,
+        "FILE",
+        "A recording to measure the gain on: nothing is searched or fitted there. May be given several times.",
         multiple=True,
-        metavar="FILE",
-        help="A recording to measure the gain on: nothing is searched or fitted there. May be given several times.",
     ),
-    click.option(
+    flag(
         "--search-again",
-        is_flag=True,
-        help="Search parts of the data by themselves, too, and judge on the rest; takes up to three times as long.",
+        "Search parts of the data by themselves, too, and judge on the rest; takes up to three times as long.",
     ),
-    click.option(
+    flag(
         "--no-diagnosis",
-        is_flag=True,
-        help="Leave out what the extension does to the diagnosis (16 simulated windows: some 6 s of processor time).",
+        "Leave out what the extension does to the diagnosis (16 simulated windows: some 6 s of processor time).",
     ),
-    click.option("--plan", is_flag=True, help="Rank the manoeuvres that would separate the leading causes."),
+    flag("--plan", "Rank the manoeuvres that would separate the leading causes."),
 )
 
 
 @click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
 @wheel_option
 @motor_off_option
-@click.option("--json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
+@flag("--json", "Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
 @recordings_options
 def command(

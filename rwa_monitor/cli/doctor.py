@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor import __version__
-from rwa_monitor.cli.console import FAILED
-from rwa_monitor.cli.options import BYTES_PER_GB, FILE, bus_options, model_option, wheel_folder_option, wheel_option
+from rwa_monitor.cli.options import FAILED, FILE, bus_options, model_option, option, wheel_folder_option, wheel_option
 from rwa_monitor.errors import InputError, RwaMonitorError
 
 if TYPE_CHECKING:
@@ -22,16 +21,16 @@ if TYPE_CHECKING:
 
     from rwa_monitor.monitor.bus import BusOptions
 
-CONNECT_S: Final = 3.0  # how long a router or peer has to answer
-LISTEN_S: Final = 2.0  # how long the doctor subscribes to the bus: a monitor publishes every second
-NAMED: Final = 8  # wheels that a line names, of many
+ANSWER_S: Final = (
+    3.0  # how long a router or peer has to answer, and monitors, which publish every second, to be heard of
+)
 
 
 @click.command(name="doctor", short_help="Check installation, configuration and bus connection.")
 @wheel_option
 @model_option
 @wheel_folder_option
-@click.option("--record", type=FILE, metavar="DIR", help="The folder in which `run` shall record.")
+@option("--record", FILE, "DIR", "The folder in which `run` shall record.")
 @bus_options
 def command(
     wheel: Path | None,
@@ -141,12 +140,12 @@ def _model(model_file: Path | None) -> str:
 def look_at_wheel_folder(folder: Path) -> str:
     """Check that the wheel files of single wheels can be used, and return what they lack."""
     from rwa_monitor.telemetry.configuration import read_wheel_folder
-    from rwa_monitor.words import counted, first_few
+    from rwa_monitor.words import FEW, counted, first_few
 
     wheels = read_wheel_folder(folder)
     lacking = [f"{'/'.join(key)}: {note}" for key, wheel in wheels.items() for note in wheel.missing()]
-    found = f"{counted(len(wheels), 'wheel')} ({first_few(['/'.join(key) for key in wheels], NAMED)})"
-    return f"{found}; {'; '.join(lacking[:NAMED]) or 'complete'}"
+    found = f"{counted(len(wheels), 'wheel')} ({first_few(['/'.join(key) for key in wheels])})"
+    return f"{found}; {'; '.join(lacking[:FEW]) or 'complete'}"
 
 
 def look_at_recordings(folder: Path) -> str:
@@ -159,6 +158,8 @@ def look_at_recordings(folder: Path) -> str:
     """
     import shutil
 
+    from rich.filesize import decimal
+
     from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, locked
 
     if not folder.exists():
@@ -166,9 +167,9 @@ def look_at_recordings(folder: Path) -> str:
     with locked(folder):
         pass
     free = shutil.disk_usage(folder).free
-    found = f"{folder}: {free / BYTES_PER_GB:.3g} GB of the disk are free"
+    found = f"{folder}: {decimal(free)} of the disk are free"
     if free <= MIN_FREE_BYTES:
-        raise RwaMonitorError(f"{found}, of which {MIN_FREE_BYTES / BYTES_PER_GB:.2g} GB stay free")
+        raise RwaMonitorError(f"{found}, of which {decimal(MIN_FREE_BYTES)} stay free")
     last = max(folder.glob("*.mcap"), default=None)
     return f"{found}; {f'goes on from {last.name}' if last else 'holds no recording yet'}"
 
@@ -189,7 +190,7 @@ def look_at_bus(bus: BusOptions) -> str:
 
     with open_session(bus) as session:
         watch = BusWatch(session, endpoints(bus))
-        patient_until_s = time.monotonic() + CONNECT_S
+        patient_until_s = time.monotonic() + ANSWER_S
         while watch.trouble() and time.monotonic() < patient_until_s:
             Event().wait(0.1)
         if watch.trouble():
@@ -199,16 +200,14 @@ def look_at_bus(bus: BusOptions) -> str:
         found = _publishers(session)
         routers, peers = len(list(session.info.routers_zid())), len(list(session.info.peers_zid()))
     if not routers + peers:
-        return f"open, but nobody has connected in {LISTEN_S:.0f} s"
+        return f"open, but nobody has connected in {ANSWER_S:.0f} s"
     sending, monitored = found["samples"], found["status"]
-    listed = [
-        f"{counted(len(one), 'wheel')} ({first_few(sorted(one), NAMED) or 'none'})" for one in (sending, monitored)
-    ]
+    listed = [f"{counted(len(one), 'wheel')} ({first_few(sorted(one)) or 'none'})" for one in (sending, monitored)]
     unserved = sorted(sending - monitored)
     return (
-        f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {LISTEN_S:.0f} s received"
+        f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {ANSWER_S:.0f} s received"
         f" telemetry of {listed[0]}, monitors of {listed[1]}"
-        + (f"; nobody monitors {first_few(unserved, NAMED)}" if unserved else "")
+        + (f"; nobody monitors {first_few(unserved)}" if unserved else "")
     )
 
 
@@ -226,6 +225,6 @@ def _publishers(session: zenoh.Session) -> defaultdict[str, set[str]]:
             found[kind].add(f"{spacecraft}/{wheel}")
 
     subscriber = session.declare_subscriber("rwa/*/*/*", take)
-    Event().wait(LISTEN_S)
+    Event().wait(ANSWER_S)
     subscriber.undeclare()  # type: ignore[no-untyped-call]
     return found

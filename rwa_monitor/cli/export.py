@@ -6,20 +6,15 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.console import log
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FILE, log, option
 
 
 @click.command(name="export", short_help="Write a wheel's friction model for other simulators.")
 @click.argument("wheel", type=FILE, metavar="WHEEL.toml")
-@click.option(
-    "--to",
-    "target",
-    type=click.Choice(["c", "fmu", "basilisk", "json", "detector"]),
-    required=True,
-    help="What to write.",
+@option(
+    "--to target", click.Choice(["c", "fmu", "basilisk", "json", "detector"]), None, "What to write.", required=True
 )
-@click.option("-o", "--output", type=FILE, required=True, metavar="OUT", help="Folder to write to.")
+@option("-o --output", FILE, "OUT", "Folder to write to.", required=True)
 def command(wheel: Path, target: str, output: Path) -> int:
     """Write the friction model of a wheel file, its effects included, for other simulators.
 
@@ -36,7 +31,7 @@ def command(wheel: Path, target: str, output: Path) -> int:
 
     What the model does not hold (noise, what changes when the dry level jumps) is logged, and is stated in the files.
     """
-    from rwa_monitor.export.formats import FORMATS
+    from rwa_monitor.export import FORMATS
     from rwa_monitor.export.model import friction_model
     from rwa_monitor.telemetry.configuration import read_wheel
     from rwa_monitor.telemetry.files import display_name, write_files

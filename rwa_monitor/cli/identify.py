@@ -6,20 +6,29 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.console import log, status_line
-from rwa_monitor.cli.options import FILE, Recordings, known_wheel, motor_off_option, recordings_options
+from rwa_monitor.cli.options import (
+    FILE,
+    Recordings,
+    flag,
+    known_wheel,
+    log,
+    motor_off_option,
+    option,
+    recordings_options,
+    status_line,
+)
 
 
 @click.command(name="identify", short_help="Learn a wheel's nominal friction, noise and switching laws.")
-@click.option("-o", "--output", required=True, type=FILE, metavar="W.toml", help="Wheel file to write.")
-@click.option(
+@option("-o --output", FILE, "W.toml", "Wheel file to write.", required=True)
+@option(
     "--wheel",
-    type=FILE,
-    metavar="START.toml",
-    help="What is known already: name, motor constants, limits.  [default: name and sample period from the data]",
+    FILE,
+    "START.toml",
+    "What is known already: name, motor constants, limits.  [default: name and sample period from the data]",
 )
 @motor_off_option
-@click.option("--no-systems", is_flag=True, help="Learn nominal friction and noise only, for short recordings.")
+@flag("--no-systems", "Learn nominal friction and noise only, for short recordings.")
 @recordings_options
 def command(
     output: Path,

@@ -8,6 +8,7 @@ program and shows its traceback.
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -16,8 +17,7 @@ from typing import Any, Final
 
 import click
 
-from rwa_monitor.cli.console import FAILED, INTERRUPTED, PROGRAM, WRONG_USE, log
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FAILED, FILE, PROGRAM, WRONG_USE, log
 from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 
 # One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each
@@ -25,11 +25,9 @@ from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 # all processes started from here; from Python, rwa_monitor.threads does it.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-MAX_SETTINGS_BYTES: Final = 1_000_000
-
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
-COMMANDS: Final = (
+COMMANDS: Final = [
     "demo",
     "run",
     "simulate",
@@ -46,7 +44,7 @@ COMMANDS: Final = (
     "foxglove",
     "dashboard",
     "doctor",
-)
+]
 MODULES: Final = {"recover": "replay", "foxglove": "replay"}  # commands beside another one in its module
 
 
@@ -58,7 +56,7 @@ class Program(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         del ctx
-        return list(COMMANDS)
+        return COMMANDS
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in self.commands or cmd_name not in COMMANDS:
@@ -105,7 +103,7 @@ class Program(click.Group):
             log(f"the package {error.name} is missing: install rwa-monitor again, with pip install .")
             status = FAILED
         except click.Abort:
-            status = INTERRUPTED
+            status = 128 + signal.SIGINT  # as a shell reports it
         except BrokenPipeError:
             # Whoever read our output has gone; what Python still flushes at its end goes nowhere, without a complaint.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -159,10 +157,10 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         ctx.exit(WRONG_USE)
     if settings is not None:
         from rwa_monitor.telemetry.files import display_name, read_text
-        from rwa_monitor.wheel.file_content import parse_toml
+        from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES, parse_toml
 
-        source, text = display_name(settings), read_text(settings, MAX_SETTINGS_BYTES)
-        tables = parse_toml(text, source, MAX_SETTINGS_BYTES, "a settings file")
+        source, text = display_name(settings), read_text(settings, MAX_CONTENT_BYTES)
+        tables = parse_toml(text, source, MAX_CONTENT_BYTES, "a settings file")
         ctx.default_map = _defaults(tables, main, ctx, source, "")
 
 

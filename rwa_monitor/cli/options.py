@@ -1,29 +1,103 @@
-"""Options that several commands share, each written once."""
+"""What commands share: exit codes, log and progress on stderr (stdout is for data), a clean stop; and their options."""
 
 from __future__ import annotations
 
 import functools
 import ipaddress
 import math
-from collections.abc import Callable, Iterable, Sequence
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from rwa_monitor.cli.console import UNREADABLE, WRONG_USE, log
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.samples import Samples
     from rwa_monitor.telemetry.reader import Decoding
     from rwa_monitor.wheel.wheel import Wheel
 
+
+PROGRAM: Final = "rwa-monitor"
+WIDTH_IN_FILES: Final = 120  # characters of a line
+
+# Exit codes; 0 is done.
+FAILED: Final = click.ClickException.exit_code  # or a check found a difference
+WRONG_USE: Final = click.UsageError.exit_code  # or bad input
+UNREADABLE: Final = 3  # done, but bytes of the input could not be read
+
+Item = TypeVar("Item")
+
+
+def log(*messages: str) -> None:
+    """Write messages to stderr, each in one line; an empty one is none."""
+    for message in filter(None, messages):
+        click.echo(f"{PROGRAM}: {' '.join(message.split())}", err=True)
+
+
+def console_of_stdout() -> Console:
+    """Return the console for stdout; lines have a fixed width where no terminal gives theirs."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = WIDTH_IN_FILES
+    return console
+
+
+def track(items: Iterable[Item], total: int, description: str) -> Iterable[Item]:
+    """Pass items on while a bar on stderr shows how many of `total` are done; nothing where stderr is no terminal."""
+    from rich.console import Console
+    from rich.progress import track as rich_track
+
+    console = Console(stderr=True)
+    return rich_track(items, description, total=total, console=console, transient=True, disable=not console.is_terminal)
+
+
+@contextmanager
+def status_line(description: str) -> Iterator[Callable[[str], None]]:
+    """Give a function that shows what is being done, on one line of stderr; nothing where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield lambda _: None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True).status(description) as status:
+        yield lambda step: status.update(f"{description}: {step}")
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Event]:
+    """Give an event that SIGINT or SIGTERM sets; a second SIGINT interrupts at once, as it does elsewhere."""
+    stop = Event()
+
+    def stop_cleanly(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        stop.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    before = {number: signal.signal(number, stop_cleanly) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+# ---- options ---------------------------------------------------------------------------------------------------------
+
+
 # Transports whose other end shows who it is.
 _PROTECTED: Final = ("tls", "quic", "unixsock-stream", "unixpipe")
-
-BYTES_PER_GB: Final = 1e9
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
@@ -50,6 +124,16 @@ class Real(click.FloatRange):
         return number
 
 
+def option(names: str, kind: Any, metavar: str | None, about: str, **more: Any) -> Callable[[Decorated], Decorated]:
+    """Return click's option: its names, its type, what stands for its value in the help, and what it does."""
+    return click.option(*names.split(), type=kind, metavar=metavar, help=about, **more)
+
+
+def flag(name: str, about: str) -> Callable[[Decorated], Decorated]:
+    """Return click's option without a value."""
+    return click.option(name, is_flag=True, help=about)
+
+
 def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Decorated], Decorated]:
     """Return a decorator that adds options to a command, which gets them as one value.
 
@@ -69,57 +153,39 @@ def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) 
             return command(**{name: make(**{key: given.pop(key) for key in added})}, **given)
 
         known = len(getattr(command, "__click_params__", ()))
-        for option in reversed(options):
-            option(with_one)
+        for one in reversed(options):
+            one(with_one)
         added = [parameter.name for parameter in with_one.__click_params__[known:]]  # type: ignore[attr-defined]
         return with_one  # type: ignore[return-value]
 
     return add
 
 
-speed_option = click.option(
-    "--speed",
-    type=Real(0, min_open=True),
-    default=1.0,
-    metavar="X",
-    help="Times real time when publishing; inf: as fast as it goes.",
+speed_option = option(
+    "--speed", Real(0, min_open=True), "X", "Times real time when publishing; inf: as fast as it goes.", default=1.0
 )
-wheel_option = click.option(
-    "--wheel", type=FILE, metavar="W.toml", help="Constants of the wheel.  [default: the built-in wheel]"
-)
-wheel_folder_option = click.option(
+wheel_option = option("--wheel", FILE, "W.toml", "Constants of the wheel.  [default: the built-in wheel]")
+wheel_folder_option = option(
     "--wheel-folder",
-    type=FILE,
-    metavar="DIR",
-    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are that of --wheel.",
+    FILE,
+    "DIR",
+    "Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are that of --wheel.",
 )
-model_option = click.option(
-    "--model", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"
+model_option = option("--model", FILE, "M.json", "Trained classifiers.  [default: the built-in model]")
+motor_off_option = flag(
+    "--motor-off", "The wheel runs down with its motor off: friction is -J dω/dt, speed and inertia_kg_m2 are enough."
 )
-motor_off_option = click.option(
-    "--motor-off",
-    is_flag=True,
-    help="The wheel runs down with its motor off: friction is -J dω/dt, speed and inertia_kg_m2 are enough.",
+method_option = option(
+    "--method", click.Choice(["joint", "paper"]), None, "Assign jumps jointly, or as in the paper.", default="joint"
 )
-method_option = click.option(
-    "--method", type=click.Choice(["joint", "paper"]), default="joint", help="Assign jumps jointly, or as in the paper."
+recording_output_option = option("-o --output", FILE, "OUT.mcap", "Where to write; must not exist.", required=True)
+record_option = option("--record", FILE, "DIR", "Folder of the recordings and the history.", default=Path("recordings"))
+port_option = option("--port", Whole(0, 65535), "P", "Port of the page, on loopback.  [default: 8750, or any]")
+no_browser_option = flag("--no-browser", "Open no browser.")
+scheduler_option = option(
+    "--scheduler", str, "ADDR", "Work on this Dask cluster, such as tcp://host:8786.  [default: this machine]"
 )
-recording_output_option = click.option(
-    "-o", "--output", type=FILE, required=True, metavar="OUT.mcap", help="Where to write; must not exist."
-)
-record_option = click.option(
-    "--record", type=FILE, default=Path("recordings"), metavar="DIR", help="Folder of the recordings and the history."
-)
-port_option = click.option(
-    "--port", type=Whole(0, 65535), metavar="P", help="Port of the page, on loopback.  [default: 8750, or any]"
-)
-no_browser_option = click.option("--no-browser", is_flag=True, help="Open no browser.")
-scheduler_option = click.option(
-    "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: this machine]"
-)
-workers_option = click.option(
-    "--workers", type=Whole(1, 1024), metavar="N", help="Processes on this machine.  [default: cores]"
-)
+workers_option = option("--workers", Whole(1, 1024), "N", "Processes on this machine.  [default: cores]")
 
 
 def _decoding(**files: Path | None) -> Decoding:
@@ -129,13 +195,8 @@ def _decoding(**files: Path | None) -> Decoding:
 
 
 _DECODING: Final = (
-    click.option(
-        "--map",
-        type=FILE,
-        metavar="MAP.toml",
-        help="For space packets and ROS 2 bags: which parameter or topic is which channel.",
-    ),
-    click.option("--xtce", type=FILE, metavar="X.xml", help="For space packets: what is in them."),
+    option("--map", FILE, "MAP.toml", "For space packets and ROS 2 bags: which parameter or topic is which channel."),
+    option("--xtce", FILE, "X.xml", "For space packets: what is in them."),
 )
 decoding_options = as_one("decoding", _decoding, *_DECODING)
 
@@ -149,19 +210,11 @@ def _bus(**options: Any) -> BusOptions:
 bus_options = as_one(
     "bus",
     _bus,
-    click.option("-m", "--mode", type=click.Choice(["peer", "client", "router"]), help="Role in the Zenoh network."),
-    click.option(
-        "-e", "--connect", multiple=True, metavar="ENDPOINT", help="Connect there, such as tcp/HOST:7447 (repeatable)."
-    ),
-    click.option(
-        "-l", "--listen", multiple=True, metavar="ENDPOINT", help="Listen, as on tcp/127.0.0.1:7447 (repeatable)."
-    ),
-    click.option("-c", "--config", type=FILE, metavar="FILE", help="Zenoh configuration (JSON5), as for TLS."),
-    click.option(
-        "--no-multicast-scouting",
-        is_flag=True,
-        help="Do not look for others by multicast: so it is anyway, unless -c sets otherwise.",
-    ),
+    option("-m --mode", click.Choice(["peer", "client", "router"]), None, "Role in the Zenoh network."),
+    option("-e --connect", str, "ENDPOINT", "Connect there, such as tcp/HOST:7447 (repeatable).", multiple=True),
+    option("-l --listen", str, "ENDPOINT", "Listen, as on tcp/127.0.0.1:7447 (repeatable).", multiple=True),
+    option("-c --config", FILE, "FILE", "Zenoh configuration (JSON5), as for TLS."),
+    flag("--no-multicast-scouting", "Do not look for others by multicast: so it is anyway, unless -c sets otherwise."),
 )
 
 

@@ -8,8 +8,19 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import FAILED, UNREADABLE, log, status_line, stop_on_signals
-from rwa_monitor.cli.options import FILE, bus_options, recording_output_option, speed_option, warn_if_alone
+from rwa_monitor.cli.options import (
+    FAILED,
+    FILE,
+    UNREADABLE,
+    bus_options,
+    flag,
+    log,
+    recording_output_option,
+    speed_option,
+    status_line,
+    stop_on_signals,
+    warn_if_alone,
+)
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -17,10 +28,10 @@ if TYPE_CHECKING:
 
 @click.command(name="replay", short_help="Re-run a recording, and check that the results agree.")
 @click.argument("recordings", nargs=-1, required=True, type=FILE, metavar="RECORDING...")
-@click.option("--verify", is_flag=True, help="Compare with what the recording holds, to 1e-9 relative.")
-@click.option("--exact", is_flag=True, help="Demand equal bytes; means --verify.")
-@click.option("--long", is_flag=True, help="List every difference, not only their number per field.")
-@click.option("--publish", is_flag=True, help="Publish the recorded inputs on the bus instead.")
+@flag("--verify", "Compare with what the recording holds, to 1e-9 relative.")
+@flag("--exact", "Demand equal bytes; means --verify.")
+@flag("--long", "List every difference, not only their number per field.")
+@flag("--publish", "Publish the recorded inputs on the bus instead.")
 @speed_option
 @bus_options
 def command(
@@ -62,7 +73,7 @@ def command(
 def _publish(paths: Path | tuple[Path, ...], speed: float, bus: BusOptions) -> int:
     """Send the recorded inputs in the pace of their own time."""
     from rwa_monitor.monitor.bus import open_session
-    from rwa_monitor.monitor.publisher import replay_to_bus
+    from rwa_monitor.monitor.replay import replay_to_bus
     from rwa_monitor.words import counted
 
     warn_if_alone(bus)
@@ -83,10 +94,10 @@ def recover(recording: Path, output: Path) -> int:
 
     What is lost is logged on stderr, and the exit code is 3 then.
     """
-    from rwa_monitor.monitor.recording import copies
+    from rwa_monitor.monitor.recording.recorder import recover as save
     from rwa_monitor.words import counted
 
-    recovery = copies.recover(recording, output)
+    recovery = save(recording, output)
     log(*recovery.lost)
     log(f"{output}: {counted(recovery.messages, 'message')} saved")
     return UNREADABLE if recovery.lost else 0
@@ -101,7 +112,7 @@ def foxglove(recordings: tuple[Path, ...], output: Path) -> int:
     Every sample is a message, friction's parts and its jumps have topics, and what concerns an operator is a
     foxglove.Log. OUT.layout.json is the layout for it, and for the same wheels live (dashboard --foxglove).
     """
-    from rwa_monitor.monitor.recording.copies import write_foxglove
+    from rwa_monitor.monitor.recording.recorder import write_foxglove
     from rwa_monitor.words import counted
 
     written = write_foxglove(recordings, output)

@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals
 from rwa_monitor.cli.options import (
-    BYTES_PER_GB,
     FILE,
     Real,
     bus_options,
+    log,
     model_option,
+    option,
+    stop_on_signals,
     warn_if_alone,
     wheel_folder_option,
     wheel_option,
@@ -36,18 +37,16 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 
 
 @click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
-@click.option("--wheels", default="rwa/*/*/samples", metavar="KEYEXPR", help="Keys of the samples to take.")
+@option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
 @wheel_option
 @wheel_folder_option
 @model_option
-@click.option(
-    "--record", type=FILE, metavar="DIR", help="Record everything in this folder, and continue from what it holds."
-)
-@click.option(
+@option("--record", FILE, "DIR", "Record everything in this folder, and continue from what it holds.")
+@option(
     "--record-limit",
-    type=Real(min=0.1),
-    metavar="GB",
-    help="Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
+    Real(min=0.1),
+    "GB",
+    "Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
 @click.option(
     "--shard",
@@ -56,14 +55,14 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     metavar="I/N",
     help="Serve share I of N: the wheels are divided among N of these.",
 )
-@click.option(
+@option(
     "--stored-after",
-    type=Real(min=0.0),
-    metavar="S",
-    help="Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
+    Real(min=0.0),
+    "S",
+    "Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
     " not say, and the wheel's clock agrees with it; 0: never.  [default: 600]",
 )
-@click.option("--alive", type=FILE, metavar="FILE", help="Touched every second, for a container's health check.")
+@option("--alive", FILE, "FILE", "Touched every second, for a container's health check.")
 @bus_options
 def command(
     wheels: str,
@@ -82,8 +81,7 @@ def command(
     Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
-    from rwa_monitor.monitor.monitor import STORED_AFTER_S, RunOptions
-    from rwa_monitor.monitor.service import Supervisor, run
+    from rwa_monitor.monitor.service import STORED_AFTER_S, RunOptions, Supervisor, run
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
     common = read_wheel(wheel)
@@ -99,7 +97,7 @@ def command(
         own_wheels=own_wheels,
         model=read_model(model),
         record=record,
-        max_record_bytes=None if record_limit is None else int(record_limit * BYTES_PER_GB),
+        max_record_bytes=None if record_limit is None else int(record_limit * 1e9),
         bus=bus,
         shard=shard,
         stored_after_s=STORED_AFTER_S if stored_after is None else stored_after,

@@ -7,8 +7,18 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.console import log, stop_on_signals, track
-from rwa_monitor.cli.options import FILE, Whole, bus_options, speed_option, warn_if_alone, wheel_option
+from rwa_monitor.cli.options import (
+    FILE,
+    Whole,
+    bus_options,
+    log,
+    option,
+    speed_option,
+    stop_on_signals,
+    track,
+    warn_if_alone,
+    wheel_option,
+)
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -16,14 +26,11 @@ if TYPE_CHECKING:
 
 DEFAULT_KEY: Final = "rwa/simulated/wheel_{n}/samples"
 
-scenario_option = click.option(
-    "--scenario",
-    type=FILE,
-    metavar="S.toml",
-    help="What happens to the wheel.  [default: a healthy wheel in orbit]",
+scenario_option = option(
+    "--scenario", FILE, "S.toml", "What happens to the wheel.  [default: a healthy wheel in orbit]"
 )
-seed_option = click.option("--seed", type=Whole(0), default=0, metavar="N", help="The same seed gives the same bytes.")
-output_option = click.option("-o", "--output", type=FILE, required=True, metavar="PATH", help="Where to write.")
+seed_option = option("--seed", Whole(0), "N", "The same seed gives the same bytes.", default=0)
+output_option = option("-o --output", FILE, "PATH", "Where to write.", required=True)
 
 
 @click.group(name="simulate", short_help="Make telemetry: recording, data set, live wheel.", no_args_is_help=False)
@@ -53,16 +60,11 @@ def recording(scenario: Path | None, wheel: Path | None, seed: int, output: Path
 
 
 @command.command(short_help="Write labelled windows, to train with.")
-@click.option("--recipe", required=True, metavar="NAME", help="What the windows are like; a wrong name lists them.")
-@click.option("--count", type=Whole(1), required=True, metavar="N", help="Windows to make.")
+@option("--recipe", str, "NAME", "What the windows are like; a wrong name lists them.", required=True)
+@option("--count", Whole(1), "N", "Windows to make.", required=True)
 @seed_option
 @output_option
-@click.option(
-    "--format",
-    type=click.Choice(["parquet", "csv"]),
-    default="parquet",
-    help="Of the sample tables.",
-)
+@option("--format", click.Choice(["parquet", "csv"]), None, "Of the sample tables.", default="parquet")
 def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> None:  # noqa: A002
     """Write labelled windows into the folder -o DIR: one sample table each, labels.csv, and the truth of each.
 
@@ -95,9 +97,9 @@ def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> No
 @wheel_option
 @seed_option
 @speed_option
-@click.option("--key", default=DEFAULT_KEY, metavar="KEY", help="The samples on the bus; {n} counts wheels.")
-@click.option("--count", type=Whole(1, 4096), default=1, metavar="N", help="So many wheels at once.")
-@click.option("--batch", type=Whole(1, 100_000), default=256, metavar="N", help="Samples of one message.")
+@option("--key", str, "KEY", "The samples on the bus; {n} counts wheels.", default=DEFAULT_KEY)
+@option("--count", Whole(1, 4096), "N", "So many wheels at once.", default=1)
+@option("--batch", Whole(1, 100_000), "N", "Samples of one message.", default=256)
 @bus_options
 def publish(
     scenario: Path | None,
@@ -114,8 +116,7 @@ def publish(
     Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
     `simulate recording`; with --count the second wheel has the next seed, and so on.
     """
-    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.monitor.publisher import SamplesPublisher, send
+    from rwa_monitor.monitor.bus import BusWatch, SamplesPublisher, endpoints, open_session, send
 
     warn_if_alone(bus)
     if count > 1 and "{n}" not in key:

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.console import log, track
-from rwa_monitor.cli.options import FILE, scheduler_option, workers_option
+from rwa_monitor.cli.options import FILE, log, option, scheduler_option, track, workers_option
 from rwa_monitor.errors import InputError
 
 
 @click.command(name="train", short_help="Learn the classifiers from labelled recordings.")
 @click.argument("labels_file", type=FILE, metavar="LABELS.csv")
-@click.option("--wheel", type=FILE, metavar="W.toml", required=True, help="Constants of the wheel.")
-@click.option("-o", "--output", type=FILE, required=True, metavar="MODEL.json", help="Where to write the model.")
+@option("--wheel", FILE, "W.toml", "Constants of the wheel.", required=True)
+@option("-o --output", FILE, "MODEL.json", "Where to write the model.", required=True)
 @scheduler_option
 @workers_option
 def command(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, workers: int | None) -> None:

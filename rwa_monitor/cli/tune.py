@@ -7,18 +7,16 @@ from json import dumps
 
 import click
 
-from rwa_monitor.cli.console import FAILED
+from rwa_monitor.cli.options import FAILED, flag, option
 
 SEED = 20260126  # of the simulated check: the same wishes give the same figures
 
 
 @click.command(name="tune", short_help="Choose window, prior weight and threshold of the detector.")
-@click.option("--missed", type=float, required=True, metavar="P", help="Wanted probability of missing a jump.")
-@click.option(
-    "--run-length", type=float, required=True, metavar="N", help="Wanted mean number of samples between false alarms."
-)
-@click.option("--jump", type=float, required=True, metavar="SIGMAS", help="Size of the jump, in noise deviations.")
-@click.option("--json", is_flag=True, help="Print one JSON object.")
+@option("--missed", float, "P", "Wanted probability of missing a jump.", required=True)
+@option("--run-length", float, "N", "Wanted mean number of samples between false alarms.", required=True)
+@option("--jump", float, "SIGMAS", "Size of the jump, in noise deviations.", required=True)
+@flag("--json", "Print one JSON object.")
 def command(
     missed: float,
     run_length: float,

@@ -4,32 +4,51 @@ A frame is a JSON array of entries {key, received_wall_ns, beside, message}; `me
 key. What only the view of one wheel shows goes to the pages that show that wheel: samples, changepoints,
 the whole status. Of all other statuses a frame holds one pulse. A page that does not keep up is disconnected and
 connects again, rather than falling behind unnoticed.
+
+What comes goes to the fleet, to the history and to the feed. A history that cannot be written just now holds nothing
+up: its windows wait, and are written when it can be again.
 """
 
 from __future__ import annotations
 
 import asyncio
+import itertools
 import time
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from threading import Lock
 from typing import Final, Self
 
 import zenoh
 
-from rwa_monitor.dashboard.fleet import Received, record_entry
+from rwa_monitor.dashboard.fleet import KEYS, KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
-from rwa_monitor.history.records import AlarmRecord
+from rwa_monitor.history.database import HistoryError
+from rwa_monitor.history.records import AlarmRecord, MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Health, HealthAlarm, dump_json, health_message
-from rwa_monitor.monitor.bus import HealthAnswers
+from rwa_monitor.messages import (
+    PERIOD_S,
+    REPLAY,
+    Diagnosis,
+    Discrepancy,
+    Health,
+    HealthAlarm,
+    Message,
+    SamplesMessage,
+    Status,
+    dump_json,
+    health_message,
+    split_key,
+)
+from rwa_monitor.monitor.bus import BusThread, BusWatch, HealthAnswers
+from rwa_monitor.samples import SECONDS_PER_HOUR
+from rwa_monitor.words import Log, time_text
 
 FRAME_PERIOD_S: Final = 0.1
-BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds takes the server for gone
 MAX_FRAMES: Final = 100  # that wait for one page
-MAX_ENTRIES: Final = 20_000  # of one frame
-MAX_POSTED: Final = 200_000  # that wait for a frame
 BEAT_KEY: Final = "dashboard/beat"
 PULSE_KEY: Final = "dashboard/pulse"
 CLOSE_UP: Final = frozenset({"samples", "changepoints"})  # only for pages that show the wheel
@@ -58,7 +77,7 @@ class Hub:
     def __init__(self) -> None:
         self.clients: set[Client] = set()
         self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
-        self._posted: deque[Received] = deque(maxlen=MAX_POSTED)  # its appends are atomic
+        self._posted: deque[Received] = deque(maxlen=MAX_WAITING)  # its appends are atomic
 
     def post(self, received: Received) -> None:
         """Take a message, from any thread; it is dropped while no page is open."""
@@ -85,7 +104,7 @@ class Hub:
             now = clock()
             entries: list[Received] = []
             if now >= beat_due:
-                beat_due = now + BEAT_PERIOD_S
+                beat_due = now + PERIOD_S  # a page without a beat for some seconds takes the server for gone
                 beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
                 entries.append(Received(BEAT_KEY, beat, time.time_ns()))
             self._hand_out(entries)
@@ -94,7 +113,7 @@ class Hub:
         """Hand out what has been gathered, behind these entries."""
         statuses: dict[str, Received] = {}
         close_up: list[Received] = []
-        for _ in range(min(len(self._posted), MAX_ENTRIES)):
+        for _ in range(len(self._posted)):
             received = self._posted.popleft()
             if received.brief:
                 statuses[received.wheel] = received
@@ -225,3 +244,279 @@ def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
         by = seen[-1] if seen and alarm.phase == "acknowledged" else None
         found[alarm.name] = HealthAlarm(level=alarm.level, phase=alarm.phase, acknowledged_by=by)
     return found
+
+
+# ---- messages on their way in ----------------------------------------------------------------------------------------
+
+
+RECEIVED: Final[dict[str, type[Message]]] = {**KINDS, Health.kind: Health}
+MAX_WAITING: Final = 10_000  # entries that wait for a frame, and windows that wait for the history
+BATCH: Final = 100  # windows, or reports of monitors, of one transaction: alarms of a thousand wheels take some seconds
+# Silence of a monitor that is an alarm: a restart takes some seconds, and one that diagnoses many wheels at once may be
+# late by as many.
+SILENT_S: Final = 30 * PERIOD_S
+
+
+class Listener(BusThread):
+    """From the bus into the dashboard.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session; it is left open.
+    fleet, history, notifier
+        Where messages go.
+    log
+        Takes lines of the log.
+    connect
+        Endpoints that the session should connect to.
+    silent_s
+        Silence from which a wheel's monitor is an alarm [s]; 0 for none.
+
+    Raises
+    ------
+    HistoryError
+        If the history cannot be read.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        fleet: Fleet,
+        history: History,
+        notifier: AlarmNotifier,
+        log: Log,
+        connect: Sequence[str],
+        silent_s: float,
+    ) -> None:
+        self.fleet, self.history = fleet, history
+        self.notifier, self.hub = notifier, notifier.hub
+        self.log = log
+        self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
+        # Windows whose samples were old by the clock when they came.
+        self._late: deque[tuple[str, str, int]] = deque(maxlen=MAX_WAITING)
+        self._retry_due_s = 0.0
+        self._check_due_s = self._prune_due_s = 0.0
+        self._watch = BusWatch(session, connect)
+        self._monitors = MonitorWatch(silent_s, history.monitors())
+        super().__init__(session, KEYS, "dashboard listener")
+
+    def on_idle(self) -> None:
+        """Do what is due by the clock: store what could not be stored, check database and bus."""
+        now_s = time.monotonic()
+        check_is_due = now_s >= self._check_due_s
+        if check_is_due:
+            self._check_due_s = now_s + PERIOD_S
+            trouble = self._watch.trouble()
+            self.hub.note("bus", trouble)
+            if now_s >= self._retry_due_s:  # before what may take long: here all that has come so far is read
+                self._report_monitors(trouble)
+        if self._waiting and now_s >= self._retry_due_s:
+            self._store()
+        if check_is_due and not self._waiting:
+            self._use_history(self._show_others)
+        if now_s >= self._prune_due_s:
+            self._prune_due_s = now_s + SECONDS_PER_HOUR
+            self._use_history(self.history.prune)
+
+    def _report_monitors(self, trouble: str) -> None:
+        """Write down which monitors report and which do not any more, and report the alarms that it makes."""
+        changes = self._monitors.changes(self.history.retired.names(), trouble)[:BATCH]  # the others later
+
+        def write() -> None:
+            changed = self.history.take_monitors(changes)
+            self._monitors.written(changes)
+            self.notifier.publish(*changed)
+
+        if changes:
+            self._use_history(write)
+
+    def _show_others(self) -> None:
+        """Show what other dashboards on the same history did on the list of wheels."""
+        for event in self.history.retired.refresh():
+            self.hub.post(record_entry(event, "retirement"))
+
+    def _use_history(self, work: Callable[[], object]) -> bool:
+        """Do something with the history, and log it where it cannot be used."""
+        try:
+            work()
+        except HistoryError as error:
+            self._retry_due_s = time.monotonic() + PERIOD_S
+            if "history" not in self.hub.notes:
+                self.log(str(error))
+            self.hub.note("history", f"{error}. {len(self._waiting)} windows wait to be stored.")
+            return False
+        self.hub.note("history", "")
+        return True
+
+    def receive(self, key: str, payload: bytes) -> None:
+        """Pass on one message; one that is none of ours is dropped."""
+        if len(self._waiting) >= BATCH:
+            self.on_idle()
+        try:
+            spacecraft, wheel, kind = split_key(key)
+            if kind not in RECEIVED:
+                return
+            message = RECEIVED[kind].parse(payload, key)
+        except InputError:
+            return
+        if isinstance(message, Health):
+            if message.data == "stored":
+                self._late.append((spacecraft, wheel, message.window_end_ns))
+            return
+        known = self._wheel(spacecraft, wheel)
+        if known is None:
+            return
+        wall_ns, replayed = time.time_ns(), wheel.endswith(REPLAY)
+        if isinstance(message, SamplesMessage):
+            self._receive_samples(known, key, message, wall_ns)
+            return
+        if isinstance(message, Diagnosis):
+            if (spacecraft, wheel, message.window_end_ns) in self._late:
+                message = message.model_copy(update={"data": "stored"})
+            self._telemetry_arrived(spacecraft, wheel, message.window_end_ns)
+        elif isinstance(message, Status) and not replayed:
+            self._monitors.take_status(spacecraft, wheel, message.last_sample_ns)
+            # The first status does not show how old its sample is.
+            if known.status is not None and message.last_sample_ns not in {None, known.status.last_sample_ns}:
+                self._telemetry_arrived(spacecraft, wheel)
+        self.hub.post(self.fleet.take(known, message, Received(key, message.model_dump_json().encode(), wall_ns)))
+        # Nothing of a replay goes into the history.
+        if isinstance(message, Diagnosis | Discrepancy) and not replayed:
+            self._waiting.append(message)
+
+    def _receive_samples(self, known: Wheel, key: str, message: SamplesMessage, wall_ns: int) -> None:
+        spacecraft, wheel, _ = split_key(key)
+        self._telemetry_arrived(spacecraft, wheel)
+        if not wheel.endswith(REPLAY):
+            self._monitors.expect(spacecraft, wheel)
+        elif message.time_ns[0] < known.decimated.last_ns:
+            known = self.fleet.begin(spacecraft, wheel, []) or known  # a replay that begins from the start
+        if message.data == "stored":
+            return  # the picture, and the rhythm in which samples come, are of now
+        picked = self.fleet.take_samples(known, message.samples(), wall_ns)
+        if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
+            self.hub.post(Received(key, thinned_json(picked), wall_ns))
+
+    def _telemetry_arrived(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
+        """Bring a retired wheel back to the list, and have it written down."""
+        event = self.history.retired.telemetry_arrived(spacecraft, wheel, window_end_ns)
+        if event is not None:
+            self.hub.post(record_entry(event, "retirement"))
+            self._waiting.append(event)
+
+    def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
+        """Return a wheel; a new one with its earlier windows from the history. None where there are too many."""
+        known = self.fleet.wheel(spacecraft, wheel)
+        if known is not None:
+            return known
+        earlier: list[Diagnosis] = []
+        with suppress(HistoryError):  # shown without them, too; `_store` reports a history that cannot be used
+            earlier = self.history.windows(spacecraft, wheel, REMEMBERED)
+        return self.fleet.begin(spacecraft, wheel, earlier)
+
+    def _store(self) -> None:
+        """Write what waits into the history, and report alarms that changed."""
+        while self._waiting and self._use_history(self._store_some):
+            pass
+
+    def _store_some(self) -> None:
+        """Store windows together: to bring one to the disk takes as long as to bring a hundred."""
+        some = list(itertools.islice(self._waiting, BATCH))
+        diagnoses = [message for message in some if isinstance(message, Diagnosis)]
+        self.history.retired.record(message for message in some if isinstance(message, RetirementEvent))
+        _, changed = self.history.add(*diagnoses)
+        for message in some:
+            if isinstance(message, Discrepancy):
+                self.history.add_discrepancy(message)
+            self._waiting.popleft()
+        self.notifier.publish(*changed)
+
+
+# ---- which monitors report -------------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Monitor:
+    """The monitor of one wheel; `written` is what the history holds of its silence, None: nothing.
+
+    `last_s`, and `since` in words, are when it reported last, or before its first status when the wait for it began.
+    """
+
+    last_s: float
+    since: str
+    has_reported: bool = False
+    time_ns: int | None = None
+    written: bool | None = None
+
+
+class MonitorWatch:
+    """Which wheels have a monitor that reports: one that does not any more is an alarm of its own.
+
+    A monitor publishes the status of each of its wheels once a second. It is expected from its first status on, also by
+    a dashboard that is started after it died: the history keeps which wheels ever had one. It is expected, too, where
+    samples come: with `run --wheels` and `--shard` a wheel may have no monitor. Silence is measured on a clock that
+    only goes forward, from this dashboard's start at the earliest.
+
+    Parameters
+    ----------
+    silent_s
+        Silence from which it is an alarm [s]; 0 for none.
+    expected
+        Wheels, by spacecraft and name, whose monitor is in the history, and whether its alarm is up.
+    clock_s, wall_ns
+        A clock that only goes forward [s], and this machine's [ns].
+    """
+
+    def __init__(
+        self,
+        silent_s: float,
+        expected: Mapping[tuple[str, str], bool],
+        clock_s: Callable[[], float] = time.monotonic,
+        wall_ns: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._silent_s = silent_s
+        self._clock_s, self._wall_ns = clock_s, wall_ns
+        since = f"this dashboard was started, at {time_text(wall_ns())}"
+        self._monitors = {name: _Monitor(clock_s(), since, written=alarmed) for name, alarmed in expected.items()}
+
+    def take_status(self, spacecraft: str, wheel: str, time_ns: int | None) -> None:
+        """Note a status of a wheel's monitor, and the time of the wheel's latest sample [ns], if it has one."""
+        known = self._monitors.setdefault((spacecraft, wheel), _Monitor(0.0, ""))
+        known.last_s, known.since, known.has_reported = self._clock_s(), time_text(self._wall_ns()), True
+        known.time_ns = known.time_ns if time_ns is None else time_ns
+
+    def expect(self, spacecraft: str, wheel: str) -> None:
+        """Note that samples of a wheel came: it should have a monitor."""
+        if (spacecraft, wheel) not in self._monitors:
+            since = f"samples of this wheel came first, at {time_text(self._wall_ns())}"
+            self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), since)
+
+    def changes(self, retired: Collection[tuple[str, str]], trouble: str) -> list[MonitorState]:
+        """Return what the history does not hold yet: monitors that report, and those that do not any more.
+
+        Parameters
+        ----------
+        retired
+            Wheels whose monitors are no longer expected.
+        trouble
+            What is wrong with the dashboard's own connection, in words; "" where nothing is.
+        """
+        if not self._silent_s:
+            return []
+        now_s = self._clock_s()
+        found = []
+        for name, one in self._monitors.items():
+            silence_s = now_s - one.last_s
+            silent = silence_s > self._silent_s
+            if not silent and not one.has_reported:
+                continue  # expected, without a status yet: what is written stands
+            if silent != one.written and not (silent and name in retired):
+                reason = f"No monitor has reported since {one.since}: {silence_s:.0f} s and longer. {trouble}".rstrip()
+                found.append(MonitorState(*name, silent, one.time_ns, reason if silent else ""))
+        return found
+
+    def written(self, states: Iterable[MonitorState]) -> None:
+        """Note that the history holds this now."""
+        for state in states:
+            self._monitors[state.spacecraft, state.wheel].written = state.silent

@@ -5,15 +5,17 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from threading import Lock
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rwa_monitor.history.records import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import (
+    INTERVALS_TILL_LATE,
+    MAX_WHEELS,
     REPORTS,
     Changepoints,
     Diagnosis,
@@ -25,17 +27,15 @@ from rwa_monitor.messages import (
     health_message,
     samples_json,
 )
-from rwa_monitor.monitor.setup import WheelSet
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
 from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_torque
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
-from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
 # What is shown of what goes over the bus.
 SHOWN: Final[tuple[type[Message], ...]] = (SamplesMessage, *REPORTS)
 KINDS: Final = {message.kind: message for message in SHOWN}
-MAX_WHEELS: Final = 5_000
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history is begun with
 
@@ -47,7 +47,6 @@ SPARSEST: Final = 8  # slots per sample up to which a stretch is laid on the slo
 LEAST_STALE_S: Final = 10.0
 FIRST_STALE_S: Final = 60.0  # while nothing is known of the rhythm
 RHYTHMS: Final = 8  # messages whose intervals are looked at
-LATE_FACTOR: Final = 3.0  # a message that is three intervals late does not come
 FASTEST: Final = 2_000.0  # times real time: what comes faster is read out of a memory, and is no rhythm
 
 
@@ -108,7 +107,7 @@ class Rhythm:
 
     def __init__(self) -> None:
         self.wall_ns: int | None = None
-        self._span_s = FIRST_STALE_S / LATE_FACTOR
+        self._span_s = FIRST_STALE_S / INTERVALS_TILL_LATE
         self._last_sample_ns: int | None = None
         self._intervals: deque[float] = deque(maxlen=RHYTHMS)
 
@@ -136,7 +135,7 @@ class Rhythm:
         """Silence after which the samples are no longer those of now [s]."""
         known = len(self._intervals) >= RHYTHMS // 2
         expected_s = max(self._intervals) if known else self._span_s
-        return max(LEAST_STALE_S, LATE_FACTOR * expected_s)
+        return max(LEAST_STALE_S, INTERVALS_TILL_LATE * expected_s)
 
     def to_json(self) -> bytes:
         """Return it as it goes with a status in the feed."""
@@ -218,8 +217,7 @@ def _known(values: FloatArray | None, count: int) -> FloatArray:
 # ---- the latest message of each kind of each wheel -------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Received:
+class Received(NamedTuple):
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
     `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
@@ -306,13 +304,13 @@ class Fleet:
 
     Parameters
     ----------
-    constants
-        Of the wheels, for friction that is derived from current; None: the built-in wheel's.
+    setup
+        Has the constants of the wheels, for friction that is derived from current; None: the built-in wheel's.
     """
 
-    def __init__(self, constants: WheelSet | None = None) -> None:
+    def __init__(self, setup: Setup | None = None) -> None:
         self.lock = Lock()
-        self.constants = constants or WheelSet(built_in_wheel())
+        self.setup = setup or Setup()
         self._wheels: dict[tuple[str, str], Wheel] = {}
 
     def wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
@@ -321,19 +319,12 @@ class Fleet:
             return self._wheels.get((spacecraft, wheel))
 
     def begin(self, spacecraft: str, wheel: str, earlier: list[Diagnosis]) -> Wheel | None:
-        """Return a wheel, known from now on with its earlier windows; None where there are too many."""
+        """Return a wheel, known from now on with its earlier windows alone; None where there are too many."""
         with self.lock:
             if len(self._wheels) >= MAX_WHEELS:
                 return None
-            constants = self.constants.of(spacecraft, wheel)
-            known = self._wheels.setdefault((spacecraft, wheel), Wheel(DerivedFriction(constants)))
+            known = Wheel(DerivedFriction(self.setup.wheel(spacecraft, wheel)))
             known.verdicts.extend(earlier)
-            return known
-
-    def begin_again(self, spacecraft: str, wheel: str) -> Wheel:
-        """Return a wheel of which nothing is known any more: of a replay that begins from the start."""
-        with self.lock:
-            known = Wheel(DerivedFriction(self.constants.of(spacecraft, wheel)))
             self._wheels[spacecraft, wheel] = known
             return known
 
@@ -358,13 +349,13 @@ class Fleet:
                         rhythm,
                         dump_json(_refused(message)),
                     )
-                    received = replace(received, beside=rhythm, brief=pulse)
+                    received = received._replace(beside=rhythm, brief=pulse)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]
                 case Diagnosis():
                     wheel.verdicts.extend([message])
-                    received = replace(received, beside=wheel.verdicts.to_json())
+                    received = received._replace(beside=wheel.verdicts.to_json())
                     latest = wheel.diagnosis
                     if message.data and latest is not None and message.window_end_ns < latest.window_end_ns:
                         return received  # of a dump: the wheel's state is that of its latest window

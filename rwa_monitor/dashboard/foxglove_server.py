@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from threading import Lock
-from typing import Final, Self
+from typing import Final
 
 import foxglove
 import zenoh
@@ -22,8 +22,8 @@ MAX_TOPICS: Final = 50_000  # of a thousand wheels some ten thousand; those of m
 BACKLOG: Final = 16_384  # messages that wait for a client that is slow; a batch of telemetry is some hundred
 
 
-class FoxgloveServer(ServerListener):
-    """Serves Foxglove on loopback; use it with `with`. It only sends: nothing from a client is used.
+class FoxgloveServer(BusThread, ServerListener):
+    """Serves Foxglove on loopback. It only sends: nothing from a client is used.
 
     Whoever subscribes to a topic gets its latest message at once, as a diagnosis comes every few minutes only.
 
@@ -59,22 +59,18 @@ class FoxgloveServer(ServerListener):
         except (OSError, RuntimeError) as error:
             raise RwaMonitorError(f"port {port} cannot be used: {error}; --foxglove names another") from error
         self._translator = Translator()
-        self._bus = BusThread(session, KEYS, self._receive, name="foxglove server")
+        super().__init__(session, KEYS, "foxglove server")
 
     @property
     def address(self) -> str:
         """Where Foxglove connects to."""
         return f"ws://{HOST}:{self._server.port}"
 
-    def __enter__(self) -> Self:
-        self._bus.start()
-        return self
-
     def __exit__(self, *error: object) -> None:
-        self._bus.stop()
+        super().__exit__(*error)
         self._server.stop()
 
-    def _receive(self, key: str, payload: bytes) -> None:
+    def receive(self, key: str, payload: bytes) -> None:
         try:
             views = self._translator.translate(key, payload)
         except InputError:

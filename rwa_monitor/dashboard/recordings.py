@@ -5,13 +5,20 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.feed import array_json
-from rwa_monitor.dashboard.fleet import KINDS, DecimatedSamples, DerivedFriction, Fleet, Received, thinned_json
+from rwa_monitor.dashboard.feed import BATCH, array_json
+from rwa_monitor.dashboard.fleet import (
+    KINDS,
+    MAX_POINTS,
+    DecimatedSamples,
+    DerivedFriction,
+    Fleet,
+    Received,
+    thinned_json,
+)
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
@@ -31,11 +38,8 @@ from rwa_monitor.monitor.recording.reader import (
     read_recording,
     time_span,
 )
-from rwa_monitor.monitor.setup import COMMON, WheelSet
-from rwa_monitor.wheel.wheel import built_in_wheel
+from rwa_monitor.monitor.setup import Setup
 
-MAX_REPLAY_BYTES: Final = 512 * 2**20
-POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
 SHOWN: Final = {kind.schema_name(): kind for kind in KINDS.values()}
 
 
@@ -80,8 +84,6 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     if folder is None or name not in {entry.name for entry in list_recordings(folder)}:
         raise InputError(name, "is no recording here")
     path = folder / name
-    if path.stat().st_size > MAX_REPLAY_BYTES:
-        raise InputError(name, f"is larger than {MAX_REPLAY_BYTES} bytes")
     recording = read_recording(path)
     entries = list(_entries(recording))
     # Reading stops at what is damaged; the page shows it.
@@ -101,10 +103,9 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
         if entry.first_ns is None or entry.last_ns is None or entry.first_ns >= end_ns or entry.last_ns < start_ns:
             continue
         with suppress(InputError):  # damaged, or too large: what others hold is shown
-            recording = read_recording((folder or Path()) / entry.name, MAX_REPLAY_BYTES)
-            with_wheels = COMMON in recording.attachments
-            wheels = WheelSet.of_recording(recording) if with_wheels else WheelSet(built_in_wheel())
-            derived = DerivedFriction(wheels.of(window.spacecraft, window.wheel))
+            recording = read_recording((folder or Path()) / entry.name)
+            setup = Setup.found_in(recording) or Setup()
+            derived = DerivedFriction(setup.wheel(window.spacecraft, window.wheel))
             for message in recording.messages:
                 if message.topic == topic:
                     samples = derived.add(SamplesMessage.parse(message.payload, topic).samples())
@@ -112,19 +113,19 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
     return decimated.message()
 
 
-def latest_wheels(folder: Path | None) -> WheelSet | None:
-    """Return the constants in the latest recording of a folder that has some; None where there is none."""
+def latest_setup(folder: Path | None) -> Setup | None:
+    """Return the setup of the latest recording of a folder that has one; None where there is none."""
     for entry in list_recordings(folder):
         with suppress(InputError):  # damaged, or too large: an earlier one serves as well
-            recording = read_recording((folder or Path()) / entry.name, MAX_REPLAY_BYTES)
-            if COMMON in recording.attachments:
-                return WheelSet.of_recording(recording)
+            recording = read_recording((folder or Path()) / entry.name)
+            if (setup := Setup.found_in(recording)) is not None:
+                return setup
     return None
 
 
 def _entries(recording: Recording) -> Iterator[bytes]:
     """Yield the entries {time_ns, key, message} that a page would have had, in the recording's order."""
-    fleet = Fleet(WheelSet.of_recording(recording) if COMMON in recording.attachments else None)
+    fleet = Fleet(Setup.found_in(recording))
     counts: Counter[str] = Counter()
     for message in recording.messages:
         if message.schema == SamplesMessage.schema_name():
@@ -137,20 +138,17 @@ def _entries(recording: Recording) -> Iterator[bytes]:
         wheel = fleet.wheel(*name) or fleet.begin(*name, [])
         entry = Received(message.topic, shown.to_json(), message.publish_ns)
         if wheel is not None and isinstance(shown, SamplesMessage):
-            wheel.decimated.stride = max(wheel.decimated.stride, -(-counts[message.topic] // POINTS_PER_WHEEL))
+            wheel.decimated.stride = max(wheel.decimated.stride, -(-counts[message.topic] // MAX_POINTS))
             picked = fleet.take_samples(wheel, shown.samples(), message.publish_ns)
             if not len(picked):
                 continue
-            entry = replace(entry, payload=thinned_json(picked))
+            entry = entry._replace(payload=thinned_json(picked))
         elif wheel is not None and isinstance(shown, Diagnosis):
             entry = fleet.take(wheel, shown, entry)
         yield b'{"time_ns":%d,%b' % (message.time_ns, entry.to_json()[1:])
 
 
 # ---- into the history ------------------------------------------------------------------------------------------------
-
-
-BATCH_WINDOWS: Final = 200  # of one transaction
 
 
 def import_recordings(history: History, path: Path) -> tuple[int, int]:
@@ -173,6 +171,6 @@ def import_recordings(history: History, path: Path) -> tuple[int, int]:
         for found in recording.parsed(Discrepancy):
             history.add_discrepancy(found)
         windows += len(diagnoses)
-        for begin in range(0, len(diagnoses), BATCH_WINDOWS):
-            new += history.add(*diagnoses[begin : begin + BATCH_WINDOWS])[0]
+        for begin in range(0, len(diagnoses), BATCH):
+            new += history.add(*diagnoses[begin : begin + BATCH])[0]
     return windows, new

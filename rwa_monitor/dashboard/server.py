@@ -5,25 +5,24 @@ from __future__ import annotations
 import secrets
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import Final
+from typing import Final, NamedTuple
 
 import uvicorn
 import zenoh
 
 from rwa_monitor.dashboard.app import Api, create_app
-from rwa_monitor.dashboard.feed import AlarmNotifier
+from rwa_monitor.dashboard.feed import SILENT_S, AlarmNotifier, Listener
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.listener import SILENT_S, Listener
-from rwa_monitor.dashboard.recordings import latest_wheels
+from rwa_monitor.dashboard.recordings import latest_setup
 from rwa_monitor.errors import RwaMonitorError, needs_extra
 from rwa_monitor.history.store import History
-from rwa_monitor.monitor.setup import WheelSet
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.words import Log
 
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
@@ -32,8 +31,7 @@ START_S: Final = 60.0  # on a busy machine; when it cannot start at all, its thr
 SHUTDOWN_S: Final = 2
 
 
-@dataclass(frozen=True, slots=True)
-class DashboardOptions:
+class DashboardOptions(NamedTuple):
     """Settings of the dashboard.
 
     Attributes
@@ -72,8 +70,7 @@ class DashboardOptions:
         return self.history or (self.record / HISTORY_NAME if self.record else None)
 
 
-@dataclass(frozen=True, slots=True)
-class Running:
+class Running(NamedTuple):
     """A dashboard that runs: its address, and the same with the token in it."""
 
     address: str
@@ -81,7 +78,7 @@ class Running:
 
 
 @contextmanager
-def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str], None] = print) -> Iterator[Running]:
+def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -> Iterator[Running]:
     """Serve the dashboard while the context lasts.
 
     Raises
@@ -94,7 +91,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Callable[[str]
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
         history = stack.enter_context(History(options.history_place))
-        fleet = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record))
+        fleet = Fleet(Setup(options.wheel) if options.wheel else latest_setup(options.record))
         listening = stack.enter_context(_socket(options.port))
         notifier = stack.enter_context(AlarmNotifier(session, history))
         app = create_app(Api(fleet, history, notifier, options.record), token)

@@ -3,3 +3,30 @@
 `recording.py` writes down what an effect's class computes, `model.py` puts a wheel's law together, and each format has
 a file beside its template.
 """
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from rwa_monitor.export.basilisk import basilisk_files
+from rwa_monitor.export.c_source import c_files
+from rwa_monitor.export.detector import detector_files
+from rwa_monitor.export.fmu import fmu_files
+from rwa_monitor.export.model import FrictionModel, to_json
+
+
+def _json_files(model: FrictionModel) -> dict[str, bytes]:
+    text = json.dumps(to_json(model), indent=2, ensure_ascii=False, allow_nan=False)
+    return {"rwa_friction.json": f"{text}\n".encode()}
+
+
+# What can be written of a friction model, by the name of its format.
+FORMATS: Final[Mapping[str, Callable[[FrictionModel], Mapping[str, bytes]]]] = {
+    "basilisk": basilisk_files,
+    "c": lambda model: {name: text.encode() for name, text in c_files(model).items()},
+    "detector": detector_files,
+    "fmu": fmu_files,
+    "json": _json_files,
+}

@@ -8,13 +8,11 @@ sweep of `cost.sweep`, whose first quarter is the way up from rest.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.export.c_source import c_files, render
-from rwa_monitor.export.cost import SWEEP_S, rms, sweep, torque
+from rwa_monitor.export.c_source import SWEEP_S, c_files, render, rms, sweep, torque
 from rwa_monitor.export.fmu import shared_library
 from rwa_monitor.export.model import FrictionModel
 from rwa_monitor.samples import FloatArray
@@ -26,8 +24,7 @@ NO_STRIBECK: Final = -1.0  # of betaStatic: Basilisk's own value for a wheel wit
 TRIED_SHARES: Final = (0.003, 0.01, 0.03, 0.1)  # of the largest speed: where the fit of betaStatic begins
 
 
-@dataclass(frozen=True, slots=True)
-class Fit:
+class Fit(NamedTuple):
     """Basilisk's parameters by name, and the RMSE [N m] over the sweep."""
 
     values: dict[str, float]

@@ -9,13 +9,13 @@ solves it.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
 import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.export.recording import Recorded, Recorder, literal
+from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.formula import Formula
@@ -47,8 +47,7 @@ class _RecordedJumps:
         return self._channel("(state->time_s - state->jump_time_s)")
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """One effect of the model.
 
     Attributes
@@ -84,8 +83,7 @@ class Part:
         ]
 
 
-@dataclass(frozen=True, slots=True)
-class FrictionModel:
+class FrictionModel(NamedTuple):
     """A wheel's friction.
 
     Attributes
@@ -173,11 +171,11 @@ def _recorded_channels(recorder: Recorder, period_s: float) -> Channels:
     )
 
 
-def to_json(model: FrictionModel, software: str) -> Mapping[str, Any]:
+def to_json(model: FrictionModel) -> Mapping[str, Any]:
     """Return the model as plain content: constants, formulas, what is not held."""
     wheel = model.wheel
     return {
-        "software": software,
+        "software": SOFTWARE,
         "wheel": wheel.name,
         "wheel_sha256": wheel.sha256(),
         "report_sha256": model.reports,

@@ -9,9 +9,8 @@ The silence of a wheel's monitor goes through the same machine, its reports in t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 from rwa_monitor.messages import AlarmPhase, Anomaly, Diagnosis
 
@@ -91,8 +90,7 @@ EventKind = Literal[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class Policy:
+class Policy(NamedTuple):
     """When windows make an alarm: a level counts when k of the last n decided windows reach it.
 
     Normal is when none of the last n is above it.
@@ -122,8 +120,7 @@ def level_of(anomaly: Anomaly, *, model_adequate: bool = True) -> Level:
     return max((level for bound, level in BOUNDS if severity >= bound), default=Level.WATCH)
 
 
-@dataclass(frozen=True, slots=True)
-class Alarm:
+class Alarm(NamedTuple):
     """One alarm as it stands.
 
     Attributes
@@ -149,8 +146,7 @@ class Alarm:
     changed_ns: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class AlarmEvent:
+class AlarmEvent(NamedTuple):
     """A line of the audit trail: what happened, the level then, and when [ns, the wheel's clock]."""
 
     kind: EventKind
@@ -239,7 +235,7 @@ def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
     """
     seen = AlarmEvent("acknowledged", alarm.level, time_ns)
     if alarm.phase == "active":
-        after = replace(alarm, phase="acknowledged", acknowledged_level=alarm.peak, changed_ns=time_ns)
+        after = alarm._replace(phase="acknowledged", acknowledged_level=alarm.peak, changed_ns=time_ns)
         return after, [seen]
     if alarm.phase == "returned":
         return Alarm(alarm.recent), [seen, AlarmEvent("cleared", Level.NORMAL, time_ns)]

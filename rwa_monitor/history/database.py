@@ -35,7 +35,7 @@ from sqlalchemy.pool import StaticPool
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.history.alarms import ALL_WHEELS, Level, advice
 from rwa_monitor.messages import AlarmPhase
-from rwa_monitor.telemetry.files import make_folder
+from rwa_monitor.telemetry.files import make_folder, refusing
 
 POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
 BUSY_TIMEOUT_S: Final = 5.0
@@ -67,7 +67,9 @@ class Database:
         self.path = path = place if isinstance(place, Path) else None
         self._url = _url(place)
         if path is not None:
-            _make(path)
+            make_folder(path.parent)
+            with refusing(path, "cannot be used as a history"):
+                path.touch()
         self._engine = _open_engine(self._url)
         self._file = _identity(path)
 
@@ -103,14 +105,6 @@ def _identity(path: Path | None) -> tuple[int, int] | None:
     except OSError:
         return None
     return facts.st_dev, facts.st_ino
-
-
-def _make(path: Path) -> None:
-    make_folder(path.parent)
-    try:
-        path.touch()
-    except OSError as error:
-        raise InputError(str(path), f"cannot be used as a history: {error.strerror}") from error
 
 
 def _url(place: Path | str | None) -> URL:

@@ -14,12 +14,14 @@ Bayes' rule weighs them. Two wheels cannot be told from one cause and one except
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
+from rwa_monitor.history.alarms import WINDOW_POLICY
+from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import BoolArray, FloatArray
 
 COMPARED: Final = {"dry": "base dry friction", "viscous": "viscous friction"}  # coefficients, and their names in words
@@ -27,18 +29,16 @@ FEWEST_WHEELS: Final = 3
 MOST_WHEELS: Final = 16  # more are no siblings, but a fleet under one name
 SURE: Final = 0.95  # probability from which a shift counts as shared, or as of one wheel alone
 FEWEST_EARLIER: Final = 5  # windows that a wheel is compared with; with fewer, with what is nominal
-LATEST: Final = 3  # windows that are left out of what it was: those of which an alarm is made
+LATEST: Final = WINDOW_POLICY.n  # windows that are left out of what it was: those of which an alarm is made
 MOST_EARLIER: Final = 48  # windows; four days of 2.2 hours each
 SHIFT_STD: Final = 0.2  # S, one standard deviation of a shift where there is one; the learned anomalies are 15 to 30 %
 BOUNDS_APART: Final = 4.0  # standard deviations of healthy wheels between the nominal bounds, that is ±2
 LEAST_WANDER: Final = 0.005  # of a wheel's own coefficient from window to window, one standard deviation
 PRIOR_COMMON: Final = 0.05  # probability that a cause they share moved the latest windows
 PRIOR_ALONE: Final = 0.02  # the same of each wheel by itself
-NORMAL_MAD: Final = 1.4826  # standard deviations of a normal variable in its median absolute deviation
 
 
-@dataclass(frozen=True, slots=True)
-class Shift:
+class Shift(NamedTuple):
     """By how much a coefficient of one wheel moved, relative to what it was.
 
     Attributes
@@ -54,8 +54,7 @@ class Shift:
     nominal: float
 
 
-@dataclass(frozen=True, slots=True)
-class Comparison:
+class Comparison(NamedTuple):
     """What the shifts of siblings show.
 
     Attributes
@@ -93,7 +92,7 @@ def shift_of(values: FloatArray, stds: FloatArray, anomalous: BoolArray, nominal
     earlier = values[:-LATEST][~anomalous[:-LATEST] & np.isfinite(values[:-LATEST])]
     if earlier.size >= FEWEST_EARLIER:
         was = float(np.median(earlier))
-        wander = max(NORMAL_MAD * float(np.median(np.abs(earlier - was))), LEAST_WANDER * was)
+        wander = max(float(np.median(np.abs(earlier - was))) / math.sqrt(CHI_MEDIAN), LEAST_WANDER * was)
         # The median of n windows has π/2 times the variance of their mean.
         variance = wander**2 * (1.0 + 0.5 * np.pi / earlier.size)
     else:
@@ -109,35 +108,28 @@ def compare(shifts: Sequence[Shift]) -> Comparison | None:
     if count < FEWEST_WHEELS:
         return None
     r = np.array([shift.value for shift in shifts])
-    own = np.diag([shift.variance for shift in shifts])
-    shared, each = np.ones((count, count)), np.eye(count)
-    moved = [(0.0, None), (1.0, None), *((0.0, i) for i in range(count)), *((1.0, i) for i in range(count))]
-    log_weight, means = np.empty(len(moved)), np.zeros((len(moved), 2))
-    for k, (all_of_them, alone) in enumerate(moved):
-        covariance = own + SHIFT_STD**2 * all_of_them * shared
-        if alone is not None:
-            covariance = covariance + SHIFT_STD**2 * np.outer(each[alone], each[alone])
-        inverse = np.linalg.inv(covariance)
-        _, log_determinant = np.linalg.slogdet(covariance)
-        prior = np.log(PRIOR_COMMON if all_of_them else 1.0 - PRIOR_COMMON)
-        prior += np.log(1.0 - count * PRIOR_ALONE if alone is None else PRIOR_ALONE)
-        log_weight[k] = prior - 0.5 * (float(r @ inverse @ r) + log_determinant)
-        if all_of_them:  # the shift that they share, given the shifts
-            gain = SHIFT_STD**2 * np.sum(inverse, axis=0)
-            means[k] = float(gain @ r), SHIFT_STD**2 * (1.0 - float(np.sum(gain)))
+    # A hypothesis a row: whether a cause that all share moved them, and which wheel moved by itself.
+    shared = np.repeat([False, True], count + 1)
+    alone = np.tile(np.vstack([np.zeros(count), np.eye(count)]), (2, 1))
+    moved = shared[:, None, None] + alone[:, :, None] * alone[:, None, :]
+    covariance = np.diag([shift.variance for shift in shifts]) + SHIFT_STD**2 * moved
+    inverse = np.linalg.inv(covariance)
+    prior = np.where(shared, np.log(PRIOR_COMMON), np.log(1.0 - PRIOR_COMMON))
+    prior += np.where(alone.any(axis=1), np.log(PRIOR_ALONE), np.log(1.0 - count * PRIOR_ALONE))
+    log_weight = prior - 0.5 * (r @ inverse @ r + np.linalg.slogdet(covariance)[1])
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
-    with_cause = np.array([all_of_them > 0.0 for all_of_them, _ in moved])
-    common = float(weight[with_cause].sum())
-    of_these = weight[with_cause] / max(common, np.finfo(float).tiny)
-    shift = float(of_these @ means[with_cause, 0])
-    variance = float(of_these @ (means[with_cause, 1] + (means[with_cause, 0] - shift) ** 2))
-    alone_weights = np.array([sum(w for w, (_, j) in zip(weight, moved, strict=True) if j == i) for i in range(count)])
-    return Comparison(common, shift, float(np.sqrt(max(variance, 0.0))), alone_weights)
+    # The shift that they share, given the shifts.
+    gain = SHIFT_STD**2 * inverse[shared].sum(axis=1)
+    means, variances = gain @ r, SHIFT_STD**2 * (1.0 - gain.sum(axis=1))
+    common = float(weight[shared].sum())
+    of_these = weight[shared] / max(common, np.finfo(float).tiny)
+    shift = float(of_these @ means)
+    variance = float(of_these @ (variances + (means - shift) ** 2))
+    return Comparison(common, shift, float(np.sqrt(max(variance, 0.0))), weight @ alone)
 
 
-@dataclass(frozen=True, slots=True)
-class Moved:
+class Moved(NamedTuple):
     """How a coefficient of one wheel moved beside its siblings.
 
     Attributes

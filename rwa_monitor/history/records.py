@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator
 
 from rwa_monitor.diagnosis.trend import Reach
 from rwa_monitor.history.alarms import BOUNDS, EventKind, Level
-from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
+from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number, Share
 from rwa_monitor.reporting.trends import FrictionEstimate, coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
 
@@ -52,8 +51,7 @@ class AlarmRecord(Message):
     trail: list[AlarmLine]
 
 
-@dataclass(frozen=True, slots=True)
-class MonitorState:
+class MonitorState(NamedTuple):
     """Whether the monitor of a wheel reports.
 
     Attributes
@@ -100,7 +98,7 @@ class EstimateRecord(FrictionEstimate):
     """One estimate of one window, with its nominal range and what was diagnosed of it."""
 
     name: str
-    probability: Annotated[float, Field(ge=0, le=1)]
+    probability: Share
     severity: Number | None
     active: bool
 

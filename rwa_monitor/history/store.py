@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from threading import RLock
 from typing import Any, Final, Self
@@ -57,9 +56,9 @@ from rwa_monitor.history.neighbours import (
 )
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 
-MAX_ID: Final = 2**63 - 1  # that a database can hold
+MAX_ID: Final = np.iinfo(np.int64).max  # that a database can hold
 CHANGED: Final = "changed"  # alarms that a session has changed
 _ALARMS: Final = select(AlarmRow).options(selectinload(AlarmRow.trail))
 
@@ -248,7 +247,7 @@ class History:
                 row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
-                    self._log(session, row, replace(happened, kind="unshelved"))
+                    self._log(session, row, happened._replace(kind="unshelved"))
             self._log(session, row, happened)
         _write(row, after, time_ns)
         session.flush()
@@ -281,7 +280,7 @@ class History:
             row, state = self._open_alarm(session, alarm_id)
             alarm = _alarm(state, row)
             if row.name.endswith(STORED_ALARM):  # what was then needs no normal window now
-                alarm = replace(alarm, phase="returned")
+                alarm = alarm._replace(phase="returned")
             after, events = acknowledge(alarm, state.last_window_ns)
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
@@ -486,9 +485,6 @@ def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
 # ---- how long what is kept -------------------------------------------------------------------------------------------
 
 
-DAY_NS: Final = 86_400 * NANOSECONDS_PER_SECOND
-
-
 # What is older than so many days before the latest window of its wheel is removed; open alarms are kept always.
 DIAGNOSES_DAYS: Final = 180.0  # what is older is not taken in again either
 ESTIMATES_DAYS: Final = 730.0
@@ -497,7 +493,7 @@ ALARMS_DAYS: Final = 3650.0  # closed ones, with their audit trail
 
 def oldest_ns(end_ns: int, days: float) -> int:
     """Return the time some days before the latest window's end."""
-    return end_ns - int(days * DAY_NS)
+    return end_ns - int(days * SECONDS_PER_DAY) * NANOSECONDS_PER_SECOND
 
 
 # ---- retired wheels --------------------------------------------------------------------------------------------------

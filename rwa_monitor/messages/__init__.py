@@ -28,12 +28,17 @@ MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are so
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
 MAX_CLOCK_NS: Final = 2**62  # of times in outputs: beyond every sample, and sums of two fit in 64 bits
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
+MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
+PERIOD_S: Final = 1.0  # of all that is done again and again: status, heartbeat, signs of life, flush, checks
+INTERVALS_TILL_LATE: Final = 3.0  # after which something that comes at intervals counts as gone
+LOG_PERIOD_S: Final = 10.0  # of what is logged or recorded of something that goes on
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]
 ClockNs = Annotated[int, Field(ge=-MAX_CLOCK_NS, le=MAX_CLOCK_NS)]
 Slot = Annotated[int, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
 Name = Annotated[str, Field(max_length=200)]
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
 AlarmLevel = Literal["normal", "watch", "warning", "distress", "critical"]
@@ -221,11 +226,7 @@ def samples_json(samples: Samples, publisher: str, batch: int, data: Timeliness 
         values: FloatArray | None = getattr(samples, name)
         if values is not None:
             finite = np.isfinite(values)
-            readings: list[float | None] = values.tolist()
-            if not finite.all():
-                for i in np.flatnonzero(~finite):
-                    readings[i] = None
-            content[name] = readings
+            content[name] = (values if finite.all() else np.where(finite, values, np.array(None))).tolist()
     return dump_json(content)
 
 
@@ -244,7 +245,7 @@ class Anomaly(Message):
     """One possible anomaly; severity 0 at the nominal bound, 1 at the median of the learned anomaly."""
 
     active: bool
-    probability: Annotated[float, Field(ge=0, le=1)]
+    probability: Share
     severity: Number | None
     severity_std: Number | None
     estimate: Number | None
@@ -277,7 +278,7 @@ class AttributedChangepoint(Message):
     jump_Nm: Number
     std_Nm: Number
     fss: str
-    confidence: Annotated[float, Field(ge=0, le=1)]
+    confidence: Share
 
 
 class Residuals(Message):
@@ -315,7 +316,7 @@ class Diagnosis(Message):
     window_start_ns: ClockNs
     window_end_ns: ClockNs
     samples: Count
-    coverage: Annotated[float, Field(ge=0, le=1)]
+    coverage: Share
     partial: bool
     verdict: Verdict
     reason: str
@@ -339,7 +340,7 @@ class ProvisionalJump(Message):
     time_ns: ClockNs
     jump_Nm: Number
     std_Nm: Number
-    confidence: Annotated[float, Field(ge=0, le=1)]
+    confidence: Share
 
 
 class Changepoints(Message):
@@ -430,7 +431,7 @@ class Status(Message):
     messages_dropped: Count
     messages_missed: Count
     queue_depth: Count
-    window_fill: Annotated[float, Field(ge=0, le=1)]
+    window_fill: Share
     last_error: str | None
     recording: str | None
     software: str
@@ -463,7 +464,7 @@ class FoundEffect(Message):
     equivalent: list[str]
     separate_by: str
     parameters: dict[str, Uncertain]
-    p_value: Annotated[float, Field(ge=0, le=1)]
+    p_value: Share
     delta_deviance: Number
     formula: str | None = None
 

@@ -1,6 +1,6 @@
 """The bridge from space packets to the bus: UDP datagrams in, samples of wheels out.
 
-Bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for `HOLD_S`, wheels are
+Bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for `PERIOD_S`, wheels are
 those of the map. What comes faster than it is read, the system drops: the packets' sequence count shows it.
 """
 
@@ -10,24 +10,21 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from threading import Event
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.monitor.publisher import SamplesPublisher
+from rwa_monitor.messages import LOG_PERIOD_S, PERIOD_S
+from rwa_monitor.monitor.bus import IDLE_WAIT_S, SamplesPublisher
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, WheelPackets, packet_notes, split_packets
-from rwa_monitor.words import counted
+from rwa_monitor.words import Log, counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
-HOLD_S: Final = 1.0  # how long a sample waits for others at most
-WAIT_S: Final = 0.1  # for a datagram, before samples that wait are sent
-WARNINGS_S: Final = 10.0  # between two lines on what was left out
 
 
-@dataclass(frozen=True, slots=True)
-class UdpAddress:
+class UdpAddress(NamedTuple):
     """Where datagrams come in, or go to."""
 
     host: str
@@ -51,7 +48,7 @@ def listening(address: UdpAddress) -> Iterator[socket.socket]:
         raise RwaMonitorError(f"{address.host}: there is no such address: {error.strerror or error}") from error
     with socket.socket(family, kind, protocol) as receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-        receiver.settimeout(WAIT_S)
+        receiver.settimeout(IDLE_WAIT_S)
         try:
             receiver.bind(place)
         except OSError as error:
@@ -99,8 +96,8 @@ class Bridge:
                     self._send(wheel)
 
     def tick(self, now_s: float) -> None:
-        """Send what waits, each `HOLD_S`."""
-        if now_s - self._sent_s >= HOLD_S:
+        """Send what waits, each `PERIOD_S`."""
+        if now_s - self._sent_s >= PERIOD_S:
             self._sent_s = now_s
             self.send_all()
 
@@ -132,7 +129,7 @@ def run_bridge(
     bridge: Bridge,
     receiver: socket.socket,
     stop: Event,
-    log: Callable[[str], None],
+    log: Log,
     on_tick: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Hand on what a socket receives until stopped; what is left out is logged, each line once.
@@ -155,7 +152,7 @@ def run_bridge(
         bridge.tick(now_s)
         on_tick(now_s)
         if now_s >= next_warnings_s:
-            next_warnings_s = now_s + WARNINGS_S
+            next_warnings_s = now_s + LOG_PERIOD_S
             log_warnings()
     bridge.send_all()
     log_warnings()

@@ -2,7 +2,7 @@
 
 Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
 inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
-there is none for `PATIENCE_S`, because the monitor stands still, the message is dropped and counted: a longer wait
+there is none for `TIMEOUT_S`, because the monitor stands still, the message is dropped and counted: a longer wait
 would close the connection, and lose more than one message without a count. What was dropped is asked for again when
 there is time. Memory stays bounded in any case.
 """
@@ -10,32 +10,32 @@ there is time. Memory stays bounded in any case.
 from __future__ import annotations
 
 import json
+import math
 import re
-from collections.abc import Callable, Sequence
+import secrets
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple, Self, TypeVar
 
 import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage
-from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arrival_of, ask_publisher
-from rwa_monitor.telemetry.files import read_text
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, PERIOD_S, EncodedMessage, SamplesMessage, samples_json
+from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, ask_publisher
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, Timeliness
+from rwa_monitor.telemetry.files import MAX_DEPTH, read_text
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
+from rwa_monitor.words import Log
 
 # Of each publisher, at a start. It must be set: without a number the first live message ends Zenoh's wait for the
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
-# How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
-# when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
-HEARTBEAT_S: Final = 1.0
-MAX_CONFIG_BYTES: Final = 1_000_000
 ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
-MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
 
 # What Zenoh does by default, and what we do instead. What a configuration file sets otherwise than Zenoh's own default
 # counts; shared memory and plug-ins stay off in any case.
@@ -60,8 +60,7 @@ _JSON5_STRING_OR_COMMENT: Final = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\
 _ENDPOINT: Final = re.compile(r"(?:tcp|udp|tls|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?!tcp|udp|tls|quic|ws)[a-z0-9_-]+/\S+")
 
 
-@dataclass(frozen=True, slots=True)
-class BusOptions:
+class BusOptions(NamedTuple):
     """The Zenoh options of the command line, under their usual names.
 
     Attributes
@@ -88,8 +87,9 @@ def session_config(options: BusOptions) -> zenoh.Config:
     """Return the Zenoh configuration of the options; raises InputError naming the option that is wrong."""
     config, default = zenoh.Config(), zenoh.Config()
     if options.config is not None:
-        if _depth(read_text(options.config, MAX_CONFIG_BYTES)) > MAX_CONFIG_DEPTH:
-            reason = f"is no Zenoh configuration: it is nested deeper than {MAX_CONFIG_DEPTH} levels"
+        # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand.
+        if _depth(read_text(options.config, MAX_CONTENT_BYTES)) > MAX_DEPTH:
+            reason = f"is no Zenoh configuration: it is nested deeper than {MAX_DEPTH} levels"
             raise InputError(str(options.config), reason)
         try:
             config = zenoh.Config.from_file(options.config)
@@ -159,7 +159,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
         raise InputError("--mode", "a client needs an endpoint to connect to (-e tcp/HOST:PORT)")
     zenoh.init_log_from_env_or("error")
     if options.mode is None and options.config is None and options.connect and not options.listen:
-        as_client = session_config(replace(options, mode="client"))
+        as_client = session_config(options._replace(mode="client"))
         with suppress(zenoh.ZError):  # none answers: as a peer it can wait
             return zenoh.open(as_client)
     try:
@@ -182,12 +182,12 @@ def check_wheels(key_expression: str) -> None:
         raise InputError("--wheels", f"{key_expression!r} takes no samples: they come on {ALL_SAMPLES}")
 
 
-def _subscriber(session: zenoh.Session, key_expression: str, on_sample: Callable[[zenoh.Sample], None]) -> Any:
+def _subscriber(session: zenoh.Session, key_expression: str, inbox: Inbox) -> Any:
     """Subscribe to messages from now on, and to what their publishers still hold of before."""
     return ext.declare_advanced_subscriber(
         session,
         key_expression,
-        on_sample,
+        inbox.receive,
         history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
         recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
     )
@@ -198,7 +198,8 @@ def reliable_publisher(
 ) -> Any:
     """Declare a publisher that keeps so many messages for whoever comes late; its `undeclare` drops them.
 
-    It repeats the number of its last message, or sends it once.
+    It repeats the number of its last message, or sends it once: lost when that one message is (an outage, a subscriber
+    about to join), and with it the end of the stream until the next.
     """
     return ext.declare_advanced_publisher(
         session,
@@ -207,8 +208,8 @@ def reliable_publisher(
         congestion_control=zenoh.CongestionControl.BLOCK,
         cache=ext.CacheConfig(max_samples=kept),
         sample_miss_detection=ext.MissDetectionConfig(
-            heartbeat=HEARTBEAT_S if repeats_number else None,
-            sporadic_heartbeat=None if repeats_number else HEARTBEAT_S,
+            heartbeat=PERIOD_S if repeats_number else None,
+            sporadic_heartbeat=None if repeats_number else PERIOD_S,
         ),
         publisher_detection=True,
     )
@@ -262,7 +263,6 @@ class MonitorBus:
         self.session = session
         self.inbox = inbox
         self._backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
-        self._open = True  # callbacks go on after undeclare(): they check this
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
         self._health = HealthAnswers(session)
@@ -270,7 +270,7 @@ class MonitorBus:
     def subscribe(self, key_expression: str) -> None:
         """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
         check_wheels(key_expression)
-        self._declared.append(_subscriber(self.session, key_expression, self._on_sample))
+        self._declared.append(_subscriber(self.session, key_expression, self.inbox))
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
@@ -314,7 +314,6 @@ class MonitorBus:
 
     def close(self) -> None:
         """Undeclare everything; what still arrives is ignored."""
-        self._open = False
         self._health.clear()
         self.inbox.close()
         for entity in [*reversed(self._declared), *self._publishers.values()]:
@@ -323,17 +322,8 @@ class MonitorBus:
         self._declared.clear()
         self._publishers.clear()
 
-    # Called in threads beside Zenoh's: of samples append, and nothing else.
-
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        if self._open and sample.kind == zenoh.SampleKind.PUT:
-            self.inbox.put(arrival_of(sample))
-
 
 # ---- whether the bus is there ----------------------------------------------------------------------------------------
-
-
-CHECK_PERIOD_S: Final = 1.0  # of the connections
 
 
 class BusWatch:
@@ -365,11 +355,11 @@ class BusWatch:
         where = " or ".join(self._where)
         return "" if connected else f"The bus is gone: there is no connection to {where}. Trying again."
 
-    def log_changes(self, now_s: float, log: Callable[[str], None]) -> None:
+    def log_changes(self, now_s: float, log: Log) -> None:
         """Check the connections where that is due, and log once that the bus is gone, and once that it is back."""
         if now_s < self._due_s:
             return
-        self._due_s = now_s + CHECK_PERIOD_S
+        self._due_s = now_s + PERIOD_S
         trouble = self.trouble()
         if trouble != self._logged:
             log(trouble or "connected to the bus again")
@@ -379,11 +369,13 @@ class BusWatch:
 # ---- a subscription with a thread of its own -------------------------------------------------------------------------
 
 
-IDLE_WAIT_S: Final = 0.1
+IDLE_WAIT_S: Final = 0.1  # between two looks at what is due by the clock, also while messages flow
 
 
 class BusThread:
-    """A subscription and the one thread that works on what it brings. What was published before is asked for, too.
+    """A subscription and the one thread that works on what it brings; use it with `with`.
+
+    What was published before is asked for, too.
 
     Parameters
     ----------
@@ -391,50 +383,144 @@ class BusThread:
         An open Zenoh session; it is left open.
     key_expression
         What to listen to.
-    receive
-        Takes key and payload of each message, cut behind the largest size that a message may have.
-    on_idle
-        Called whenever the inbox is empty, again and again while nothing comes.
     name
         Of the thread.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        key_expression: str,
-        receive: Callable[[str, bytes], None],
-        on_idle: Callable[[], None] = lambda: None,
-        *,
-        name: str,
-    ) -> None:
-        self._receive, self._on_idle = receive, on_idle
+    def __init__(self, session: zenoh.Session, key_expression: str, name: str) -> None:
         self._inbox = Inbox()
         self._stop = Event()
         self._thread = Thread(target=self._run, name=name, daemon=True)
-        self._subscriber = _subscriber(session, key_expression, self._on_sample)
+        self._subscriber = _subscriber(session, key_expression, self._inbox)
 
-    def start(self) -> None:
+    def __enter__(self) -> Self:
         """Begin to work on what came since the subscription."""
         self._thread.start()
+        return self
 
-    def stop(self) -> None:
+    def __exit__(self, *error: object) -> None:
         """Work on nothing more, and wait for the thread."""
         self._stop.set()
+        self._inbox.close()
         with suppress(zenoh.ZError):  # the session may have been closed under us
             self._subscriber.undeclare()
         self._inbox.wake.set()
         self._thread.join()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        """Called in Zenoh's threads: append, and nothing else."""
-        if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
-            self._inbox.put(arrival_of(sample))
+    def receive(self, key: str, payload: bytes) -> None:
+        """Take a message, cut behind the largest size that one may have."""
+        raise NotImplementedError
+
+    def on_idle(self) -> None:
+        """Do what is due; called whenever the inbox is empty, again and again while nothing comes."""
 
     def _run(self) -> None:
         while not self._stop.is_set():
             self._inbox.wake.clear()
             while not self._stop.is_set() and (message := self._inbox.take()) is not None:
-                self._receive(message.key, message.payload)
-            self._on_idle()
+                self.receive(message.key, message.payload)
+            self.on_idle()
             self._inbox.wake.wait(IDLE_WAIT_S)
+
+
+# ---- telemetry as a satellite's computer publishes it: reliably, numbered, with a history ----------------------------
+
+
+HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
+Content = TypeVar("Content")
+LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` hands it over before it is sent
+
+
+def messages_publisher(session: zenoh.Session, key: str, history: int = HISTORY_MESSAGES) -> Any:
+    """Declare a publisher of messages of samples, with a history for as long as the longest outage lasts."""
+    return reliable_publisher(session, key, SamplesMessage.encoding(), history)
+
+
+class SamplesPublisher:
+    """Numbers one wheel's samples and publishes them reliably, under a random name; `data` as in `SamplesMessage`."""
+
+    def __init__(self, session: zenoh.Session, key: str, data: Timeliness | None = None) -> None:
+        self.name = secrets.token_hex(8)
+        self.data = data
+        self.batch = 0
+        self._publisher = messages_publisher(session, key)
+
+    def put(self, samples: Samples) -> None:
+        """Publish samples as the next message."""
+        self._publisher.put(samples_json(samples, self.name, self.batch, self.data))
+        self.batch += 1
+
+    def close(self) -> None:
+        """Leave the bus; the history is gone then."""
+        self._publisher.undeclare()
+
+
+def send(
+    telemetry: Mapping[str, Samples],
+    sinks: Mapping[str, SamplesPublisher],
+    *,
+    speed: float = 1.0,
+    batch_samples: int = 256,
+    linger_s: float = LINGER_S,
+    stop: Event | None = None,
+) -> int:
+    """Send samples of one or more wheels in the pace of their own time, and close the sinks.
+
+    Parameters
+    ----------
+    telemetry
+        Samples by bus key ("rwa/<spacecraft>/<wheel>/samples").
+    sinks
+        Where those of each wheel go, such as its `SamplesPublisher`.
+    speed
+        Times faster than real time; `math.inf` for as fast as the bus takes it.
+    batch_samples
+        Samples of one message at most. A message goes out when its last sample is due.
+    linger_s
+        How long to stay on the bus afterwards, so that late subscribers get the history [s].
+    stop
+        Ends it early when set.
+
+    Returns
+    -------
+    int
+        Samples sent.
+    """
+    stop = Event() if stop is None else stop
+    sent = 0
+    first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
+    try:
+        for key, batch in paced(_batches(telemetry, batch_samples), speed, stop, first_ns):
+            sinks[key].put(batch)
+            sent += len(batch)
+        stop.wait(linger_s)
+    finally:
+        for sink in sinks.values():
+            sink.close()
+    return sent
+
+
+def paced(
+    messages: Iterable[tuple[int, str, Content]], speed: float, stop: Event, first_ns: int | None = None
+) -> Iterator[tuple[str, Content]]:
+    """Yield key and content of messages when they are due; the pace begins with `first_ns`, or the first of them."""
+    begin_s = time.monotonic()
+    for due_ns, key, content in messages:
+        first_ns = due_ns if first_ns is None else first_ns
+        due_s = begin_s + (due_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
+        if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
+            return
+        yield key, content
+
+
+def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int, str, Samples]]:
+    """Cut all telemetry into messages: (time of the last sample, key, samples), in the order of time."""
+    cuts: list[tuple[int, int, str, int]] = []
+    for key, samples in telemetry.items():
+        due_ns = int(samples.time_ns[0]) if len(samples) else 0
+        for start in range(0, len(samples), size):
+            # Where a wheel's clock steps back, its messages still go out in their own order.
+            due_ns = max(due_ns, int(samples.time_ns[min(start + size, len(samples)) - 1]))
+            cuts.append((due_ns, len(cuts), key, start))
+    for due_ns, _, key, start in sorted(cuts):
+        yield due_ns, key, telemetry[key][start : start + size]

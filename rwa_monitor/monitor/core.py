@@ -10,7 +10,6 @@ result does not depend on how the samples are cut into messages.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Any, Final, Literal, NamedTuple, Self
 
 import numpy as np
@@ -25,7 +24,7 @@ from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
-from rwa_monitor.monitor.ingest.stored import StoredTelemetry, StoredWindow
+from rwa_monitor.monitor.ingest.stored import MAX_WINDOWS, StoredTelemetry, StoredWindow
 from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import (
     NANOSECONDS_PER_SECOND,
@@ -293,7 +292,7 @@ class WheelCore:
             values = {name: array[slots] for name, array in window.values.items()}
             happened = [*windows.write(slots, values, self.wheel.window.samples), *windows.end_epoch()]
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
-            events.append(replace(diagnosed, data="stored"))
+            events.append(diagnosed._replace(data="stored"))
             self._windows.go_on_from(diagnosed)
             return diagnosed.carried
 
@@ -377,9 +376,6 @@ def diagnose_samples(
 # Work is done in blocks that end at fixed slots of the grid, at most a few slots behind the newest.
 
 
-MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
-
-
 class _OpenWindow(NamedTuple):
     """A window that is being filled: its first slot and what it has gathered."""
 
@@ -423,10 +419,11 @@ class Windows:
         self.counts = counts
         self.grid = SlotGrid(0, wheel.period_ns)
         self._samples, self._hop = wheel.window.samples, wheel.window.hop_slots
-        if self._samples > MAX_OPEN_WINDOWS * self._hop:
+        # A smaller hop would cost memory without more information.
+        if self._samples > MAX_WINDOWS * self._hop:
             raise InputError(
                 f"wheel {wheel.name}",
-                f"is below 1/{MAX_OPEN_WINDOWS} of window.samples ({self._samples})",
+                f"is below 1/{MAX_WINDOWS} of window.samples ({self._samples})",
                 "window.hop",
             )
         self.begin_source("friction_torque_Nm")
@@ -655,9 +652,8 @@ def without_positions(carried: CarriedState) -> CarriedState:
 # ---- whether samples fit the wheel file at all ----------------------------------------------------------------------
 
 
-STEPS: Final = 64  # steps of time from which the period of the samples is taken
+ENOUGH: Final = 64  # steps of time that show the period; samples beyond a limit that are no single wild readings
 PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the median
-MANY_BEYOND: Final = 64  # samples beyond the limit that are no single wild readings
 SHARE_BEYOND: Final = 0.1  # of all samples
 
 
@@ -691,21 +687,21 @@ class SettingsCheck:
         events = [] if self._times is None else self._check_period(self._times, time_ns)
         self._seen += time_ns.size
         self._beyond += beyond
-        if beyond and not self._limits_reported and self._beyond >= max(MANY_BEYOND, SHARE_BEYOND * self._seen):
+        if beyond and not self._limits_reported and self._beyond >= max(ENOUGH, SHARE_BEYOND * self._seen):
             self._limits_reported = True
             text = f"{self._beyond} of {self._seen} samples are beyond the wheel's limits and rejected"
             events.append(Trouble("limits", f"{text}: is the speed in rpm, or is the wheel file another wheel's?"))
         return events
 
     def _check_period(self, before_ns: IntArray, time_ns: IntArray) -> list[Event]:
-        self._times = np.concatenate([before_ns, time_ns[: STEPS + 1 - before_ns.size]])
-        if self._times.size <= STEPS:
+        self._times = np.concatenate([before_ns, time_ns[: ENOUGH + 1 - before_ns.size]])
+        if self._times.size <= ENOUGH:
             return []
         steps = np.diff(self._times)
         self._times = None
         steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back show no period
         period_s, expected_s = float(np.median(steps)) if steps.size else 0.0, self._wheel.sample_period_s
-        if steps.size < STEPS // 2 or expected_s / PERIOD_DIFFERS <= period_s <= expected_s * PERIOD_DIFFERS:
+        if steps.size < ENOUGH // 2 or expected_s / PERIOD_DIFFERS <= period_s <= expected_s * PERIOD_DIFFERS:
             return []
         question = f"is sample_period_s = {expected_s:.6g} of the wheel file right?"
         return [Trouble("sample period", f"{question} The samples come every {period_s:.3g} s")]

@@ -6,8 +6,8 @@ Live monitor and replay share both.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from typing import Any, ClassVar, Final, Literal
+from dataclasses import asdict
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.messages import (
@@ -29,16 +29,14 @@ UNCHANGED: Final = ("coverage", "verdict", "reason", "fit", "model_adequate", "s
 MADE_WITH: Final = ("method", "model_sha256", "wheel_sha256", "prior_sha256")
 
 
-@dataclass(frozen=True, slots=True)
-class ProvisionalChangepoint:
+class ProvisionalChangepoint(NamedTuple):
     """A jump of friction, as soon as it is confirmed; provisional until the diagnosis of the window it lies in."""
 
     window_start_ns: int
     jump: ProvisionalJump
 
 
-@dataclass(frozen=True, slots=True)
-class WindowDiagnosed:
+class WindowDiagnosed(NamedTuple):
     """A window was closed and diagnosed.
 
     Attributes

@@ -1,5 +1,6 @@
-"""Replays recordings: the same core on the recorded inputs must give the recorded diagnoses.
+"""Runs recordings again: the state that a monitor goes on from, and whether the recorded diagnoses come out again.
 
+A replay runs single recordings; a monitor that starts goes on from those that an earlier run left in its folder.
 Messages are compared in order: lengths, types, bytes, then field by field with a tolerance.
 """
 
@@ -7,16 +8,36 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, TypeGuard
 
-from rwa_monitor.messages import Diagnosis, Discrepancy, EncodedMessage
-from rwa_monitor.monitor.events import Carried
+import zenoh
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import (
+    LOG_PERIOD_S,
+    REPLAY,
+    Changepoints,
+    Diagnosis,
+    Discrepancy,
+    EncodedMessage,
+    SamplesMessage,
+    key_of,
+    split_key,
+)
+from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
+from rwa_monitor.monitor.checkpoint import Checkpoint
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.events import Carried, outputs_of
 from rwa_monitor.monitor.recording.reader import (
+    CHECKPOINT_PREFIX,
+    MAX_FILE_BYTES,
+    RECORDING_SUFFIX,
     SOME_CHECKPOINTS,
     Attached,
     Recording,
@@ -25,12 +46,246 @@ from rwa_monitor.monitor.recording.reader import (
     recordings_of,
     time_span,
 )
+from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.searches import job_of, search
-from rwa_monitor.monitor.setup import Setup, WheelSet
-from rwa_monitor.monitor.state_recovery import run_recording
-from rwa_monitor.words import counted
+from rwa_monitor.monitor.setup import Setup, key_of_name
+from rwa_monitor.words import Log, counted, first_few
 
-MAX_LISTED: Final = 20  # fields in the short report
+# What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
+COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
+KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
+
+
+@dataclass(slots=True)
+class RecordingRun:
+    """A recording, run again.
+
+    Attributes
+    ----------
+    recording
+        With what is small of it: all attachments but checkpoints, and the messages of `KEPT_SCHEMAS`.
+    cores
+        By (spacecraft, wheel), as they stand after the last input.
+    outputs
+        The outputs for the inputs, changepoints and diagnoses, in order.
+    inputs
+        Messages of samples processed.
+    inherited, own
+        The outputs that the recording holds: those before the first input are for inputs of its predecessor.
+    """
+
+    recording: Recording
+    cores: dict[tuple[str, str], WheelCore]
+    outputs: list[EncodedMessage] = field(default_factory=list)
+    inputs: int = 0
+    inherited: list[EncodedMessage] = field(default_factory=list)
+    own: list[EncodedMessage] = field(default_factory=list)
+
+
+def run_recording(
+    path: Path,
+    stop: Event,
+    on_progress: Callable[[Recording, Attached | EncodedMessage], None],
+    before: RecordingRun | None = None,
+) -> RecordingRun:
+    """Run a recording while it is read, so that no more of it is in memory than the cores.
+
+    Parameters
+    ----------
+    path
+        What to run.
+    stop
+        Ends it early when set.
+    on_progress
+        Called with the recording and each checkpoint and message when it is done.
+    before
+        The recording before it, run, where this one holds the state of some wheels only.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be read, or lacks what it was made with; if a checkpoint or an input is damaged.
+    """
+    recording = Recording(path)
+    run = RecordingRun(recording, before.cores if before else {})
+    setup: Setup | None = None
+    kept_bytes = 0
+    for part in recording.parts():
+        if stop.is_set():
+            break
+        if isinstance(part, Attached) and not part.name.startswith(CHECKPOINT_PREFIX):
+            recording.attachments[part.name] = part.data
+            continue
+        # The recorder writes what a recording was made with before all else.
+        setup = setup or Setup.of(recording)
+        if isinstance(part, Attached):
+            key = key_of_name(part.name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
+            checkpoint = Checkpoint.from_json(part.data, f"{path}: {part.name}")
+            run.cores[key] = WheelCore.resume(checkpoint, setup.wheel(*key), setup.model)
+        elif part.schema == SamplesMessage.schema_name():
+            _run_input(path, part, setup, run)
+        elif part.schema in KEPT_SCHEMAS:
+            kept_bytes += len(part.payload)
+            if kept_bytes > MAX_FILE_BYTES:
+                raise InputError(str(path), f"holds more than {MAX_FILE_BYTES:,} bytes of outputs")
+            recording.messages.append(part)
+            if part.schema in COMPARED_SCHEMAS:
+                (run.own if run.inputs else run.inherited).append(part)
+        on_progress(recording, part)
+    return run
+
+
+def _run_input(path: Path, recorded: EncodedMessage, setup: Setup, run: RecordingRun) -> None:
+    """Feed a message of samples to its core."""
+    spacecraft, wheel, _ = split_key(recorded.topic)
+    message = SamplesMessage.parse(recorded.payload, f"{path}: {recorded.topic}")
+    if (spacecraft, wheel) not in run.cores:
+        run.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
+    events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch, message.data)
+    run.inputs += 1
+    run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
+
+
+# ---- from the recordings of a folder ---------------------------------------------------------------------------------
+
+
+# How far back diagnoses are published again at a start: an outage may have begun before several crashes.
+REPEATED_BYTES: Final = 64 * 2**20
+
+
+@dataclass(slots=True)
+class RecoveredState:
+    """The state that the recordings of a folder hold.
+
+    Attributes
+    ----------
+    predecessor
+        The last recording.
+    cores
+        As they stood after its last input; without those whose wheel file or model is another one now.
+    unrecorded
+        Outputs of its inputs that had not reached the disk.
+    diagnoses
+        On the disk, of the last recordings, in order: they may not have reached the bus, and a late subscriber asks.
+    """
+
+    predecessor: Predecessor | None = None
+    cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
+    unrecorded: list[EncodedMessage] = field(default_factory=list)
+    diagnoses: list[EncodedMessage] = field(default_factory=list)
+
+
+def recover_state(
+    folder: Path,
+    setup: Setup,
+    stop: Event,
+    log: Log,
+) -> RecoveredState:
+    """Recover the cores from the last recording of a folder that can be used; incomplete when stopped.
+
+    Parameters
+    ----------
+    folder
+        Of the recordings.
+    setup
+        What the monitor goes on with.
+    stop
+        Ends it early when set.
+    log
+        Takes lines of the log; a large fleet takes minutes, with a line every `LOG_PERIOD_S`.
+    """
+    paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
+    recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
+    due_s = time.monotonic() + LOG_PERIOD_S
+
+    def on_part(recording: Recording, _part: object) -> None:
+        nonlocal due_s
+        if time.monotonic() >= due_s:
+            due_s = time.monotonic() + LOG_PERIOD_S
+            log(f"recovering the state from {recording.path}: {recording.share:.0%} of it done")
+
+    for place, path in enumerate(paths):
+        try:
+            runs = [run_recording(path, stop, on_part)]
+            if before := _needed_before(path, runs[0].recording.settings(), paths[place + 1 :], log):
+                first = run_recording(before, stop, on_part)
+                runs = [first, run_recording(path, stop, on_part, first)]
+            setup_then = Setup.of(runs[-1].recording)
+        except InputError as error:
+            log(f"{error}; going back to the recording before it")
+            continue
+        cores, inputs = runs[-1].cores, sum(run.inputs for run in runs)
+        recovered.cores = {
+            key: core for key, core in cores.items() if setup_then.identity_of(*key) == setup.identity_of(*key)
+        }
+        if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
+            wheels = first_few(anew)
+            log(f"{path} was made with another wheel file or model of {wheels}: begun anew")
+        recovered.diagnoses = _earlier_diagnoses(paths[place + len(runs) :])
+        for run in runs:
+            for problem in run.recording.problems:
+                log(f"{run.recording.path}: {problem}")
+            recovered.unrecorded += _unrecorded(run)
+            recovered.diagnoses += filter(_is_diagnosis, run.recording.messages)
+        log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
+        return recovered
+    return recovered
+
+
+def _needed_before(path: Path, settings: dict[str, Any], earlier: Sequence[Path], log: Log) -> Path | None:
+    """Return the recording before one that holds the state of some wheels only; None where it holds all, as most do.
+
+    A monitor that ended while it brought the wheels from one recording over into the next left two.
+    """
+    if settings.get("checkpoints") != SOME_CHECKPOINTS:
+        return None
+    before = (settings.get("predecessor") or {}).get("name")
+    if earlier and earlier[0].name == before:
+        return earlier[0]
+    log(f"{path}: holds some wheels only, and {before}, which holds the others, is not there")
+    return None
+
+
+def _unrecorded(run: RecordingRun) -> list[EncodedMessage]:
+    """Return the outputs that the recording does not hold.
+
+    These are those after the last one that it does, by topic; where something in the middle is damaged, by content.
+    """
+    if run.recording.problems:
+        present = {(message.topic, message.payload) for message in run.recording.messages}
+        return [output for output in run.outputs if (output.topic, output.payload) not in present]
+    held = Counter(message.topic for message in run.own)
+    missing = []
+    for output in run.outputs:
+        if held[output.topic] > 0:
+            held[output.topic] -= 1
+        else:
+            missing.append(output)
+    return missing
+
+
+def _earlier_diagnoses(paths: Sequence[Path]) -> list[EncodedMessage]:
+    """Return the diagnoses in the recordings before the last one, latest first in `paths`, as far as is worth it."""
+    found: list[EncodedMessage] = []
+    size = 0
+    for path in paths:
+        try:
+            size += path.stat().st_size
+            if size > REPEATED_BYTES:
+                break
+            found = [*(part for part in Recording(path).parts() if _is_diagnosis(part)), *found]
+        except (OSError, InputError):  # a replay reports a damaged file; here it only repeats less
+            break
+    return found
+
+
+def _is_diagnosis(part: Attached | EncodedMessage) -> TypeGuard[EncodedMessage]:
+    return isinstance(part, EncodedMessage) and part.schema == Diagnosis.schema_name()
+
+
+# ---- comparing -------------------------------------------------------------------------------------------------------
+
+
 # Same code on another machine: sums may be taken in another order by its vector units, which moves the last bits.
 RELATIVE_TOLERANCE: Final = 1e-9
 # A difference of large numbers can be zero but for rounding; no torque, time or probability of ours is as small.
@@ -44,8 +299,7 @@ ABSENT: Final = object()  # stands for a field that one of two messages lacks
 MAX_DIFFERENCES: Final = 10_000  # listed one by one; the rest is counted
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(NamedTuple):
     """One field that differs: which message, where in it, and both values."""
 
     message: str
@@ -175,10 +429,7 @@ class Report:
         """Return the short report: a few lines, differences counted per field."""
         lines = [self._summary()]
         listed = sorted(self.fields.items(), key=lambda item: (-item[1], item[0]))
-        lines += [f"  {count} × {name}" for name, count in listed[:MAX_LISTED]]
-        if len(listed) > MAX_LISTED:
-            lines.append(f"  and {len(listed) - MAX_LISTED} more fields")
-        return "\n".join(lines)
+        return "\n".join((*lines, *(f"  {count} × {name}" for name, count in listed)))
 
     def long(self) -> str:
         """Return the long report: every difference."""
@@ -260,17 +511,17 @@ class _Chain:
             self.owed += lost
         self.report.compare(own, replayed)
 
-        self._search_again(recording, setup.wheels)
+        self._search_again(recording, setup)
         if not any(message.schema == Diagnosis.schema_name() for message in recording.messages):
             self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
         self.report.files.append(recording.path)
 
-    def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
+    def _search_again(self, recording: Recording, setup: Setup) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
         for message in recording.messages:
             if message.schema == Discrepancy.schema_name():
                 report = Discrepancy.parse(message.payload, f"{recording.path}: {message.topic}")
-                again, _ = search(job_of(report, self._inputs_of(report, recording.path), wheels))
+                again, _ = search(job_of(report, self._inputs_of(report, recording.path), setup))
                 self.report.compare([message], [message._replace(payload=again.to_json())])
 
     def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[EncodedMessage]:
@@ -299,3 +550,57 @@ class _Chain:
 
     def _note(self, recording: Recording, text: str) -> None:
         self.report.notes.append(f"{recording.path}: {text}")
+
+
+# ---- onto the bus ----------------------------------------------------------------------------------------------------
+
+
+def replay_to_bus(
+    recordings: Path | Sequence[Path],
+    session: zenoh.Session,
+    *,
+    speed: float = 1.0,
+    stop: Event | None = None,
+) -> int:
+    """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
+
+    They go out under the name of their wheel with `REPLAY` behind it, so that nobody takes them for the wheel's own.
+
+    Parameters
+    ----------
+    recordings
+        As for `replay`.
+    session
+        An open Zenoh session.
+    speed
+        Times faster than real time; `math.inf` for as fast as the bus takes it.
+    stop
+        Ends it early when set.
+
+    Returns
+    -------
+    int
+        Messages published.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording.
+    """
+    stop = Event() if stop is None else stop
+    publishers: dict[str, Any] = {}
+    sent = 0
+    try:
+        inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
+        for topic, payload in paced(inputs, speed, stop):
+            if topic not in publishers:
+                spacecraft, wheel, _ = split_key(topic)
+                key = key_of(SamplesMessage, spacecraft, wheel.removesuffix(REPLAY) + REPLAY)
+                publishers[topic] = messages_publisher(session, key)
+            publishers[topic].put(payload)
+            sent += 1
+        stop.wait(LINGER_S)
+    finally:
+        for publisher in publishers.values():
+            publisher.undeclare()
+    return sent

@@ -9,22 +9,23 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 from multiprocessing import active_children, get_context
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import Discrepancy, EncodedMessage, SamplesMessage, key_of
-from rwa_monitor.monitor.setup import WheelKey, WheelSet
+from rwa_monitor.monitor.setup import Setup, WheelKey
 from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text
 from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.words import Log
 
 if TYPE_CHECKING:
     from rwa_monitor.discrepancy.finished_search import Search
@@ -34,8 +35,7 @@ NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
 MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches that may come or that wait, all wheels together
 
 
-@dataclass(frozen=True, slots=True)
-class SearchJob:
+class SearchJob(NamedTuple):
     """One search: spacecraft and wheel, its constants, and the messages that hold its samples."""
 
     key: WheelKey
@@ -88,16 +88,16 @@ class Searches:
 
     Parameters
     ----------
-    wheels
-        Constants of all wheels.
+    setup
+        Has the constants of all wheels.
     folder
         Where reports are written, `discrepancy/{spacecraft}/{wheel}/` below it; None for nowhere.
     log
         Takes lines of the log.
     """
 
-    def __init__(self, wheels: WheelSet, folder: Path | None, log: Callable[[str], None]) -> None:
-        self.wheels = wheels
+    def __init__(self, setup: Setup, folder: Path | None, log: Log) -> None:
+        self.setup = setup
         self.folder = folder
         self.log = log
         self._watched: dict[WheelKey, _Watched] = {}
@@ -128,7 +128,7 @@ class Searches:
             return
         watched.inadequate += 1
         if watched.inadequate >= PATIENCE and not watched.searched and watched.payloads:
-            job = SearchJob(key, self.wheels.of(*key), tuple(watched.payloads))
+            job = SearchJob(key, self.setup.wheel(*key), tuple(watched.payloads))
             self._waiting.append(job)
             self.log(f"{job.name}: its friction model does not fit; searching for the cause")
             watched.searched, watched.payloads = True, []  # they are kept until the search begins
@@ -186,7 +186,7 @@ class Searches:
         watched.payloads = []
 
 
-def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelSet) -> SearchJob:
+def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], setup: Setup) -> SearchJob:
     """Return the search that a recorded report came from, for a replay.
 
     Parameters
@@ -195,8 +195,8 @@ def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelS
         As it was recorded.
     inputs
         Messages of samples recorded, in order.
-    wheels
-        The recording's constants.
+    setup
+        Of the recording.
     """
     key, payloads = (report.spacecraft, report.wheel), list[bytes]()
     for message in inputs:
@@ -204,4 +204,4 @@ def job_of(report: Discrepancy, inputs: Iterable[EncodedMessage], wheels: WheelS
             time_ns = SamplesMessage.parse(message.payload, message.topic).time_ns
             if min(time_ns) >= report.start_ns and max(time_ns) <= report.end_ns:
                 payloads.append(message.payload)
-    return SearchJob(key, wheels.of(*key), tuple(payloads))
+    return SearchJob(key, setup.wheel(*key), tuple(payloads))

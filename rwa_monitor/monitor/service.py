@@ -1,8 +1,9 @@
 """The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is stopped.
 
-One thread does everything in order: take a message from the inbox, record it, feed the wheel's core, record what the
-core reports, bring a diagnosis to the disk, publish. Other threads only fill the inbox (`bus.Inbox`): when it is full,
-reliable publishers are slowed down to our pace, and what may be dropped in the end is counted and shown in `status`.
+One thread does everything in order, so that what is on the disk is always a beginning of what happened: take a message
+from the inbox, record it, feed the wheel's core, record what the core reports, bring a diagnosis to the disk, publish.
+Other threads only fill the inbox (`bus.Inbox`): when it is full, reliable publishers are slowed down to our pace, and
+what may be dropped in the end is counted and shown in `status`.
 
 After a crash the state is recovered from the last recording, and what came in between is taken from the publishers'
 history (`backfill`). A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new
@@ -13,29 +14,485 @@ from __future__ import annotations
 
 import os
 import socket
+import threading
+import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
+from functools import partial
+from hashlib import blake2b
 from pathlib import Path
-from threading import Event
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import zenoh
 
 from rwa_monitor.build import build
+from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.bus import BusWatch, MonitorBus, check_wheels, endpoints, open_session
+from rwa_monitor.messages import (
+    INTERVALS_TILL_LATE,
+    LOG_PERIOD_S,
+    MAX_CLOCK_NS,
+    MAX_WHEELS,
+    PERIOD_S,
+    REPLAY,
+    Data,
+    Diagnosis,
+    EncodedMessage,
+    Health,
+    SamplesMessage,
+    Status,
+    health_message,
+    is_json,
+    key_of,
+    split_key,
+)
+from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, endpoints, open_session
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
-from rwa_monitor.monitor.recording.recorder import Recorder, locked
-from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
+from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
+from rwa_monitor.monitor.replay import RecoveredState, recover_state
+from rwa_monitor.monitor.searches import Searches
+from rwa_monitor.monitor.setup import Setup, WheelKey
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.telemetry.files import refusing
+from rwa_monitor.version import SOFTWARE
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
+from rwa_monitor.words import Log, counted, time_text
+
+BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
+SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
+# Samples as old as this when they come are no longer live: a message spans half a minute (256 samples at 8 Hz), a
+# link and its ground segment add seconds to minutes, and a pass after which a satellite dumps what it stored lasts ten.
+STORED_AFTER_S: Final = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """All settings of `run`; every one of them is in the recording.
+
+    Attributes
+    ----------
+    wheels
+        Key expression of the samples to listen to.
+    wheel
+        Constants of the wheels that have none of their own.
+    own_wheels
+        Constants of single wheels, by spacecraft and wheel.
+    model
+        What was learned about nominal and anomalous friction; None leaves all verdicts open.
+    record
+        Folder of the recordings, or None to record nothing.
+    max_file_bytes
+        Of one recording; then the next one is begun.
+    max_record_bytes
+        Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
+    bus
+        How to reach the bus.
+    shard
+        (I, N): this process serves share I of N, 1 ≤ I ≤ N.
+    status_period_s
+        Wall-clock time from one status message to the next [s].
+    stored_after_s
+        Age by this machine's clock from which samples of a wheel whose clock agrees with it are stored ones [s], where
+        their publisher does not say; 0 for none. It is for health and status: no diagnosis depends on it.
+    log_verdicts
+        Whether each change of a verdict is logged, too; not where another view shows the diagnoses.
+    """
+
+    wheels: str = "rwa/*/*/samples"
+    wheel: Wheel = field(default_factory=built_in_wheel)
+    own_wheels: Mapping[WheelKey, Wheel] = field(default_factory=dict)
+    model: Model | None = None
+    record: Path | None = None
+    max_file_bytes: int = MAX_FILE_BYTES
+    max_record_bytes: int | None = None
+    bus: BusOptions = field(default_factory=BusOptions)
+    shard: tuple[int, int] = (1, 1)
+    status_period_s: float = PERIOD_S
+    stored_after_s: float = STORED_AFTER_S
+    log_verdicts: bool = True
+
+    def setup(self) -> Setup:
+        """Return what diagnoses depend on."""
+        return Setup(self.wheel, self.own_wheels, self.model)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings as they are written into a recording."""
+        share, of = self.shard
+        return {"wheels": self.wheels, "shard": f"{share}/{of}"}
+
+
+@dataclass(slots=True)
+class _Served:
+    """What the monitor keeps of one wheel besides its core; `core` is None while no message could be read."""
+
+    key: WheelKey
+    core: WheelCore | None = None
+    messages_rejected: int = 0
+    last_error: str | None = None
+    last_sample_ns: int | None = None
+    publisher: str = ""
+    source: str = ""  # of a replay: who publishes it in Zenoh
+    data: Data = "live"  # what the latest samples were
+    on_wall_clock: bool = False  # whether some samples were of now by this machine's clock
+    health_ns: int = -MAX_CLOCK_NS  # end of the window that the latest health is of
+    verdicts: dict[Data, tuple[str, ...]] = field(default_factory=dict)  # and what is anomalous, as last logged
+    windows: int = 0
+    diagnosis_s: float | None = None
+    reported: set[str] = field(default_factory=set)  # kinds of trouble, of this window
+    status_due_s: float = 0.0
+    status_recorded_s: float = float("-inf")
+
+    @property
+    def name(self) -> str:
+        """Spacecraft and wheel, as the log has them."""
+        return "/".join(self.key)
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether its state goes into recordings."""
+        return self.core is not None and not self.key[1].endswith(REPLAY)
+
+    def checkpoint(self) -> bytes:
+        """Return the state of its core."""
+        assert self.core is not None
+        return self.core.checkpoint().to_json()
+
+
+class Clock(NamedTuple):
+    """The clocks of the machine: wall time [ns], and one that only goes forward [s]."""
+
+    wall_ns: Callable[[], int] = time.time_ns
+    monotonic_s: Callable[[], float] = time.monotonic
+
+
+class Monitor:
+    """Serves all wheels of a bus, one message at a time.
+
+    Parameters
+    ----------
+    options
+        Settings.
+    bus
+        Where samples come from and messages go.
+    recorder
+        None to record nothing.
+    log
+        Takes lines of the log.
+    clock
+        For flushing, status and how long things take; never for a diagnosis.
+    """
+
+    def __init__(
+        self,
+        options: RunOptions,
+        bus: MonitorBus,
+        recorder: Recorder | None,
+        log: Log,
+        clock: Clock,
+    ) -> None:
+        self.options = options
+        self.bus = bus
+        self.recorder = recorder
+        self.log = log
+        self.clock = clock
+        self._served: dict[WheelKey, _Served] = {}
+        self._setup = options.setup()
+        self.searches = Searches(self._setup, options.record, log)
+        self._model_sha256 = options.model.sha256() if options.model else ""
+        self._tick_due_s = 0.0
+        self._logged: str = ""
+
+    def begin(self, recovered: RecoveredState) -> None:
+        """Take over what an earlier run left behind, and begin the recording."""
+        for key, core in recovered.cores.items():
+            self._served[key] = _Served(key, core)
+        if self.recorder is not None:
+            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
+            self._log_recorder()
+        health: dict[WheelKey, Health] = {}
+        for output in (*recovered.diagnoses, *recovered.unrecorded):
+            self._publish(output)
+            if output.schema == Diagnosis.schema_name():
+                with suppress(InputError):  # of another release
+                    found = health_message(Diagnosis.parse(output.payload, output.topic))
+                    key = found.spacecraft, found.wheel
+                    if not found.data or key not in health or found.window_end_ns >= health[key].window_end_ns:
+                        health[key] = found
+        for key, found in health.items():
+            self._publish(found.encoded(*key, found.window_end_ns))
+            if key in self._served:
+                self._served[key].health_ns = found.window_end_ns
+
+    def step(self) -> None:
+        """Process one message, or wait a little for one; do what is due."""
+        self.bus.inbox.wake.clear()
+        message = self.bus.take()
+        if message is None:
+            self.bus.inbox.wake.wait(IDLE_WAIT_S)
+        else:
+            self.receive(message.key, message.payload, partial(self.bus.ask_again, message), message.source)
+        self.tick()
+
+    def tick(self) -> None:
+        """Do what is due by the clock: flush and rotate the recording, publish status."""
+        now_s = self.clock.monotonic_s()
+        if now_s < self._tick_due_s:
+            return
+        self._tick_due_s = now_s + IDLE_WAIT_S
+        if self.recorder is not None:
+            self.recorder.maintain(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
+            self._log_recorder()
+        for found in self.searches.poll():
+            self._record(found)
+            self._publish(found)
+        for served in self._served.values():
+            if now_s >= served.status_due_s:
+                served.status_due_s = now_s + self.options.status_period_s
+                # Every one is published; one in this time is recorded.
+                record = now_s - served.status_recorded_s >= LOG_PERIOD_S
+                if record:
+                    served.status_recorded_s = now_s
+                self._status(served, record=record)
+
+    def close(self) -> None:
+        """Write the last status of each wheel and the end of the recording."""
+        windows = sum(served.windows for served in self._served.values())
+        self.log(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
+        with_samples = {key for key, served in self._served.items() if served.core is not None}
+        own = self.options.own_wheels
+        if unused := ["/".join(key) for key in own if self._is_ours(*key) and key not in with_samples]:
+            self.log(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
+        self.searches.close()
+        for served in self._served.values():
+            self._status(served, record=True)
+        if self.recorder is not None:
+            self.recorder.close(self.clock.monotonic_s())
+
+    # ---- in ------------------------------------------------------------------------------------------------------
+
+    def receive(
+        self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False, source: str = ""
+    ) -> bool:
+        """Process one message from beginning to end: record, diagnose, record, publish.
+
+        A replay is not recorded, as it is a recording already, and each one begins with nothing known of the wheel.
+
+        Parameters
+        ----------
+        key, payload
+            The message.
+        ask_again
+            Called for one that is no JSON, as if it was damaged on its way: requests it again, False if that is no use.
+        source
+            Who published it in Zenoh, "" where that is not known.
+
+        Returns
+        -------
+        bool
+            Whether the message is dealt with; False where it will come again.
+        """
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            if not self._is_ours(spacecraft, wheel):
+                return True
+            message = SamplesMessage.parse(payload, key)
+            samples = message.samples()
+            served = self._serve(spacecraft, wheel)
+            if wheel.endswith(REPLAY) and served.source != source:
+                self._served[served.key] = served = _Served(served.key, source=source)
+            core = served.core
+            if core is None:
+                core = self._setup.new_core(spacecraft, wheel)
+            core.check(samples)
+        except InputError as error:
+            if not is_json(payload) and ask_again():
+                return False
+            self._refuse(key, payload, error)
+            return True
+        if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
+            self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
+        served.core = core
+        self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
+        if message.data != "stored":
+            served.publisher = message.publisher
+        served.data = self._data_of(served, message)
+        if served.data != "replay" and message.data != "stored":
+            self.searches.take_input(served.key, payload)
+        begin_s = self.clock.monotonic_s()
+        events = core.feed(samples, message.publisher, message.batch, message.data)
+        served.last_sample_ns = core.last_sample_ns
+        if any(isinstance(event, WindowDiagnosed) for event in events):
+            served.diagnosis_s = self.clock.monotonic_s() - begin_s
+        self._handle(served, events)
+        return True
+
+    def _data_of(self, served: _Served, message: SamplesMessage) -> Data:
+        """Return what samples are: as their publisher states it, or else by this machine's clock."""
+        if served.key[1].endswith(REPLAY):
+            return "replay"
+        if message.data is not None:
+            return message.data
+        age_s = (self.clock.wall_ns() - message.time_ns[-1]) / NANOSECONDS_PER_SECOND
+        limit_s = self.options.stored_after_s
+        served.on_wall_clock |= abs(age_s) <= limit_s  # clocks that count from another day show no age
+        return "stored" if served.on_wall_clock and 0 < limit_s < age_s else "live"
+
+    def _handle(self, served: _Served, events: list[Event]) -> None:
+        """Record what the core reports, bring a diagnosis to the disk, then publish."""
+        for event in events:
+            if not isinstance(event, Trouble):
+                continue
+            served.last_error = event.text
+            if event.kind not in served.reported:  # a broken sensor may give thousands in a window
+                served.reported.add(event.kind)
+                self.log(f"{served.name}: {event.text}")
+        outputs = outputs_of(events, *served.key, late=served.data == "stored")
+        closed = [event for event in events if isinstance(event, WindowDiagnosed)]
+        for output in outputs:
+            self._record(output)
+        if closed and self.recorder is not None:
+            self.recorder.sync(self.clock.monotonic_s())
+        dumped = {event.end_ns for event in closed if event.data}
+        # The health comes first: it shows of what data the window is to whoever then takes the diagnosis in.
+        for output in sorted(outputs, key=lambda output: output.schema != Health.schema_name()):
+            if output.schema == Health.schema_name():
+                if output.time_ns in dumped and output.time_ns < served.health_ns:
+                    continue  # the wheel's health is that of its latest window
+                served.health_ns = output.time_ns
+            self._publish(output)
+        if closed:
+            served.reported.clear()
+            served.windows += len(closed)
+            self._status(served, record=True)
+        for event in closed:
+            self._log_verdict(served, event)
+            if not event.partial and event.data is None and served.data != "replay":
+                self.searches.take_diagnosis(served.key, adequate=event.diagnosis.model_adequate)
+
+    def _log_verdict(self, served: _Served, event: WindowDiagnosed) -> None:
+        """Log what a window amounts to where the verdict changes; a line for each window of a fleet would hide it."""
+        diagnosis = event.diagnosis
+        verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
+        data = event.data or served.data
+        if verdict != served.verdicts.get(data) and self.options.log_verdicts:
+            until, label = time_text(event.end_ns), "" if data == "live" else f"{data} data, "
+            self.log(f"{served.name}: {label}window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
+        served.verdicts[data] = verdict
+
+    def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
+        """Count and record a message that cannot be used; it changes nothing else."""
+        if self.recorder is not None:
+            self.recorder.refused(key, payload)
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            served = self._serve(spacecraft, wheel)
+        except InputError:
+            self._log_once(f"a message was refused: {error}")
+            return
+        served.messages_rejected += 1
+        text = ": ".join(part for part in (error.place, error.reason) if part)
+        if served.last_error != text:
+            self.log(f"{served.name}: a message was refused: {text}")
+        served.last_error = text
+
+    def _is_ours(self, spacecraft: str, wheel: str) -> bool:
+        share, of = self.options.shard
+        # The same in every process and release; a checksum would do but for names that differ by a digit.
+        digest = blake2b(f"{spacecraft}/{wheel}".encode(), digest_size=8).digest()
+        return int.from_bytes(digest, "big") % of == share - 1
+
+    def _serve(self, spacecraft: str, wheel: str) -> _Served:
+        key = spacecraft, wheel
+        if key not in self._served:
+            if len(self._served) >= MAX_WHEELS:
+                raise InputError("/".join(key), f"is one wheel more than the {MAX_WHEELS} of a process")
+            self._served[key] = _Served(key)
+        return self._served[key]
+
+    # ---- out -----------------------------------------------------------------------------------------------------
+
+    def _record(self, output: EncodedMessage) -> None:
+        if self.recorder is not None and f"{REPLAY}/" not in output.topic:
+            self.recorder.write(output)
+
+    def _publish(self, output: EncodedMessage) -> None:
+        if output.schema == Carried.schema_name():  # for the recording alone
+            return
+        try:
+            self.bus.publish(output)
+        except zenoh.ZError as error:
+            self._log_once(f"cannot publish: {error}")
+
+    def _status(self, served: _Served, *, record: bool) -> None:
+        """Publish how a wheel's monitor is doing."""
+        spacecraft, wheel = served.key
+        core = served.core
+        recording = self.recorder.path if self.recorder else None
+        last_error = served.last_error
+        if self.recorder is not None and self.recorder.error:
+            last_error = self.recorder.error
+        elif self.bus.inbox.dropped and last_error is None:
+            dropped = counted(self.bus.inbox.dropped, "message")
+            last_error = f"dropped {dropped}: they come faster than they can be diagnosed"
+        counts = core.counts if core else Counts()
+        # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
+        missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
+        if missed_by_bus and last_error is None:
+            last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
+        status = Status(
+            spacecraft=spacecraft,
+            wheel=wheel,
+            **{f"samples_{name}": getattr(counts, name) for name in SAMPLE_COUNTS},
+            slots_missed=counts.slots_missed,
+            messages_rejected=served.messages_rejected,
+            messages_dropped=self.bus.inbox.dropped,
+            messages_missed=max(counts.messages_missed, missed_by_bus),
+            queue_depth=self.bus.waiting(),
+            window_fill=core.window_fill if core else 0.0,
+            last_error=last_error,
+            recording=recording.name if recording else None,
+            software=SOFTWARE,
+            model_sha256=self._model_sha256,
+            publisher=served.publisher,
+            windows=served.windows,
+            last_sample_ns=served.last_sample_ns,
+            diagnosis_s=served.diagnosis_s,
+            now_wall_ns=self.clock.wall_ns(),
+            data=served.data,
+        )
+        published = status.encoded(spacecraft, wheel)
+        if record:
+            self._record(published)
+        self._publish(published)
+
+    def _checkpoints(self) -> Checkpoints:
+        """Return what makes the checkpoint of each wheel, as it then stands."""
+        return {served.name: served.checkpoint for served in self._served.values() if served.is_recorded}
+
+    def _log_recorder(self) -> None:
+        if self.recorder is not None and self.recorder.error:
+            self._log_once(self.recorder.error)
+
+    def _log_once(self, text: str) -> None:
+        """Log something, but not the same thing twice in a row."""
+        if text != self._logged:
+            self.log(text)
+        self._logged = text
+
+
+# ---- from the start to the stop --------------------------------------------------------------------------------------
 
 
 def run(
     options: RunOptions,
-    stop: Event,
+    stop: threading.Event,
     *,
     session: zenoh.Session | None = None,
-    log: Callable[[str], None] = print,
+    log: Log = print,
     supervisor: Supervisor | None = None,
 ) -> None:
     """Monitor until `stop` is set; returns within two seconds of that.
@@ -105,7 +562,7 @@ def run(
         supervisor.stopping()
 
 
-def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
+def _unbreakable(log: Log) -> Log:
     """Return a log that does not end the monitor when its reader has gone, or its disk is full."""
 
     def logged(line: str) -> None:
@@ -116,11 +573,6 @@ def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
 
 
 # ---- the supervisor of the process -----------------------------------------------------------------------------------
-
-
-MICROSECONDS: Final = 1e6
-SIGNS_PER_SILENCE: Final = 3.0  # so that one that comes late is no alarm
-FILE_PERIOD_S: Final = 1.0  # between two signs in a file, where no socket asks for more
 
 
 class Supervisor:
@@ -154,19 +606,17 @@ class Supervisor:
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.period_s: float | None = None
         if self._address and ours and silence.isdecimal() and int(silence) > 0:
-            self.period_s = int(silence) / MICROSECONDS / SIGNS_PER_SILENCE
+            self.period_s = int(silence) * 1e-6 / INTERVALS_TILL_LATE  # stated in µs
         elif alive is not None:
-            self.period_s = FILE_PERIOD_S
+            self.period_s = PERIOD_S
         self._alive = alive
         self._due_s = float("-inf")
 
     def ready(self, status: str) -> None:
         """Report that the service has begun, and what it does; raises InputError if the file cannot be made."""
         if self._alive is not None:
-            try:
+            with refusing(self._alive, "cannot be touched"):
                 self._alive.touch()
-            except OSError as error:
-                raise InputError(str(self._alive), f"cannot be touched: {error.strerror}") from error
         self._send(f"READY=1\nSTATUS={status}")
 
     def alive(self, now_s: float) -> None:

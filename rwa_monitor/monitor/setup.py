@@ -14,7 +14,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.messages import KEY_PREFIX, REPLAY, SamplesMessage, split_key
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recording.reader import Recording
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 WheelKey = tuple[str, str]  # spacecraft and wheel
 COMMON: Final = "wheel.toml"
@@ -24,8 +24,8 @@ SUFFIX: Final = ".toml"
 
 
 @dataclass(frozen=True, slots=True)
-class WheelSet:
-    """The constants of all wheels of a fleet.
+class Setup:
+    """What a recording was made with: the constants of all wheels of a fleet, and what was learned.
 
     Attributes
     ----------
@@ -33,63 +33,51 @@ class WheelSet:
         Of every wheel that has none of its own.
     own
         Of single wheels, by spacecraft and wheel.
+    model
+        What nominal and anomalous friction look like; None leaves all verdicts open.
     """
 
-    common: Wheel
+    common: Wheel = field(default_factory=built_in_wheel)
     own: Mapping[WheelKey, Wheel] = field(default_factory=dict)
+    model: Model | None = None
 
-    def of(self, spacecraft: str, wheel: str) -> Wheel:
+    def wheel(self, spacecraft: str, wheel: str) -> Wheel:
         """Return the constants of a wheel, which are those of its replay, too."""
         return self.own.get((spacecraft, wheel.removesuffix(REPLAY)), self.common)
 
     def attachments(self) -> dict[str, bytes]:
-        """Return all constants as attachments of a recording, by name."""
-        return {COMMON: self.common.to_toml().encode()} | {
-            f"{OWN_PREFIX}{spacecraft}/{name}{SUFFIX}": wheel.to_toml().encode()
-            for (spacecraft, name), wheel in sorted(self.own.items())
-        }
+        """Return the setup as attachments of a recording, by name, as `of` reads them."""
+        own = {f"{OWN_PREFIX}{'/'.join(key)}{SUFFIX}": wheel for key, wheel in sorted(self.own.items())}
+        wheels = {name: wheel.to_toml().encode() for name, wheel in {COMMON: self.common, **own}.items()}
+        return {**wheels, MODEL: self.model.to_json().encode() if self.model else b""}
 
     @classmethod
-    def of_recording(cls, recording: Recording) -> WheelSet:
-        """Read a set from the attachments of a recording; raises InputError if one is missing or cannot be used."""
+    def of(cls, recording: Recording) -> Setup:
+        """Read the setup from a recording's attachments; raises InputError where one is missing or damaged."""
 
         def read(name: str) -> Wheel:
             return Wheel.from_toml(recording.text(name), f"{recording.path}: {name}")
 
         own = [name for name in recording.attachments if name.startswith(OWN_PREFIX)]
-        return cls(read(COMMON), {key_of_name(name.removeprefix(OWN_PREFIX)): read(name) for name in own})
+        wheels = {key_of_name(name.removeprefix(OWN_PREFIX)): read(name) for name in own}
+        model = recording.text(MODEL)
+        return cls(read(COMMON), wheels, Model.from_json(model, f"{recording.path}: {MODEL}") if model else None)
+
+    @classmethod
+    def found_in(cls, recording: Recording) -> Setup | None:
+        """Read the setup as `of` does; None of a recording that was not made by a monitor."""
+        return cls.of(recording) if COMMON in recording.attachments else None
+
+    def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
+        """Return the core of a wheel of which nothing is known yet."""
+        return WheelCore(self.wheel(spacecraft, wheel), self.model)
+
+    def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str]:
+        """Return what the diagnoses of a wheel depend on: the hashes of its constants and the model."""
+        return self.wheel(spacecraft, wheel).sha256(), self.model.sha256() if self.model else ""
 
 
 def key_of_name(name: str) -> WheelKey:
     """Return the wheel that a file `{spacecraft}/{wheel}.toml` is of; raises InputError where it names none."""
     spacecraft, wheel, _ = split_key(f"{KEY_PREFIX}/{name.removesuffix(SUFFIX)}/{SamplesMessage.kind}")
     return spacecraft, wheel
-
-
-@dataclass(frozen=True, slots=True)
-class Setup:
-    """What a recording was made with: the constants of its wheels, and what was learned."""
-
-    wheels: WheelSet
-    model: Model | None
-
-    @classmethod
-    def of(cls, recording: Recording) -> Setup:
-        """Read the setup from a recording's attachments; raises InputError where one is missing or damaged."""
-        source = str(recording.path)
-        wheels = WheelSet.of_recording(recording)
-        model_text = recording.text(MODEL)
-        model = Model.from_json(model_text, f"{source}: {MODEL}") if model_text else None
-        return cls(wheels, model)
-
-    def attachments(self) -> dict[str, bytes]:
-        """Return the setup as attachments of a recording, by name, as `of` reads them."""
-        return {**self.wheels.attachments(), MODEL: self.model.to_json().encode() if self.model else b""}
-
-    def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
-        """Return the core of a wheel of which nothing is known yet."""
-        return WheelCore(self.wheels.of(spacecraft, wheel), self.model)
-
-    def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str]:
-        """Return what the diagnoses of a wheel depend on: the hashes of its constants and the model."""
-        return self.wheels.of(spacecraft, wheel).sha256(), self.model.sha256() if self.model else ""

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, split_key
 from rwa_monitor.monitor.recording.reader import Recording, read_recording
-from rwa_monitor.monitor.setup import COMMON, MODEL, WheelSet
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.telemetry.ccsds_packets import read_packets
 from rwa_monitor.telemetry.files import display_name
 from rwa_monitor.telemetry.reader import Decoding, Reader, SampleBatch, TelemetryFile, WheelTelemetry
@@ -63,12 +62,11 @@ def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
     del decoding
     source = display_name(path)
     recording = read_recording(path)
-    model = recording.attachments.get(MODEL)
-    wheels = WheelSet.of_recording(recording) if COMMON in recording.attachments else None
-    telemetry, notes = _recorded(recording, source, wheels)
+    setup = Setup.found_in(recording)
+    telemetry, notes = _recorded(recording, source, setup)
     return TelemetryFile(
         telemetry,
-        Model.from_json(model, f"{source}: {MODEL}") if model else None,
+        setup.model if setup else None,
         [f"{source}: {problem}" for problem in recording.problems],
         notes,
     )
@@ -83,7 +81,7 @@ READERS: Final[Mapping[FileFormat, Reader]] = {
 }
 
 
-def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> tuple[list[WheelTelemetry], list[str]]:
+def _recorded(recording: Recording, source: str, setup: Setup | None) -> tuple[list[WheelTelemetry], list[str]]:
     """Return the samples of a recording, wheel by wheel, and a note on messages refused: the bus refused them too."""
     wheels: dict[str, list[SampleBatch]] = {}
     refused: list[InputError] = []
@@ -107,7 +105,7 @@ def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> 
         except InputError as error:
             raise InputError(source, error.reason, f"topic {topic}") from error
         found.append(
-            WheelTelemetry(source, spacecraft, wheel, batches, constants.of(spacecraft, wheel) if constants else None)
+            WheelTelemetry(source, spacecraft, wheel, batches, setup.wheel(spacecraft, wheel) if setup else None)
         )
     if not found:
         raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
@@ -26,7 +27,6 @@ from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.catalogue import effect_class
 
-TEMPLATE: Final = Path(__file__).with_suffix(".html")
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
 PROPER: Final = "Stribeck"  # a name: it keeps its capital
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
@@ -132,56 +132,12 @@ def details(found: Search) -> Iterator[RenderableType]:
                 effect.separate_by,
             )
         yield table
-    left_out = left_out_in_words(found.problem.records)
-    yield f"{found.problem.size} samples in motion{f' ({left_out})' if left_out else ''}"
-    steps = steps_in_words(found.problem)
-    if steps:
-        yield f"{steps}; taken out as far as the values show"
-    gain = result.gain
-    if gain is not None:
-        where = ", ".join(gain.held_out) or "blocks left out in turn"
-        yield (
-            f"held out ({where}): RMSE {gain.rmse_base_Nm:.4g} → {gain.rmse_extended_Nm:.4g} N m "
-            f"(noise {gain.noise_std_Nm:.4g}), "
-            f"log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} per sample, "
-            f"jumps {gain.changepoints_base} → {gain.changepoints_extended}"
-        )
-        yield from (again.in_words() for again in (gain.searched_again, gain.searched_again_by_speed) if again)
-        for name, worth in noise_gains(found):
-            yield f"{name}: no less error; the right law of noise is worth {worth:.4f} nats per sample"
-        if gain.diagnosis is not None:
-            before, after = gain.diagnosis.before, gain.diagnosis.after
-            yield (
-                f"diagnosis of simulated windows with the effect in them: detection {before.detection:.0%} → "
-                f"{after.detection:.0%}, false positives {before.false_positive:.1%} → {after.false_positive:.1%}, "
-                f"false changepoints a window {before.false_changepoints:.1f} → {after.false_changepoints:.1f}"
-            )
-    if found.extended.terms:
-        yield from laws_in_words(extend(found))
-    not_seen = [f"{entry.name} {entry.in_words()}" for entry in absent_effects(found)]
-    if not_seen:
-        yield f"tested and not seen, down to about: {'; '.join(not_seen)}"
-    beyond = not_testable(found.problem, CANDIDATES, result.untested)
-    for name, missing in sorted(result.untested, key=lambda entry: entry[0] in beyond):
-        off = missing.startswith(SCALED_ONLY)
-        why = "not testable" if off or name in beyond else "not excited"
-        yield f"{why}: {name} ({'' if off else 'needs '}{as_a_part(missing)})"
+    yield from _rendered("discrepancy_report.txt", found).splitlines()
 
 
-def plan_lines(planned: Plan) -> Iterator[str]:
-    """Give the lines of a plan: the advice, and how well each manoeuvre separates the leading causes."""
-    yield "what to fly next:"
-    for line in planned.advice:
-        yield f"  {line}"
-    if planned.manoeuvres:
-        yield f"  to {planned.question}:"
-    for entry in planned.manoeuvres:
-        pair = " and ".join(name for name in entry.worst_pair if name)
-        shows = f"; shows {', '.join(entry.shows)}" if entry.shows else ""
-        worth = f"{entry.separation:10.1f} nats in {entry.duration_s / 60:.0f} min ({entry.nats_per_hour:.1f} an hour)"
-        if entry.shows:
-            worth = f"{len(entry.shows):4d} effects, each by {worth.lstrip()}"
-        yield f"  {worth}  {entry.name}: {entry.description} (hardest: {pair}{shows})"
+def plan_lines(planned: Plan) -> list[str]:
+    """Return the lines of a plan: the advice, and how well each manoeuvre separates the leading causes."""
+    return _environment().get_template("manoeuvres.txt").render(planned=planned).splitlines()
 
 
 # ---- the page --------------------------------------------------------------------------------------------------------
@@ -189,8 +145,30 @@ def plan_lines(planned: Plan) -> Iterator[str]:
 
 def html(search: Search, sources: list[str], build: str = "") -> str:
     """Return the report as an HTML page; `sources` names the recordings, `build` the source of the program."""
-    folder = jinja2.FileSystemLoader(TEMPLATE.parent)
-    environment = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    return _rendered(
+        "discrepancy_report.html",
+        search,
+        sources=sources,
+        software=f"{SOFTWARE}, build {build}" if build else SOFTWARE,
+        views=all_views(search.problem, search.base, search.extended),
+    )
+
+
+def _rendered(template: str, search: Search, **more: Any) -> str:
+    """Return a search as a template has it."""
+    beyond = not_testable(search.problem, CANDIDATES, search.result.untested)
+    known = {"search": search, "extension": extend(search), "beyond": beyond}
+    return _environment().get_template(template).render(**known, **more)
+
+
+def _environment() -> jinja2.Environment:
+    """Return what the templates know."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=jinja2.select_autoescape(["html"]),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
     environment.filters |= {"torque": lambda value: measure(value, None, "N m"), "probability": probability}
     environment.globals |= {
         used.__name__: used
@@ -198,14 +176,8 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
     }
     environment.globals |= {used.__name__: used for used in (noise_gains, p_in_words, plan, sentence, steps_in_words)}
     environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "ACCEPT_GAIN": ACCEPT_GAIN}
-    return environment.get_template(TEMPLATE.name).render(
-        search=search,
-        sources=sources,
-        software=f"{SOFTWARE}, build {build}" if build else SOFTWARE,
-        extension=extend(search),
-        views=all_views(search.problem, search.base, search.extended),
-        beyond=not_testable(search.problem, CANDIDATES, search.result.untested),
-    )
+    environment.globals |= {"as_a_part": as_a_part, "SCALED_ONLY": SCALED_ONLY}
+    return environment
 
 
 def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:
@@ -225,7 +197,6 @@ PREFIXED_ALONE: Final = ("s", "Hz")
 PLAIN_FROM, PLAIN_TO = 1e-3, 1e4  # without prefix: sizes written out
 SUPERSCRIPTS: Final = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 DIGITS: Final = 4  # of a value whose error is not known
-NO_CHANCE: Final = 1e-16  # smaller probabilities are rounding
 
 
 def measure(value: float | None, std: float | None, unit: str) -> str:
@@ -257,8 +228,8 @@ def thousands(size: float) -> int:
 
 def probability(p: float) -> str:
     """Write a probability."""
-    if p < NO_CHANCE:
-        return f"< 10{str(math.floor(math.log10(NO_CHANCE))).translate(SUPERSCRIPTS)}"
+    if p < (rounding := sys.float_info.epsilon):
+        return f"< 10{str(math.floor(math.log10(rounding))).translate(SUPERSCRIPTS)}"
     if p >= PLAIN_FROM:
         return f"{p:.2g}"
     power = math.floor(math.log10(p))

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.finished_search import Search, nested_models
-from rwa_monitor.reporting.residual_views import View, base_residual
+from rwa_monitor.reporting.residual_views import MIN_PER_BIN, View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
 
 BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: apart for colour-blind eyes too
@@ -24,11 +24,9 @@ STYLES: Final[dict[str, dict[str, Any]]] = {
 FRICTION: Final = "friction torque [N m]"
 MAX_POINTS: Final = 2500  # of a line in a picture
 STANDARD_ERRORS: Final = 2.0  # that the bars of all views show
-ZOOM_SLOTS: Final = 1200  # of the close-up
 STEADY_SHARE: Final = 0.1  # of the largest acceleration, below which the speed counts as steady
 BIN_RATIO: Final = 0.1  # width of a bin over speed, as a share of the speed
 SLOW_RAD_S: Final = 1.0  # below which bins over speed get no narrower
-FEWEST_IN_BIN: Final = 5  # samples of which a mean is drawn
 
 
 def _residuals(search: Search) -> dict[str, FloatArray]:
@@ -49,7 +47,7 @@ def overlay(search: Search) -> Figure:
     pulled_in = (problem.z_measured - problem.z)[:end]
     left = {name: (residual[:end] + pulled_in) * sign for name, residual in _residuals(search).items()}
     difference = [*left.values()][-1] - left[AS_IT_IS]
-    width = min(ZOOM_SLOTS, max(end // 6, 2))
+    width = min(MAX_POINTS // 2, max(end // 6, 2))
     centre = int(np.argmax(np.convolve(difference**2, np.ones(max(width // 6, 1)), mode="same")))
     zoom = slice(max(centre - width // 2, 0), min(centre + width // 2, end))
 
@@ -183,7 +181,7 @@ def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, Floa
     bin_of = np.sign(speed) * np.ceil(np.log1p(np.abs(speed) / SLOW_RAD_S) / BIN_RATIO)
     at = (bin_of - bin_of.min(initial=0.0)).astype(np.int64)
     count = np.bincount(at)
-    full = count >= FEWEST_IN_BIN
+    full = count >= MIN_PER_BIN
     x, y = (np.bincount(at, values)[full] / count[full] for values in (speed, torque))
     return x, y, count[full]
 

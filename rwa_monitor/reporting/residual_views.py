@@ -10,8 +10,7 @@ part of what is to be seen.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import stats
@@ -30,8 +29,7 @@ JUMP_RATE_BINS: Final = 8
 FAR: Final = 4.0  # standard deviations, beyond which samples are counted for the test of the tails
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
+class Curve(NamedTuple):
     """One model's residual in a view: bin centres, values and their standard errors, and the test's p-value."""
 
     x: FloatArray
@@ -40,8 +38,7 @@ class Curve:
     p_value: float
 
 
-@dataclass(frozen=True, slots=True)
-class View:
+class View(NamedTuple):
     """One view.
 
     Attributes

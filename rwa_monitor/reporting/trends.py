@@ -9,8 +9,7 @@ Each coefficient is followed to the bound of its nominal range, or to a limit th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from rwa_monitor.diagnosis.verdict import quantity, title
 from rwa_monitor.messages import Diagnosis, Message, Number, Quantity
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
-SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is given in hours
 SMALLEST_P: Final = 1e-9  # below, a p-value is only given as smaller: it rests on Gaussian tails
 
 
@@ -57,8 +55,7 @@ def window_friction(diagnosis: Diagnosis) -> WindowFriction:
     return {"dry": estimate("dry", friction.base_dry), "viscous": estimate("viscous", friction.viscous)}
 
 
-@dataclass(frozen=True, slots=True)
-class CoefficientTrend:
+class CoefficientTrend(NamedTuple):
     """The trend of one coefficient.
 
     Attributes
@@ -97,7 +94,8 @@ class CoefficientTrend:
             return f" and is beyond its limit of {limit}"
         if not np.isfinite(self.reach.time_s):
             return f" and is far from its limit of {limit}"
-        name, unit_s = ("days", SECONDS_PER_DAY) if self.reach.time_s - now >= SHORT_S else ("hours", SECONDS_PER_HOUR)
+        in_days = self.reach.time_s - now >= 2 * SECONDS_PER_DAY
+        name, unit_s = ("days", SECONDS_PER_DAY) if in_days else ("hours", SECONDS_PER_HOUR)
         low, median, high = (
             f"{(t - now) / unit_s:.2g}" if np.isfinite(t) else "never"
             for t in (self.reach.low_s, self.reach.time_s, self.reach.high_s)

@@ -9,6 +9,7 @@ content that the definition does not describe. Nothing in a packet shows a flipp
 
 from __future__ import annotations
 
+import struct
 import warnings
 from array import array
 from collections import defaultdict
@@ -25,10 +26,11 @@ import numpy as np
 
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.columns import MAX_ROWS
-from rwa_monitor.telemetry.files import display_name, first_line, read_bytes
+from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, read_bytes
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
+from rwa_monitor.telemetry.table import MAX_ROWS, MAX_TABLE_BYTES
 from rwa_monitor.telemetry.telemetry_map import (
+    MAX_APID,
     TIME_UNITS,
     PacketWheel,
     channel_conversion,
@@ -39,9 +41,7 @@ from rwa_monitor.telemetry.telemetry_map import (
 )
 from rwa_monitor.words import counted
 
-MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
-HEADER_BYTES: Final = 6
-IDLE_APID: Final = 2_047
+HEADER: Final = struct.Struct(">HHH")  # version, kind and APID; sequence flags and count; bytes behind it, less one
 UNSEGMENTED: Final = 0b11
 SEQUENCE_MODULUS: Final = 2**14
 
@@ -131,17 +131,18 @@ class PacketDecoder:
         reason = _no_packet(packet)
         if reason is not None:
             return self._bad(reason)
-        apid = int.from_bytes(packet[:2], "big") & 0x7FF
-        telecommand = packet[0] & 0x10
-        if apid == IDLE_APID:
+        kind, sequence, _ = HEADER.unpack_from(packet)
+        apid = kind & 0x7FF
+        telecommand = kind & 0x1000
+        if apid > MAX_APID:
             counts.idle += 1
             return []
         if telecommand or apid not in self._by_apid:
             counts.unknown += 1
             counts.unknown_apids.add(apid)
             return []
-        self._follow(apid, int.from_bytes(packet[2:4], "big") % SEQUENCE_MODULUS)
-        if packet[2] >> 6 != UNSEGMENTED:
+        self._follow(apid, sequence % SEQUENCE_MODULUS)
+        if sequence // SEQUENCE_MODULUS != UNSEGMENTED:
             return self._bad(f"APID {apid}: a segment of a packet, which are not put together here")
         try:
             with warnings.catch_warnings():
@@ -183,7 +184,7 @@ class PacketDecoder:
 
 def _no_packet(packet: bytes) -> str | None:
     """Return why bytes are no space packet; None where they are one."""
-    if len(packet) <= HEADER_BYTES:
+    if len(packet) <= HEADER.size:
         return f"{len(packet)} bytes; a packet has seven or more"
     if packet[0] >> 5:
         return f"version {packet[0] >> 5} of the packet protocol; there is only 0"
@@ -194,7 +195,7 @@ def _no_packet(packet: bytes) -> str | None:
 
 def _stated_bytes(data: bytes, position: int = 0) -> int:
     """Return the length of the packet that begins somewhere, by its header."""
-    return HEADER_BYTES + int.from_bytes(data[position + 4 : position + 6], "big") + 1
+    return HEADER.size + int(HEADER.unpack_from(data, position)[2]) + 1
 
 
 # ---- a wheel of the map ----------------------------------------------------------------------------------------------
@@ -303,7 +304,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     """
     source = display_name(path)
     decoder = PacketDecoder(decoding, source)
-    data = read_bytes(path, MAX_PACKET_FILE_BYTES)
+    data = read_bytes(path, MAX_TABLE_BYTES)
     stop = 0
     for packet in split_packets(data):
         stop += len(packet)
@@ -329,7 +330,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
 def split_packets(data: bytes) -> Iterator[bytes]:
     """Yield packet after packet, as their headers count; ends where none can begin or the last is cut."""
     position = 0
-    while len(data) - position > HEADER_BYTES and not data[position] >> 5:
+    while len(data) - position > HEADER.size and not data[position] >> 5:
         length = _stated_bytes(data, position)
         if position + length > len(data):
             return
@@ -356,7 +357,6 @@ def packet_notes(counts: PacketCounts) -> list[str]:
 
 
 MAX_ENTRIES: Final = 10_000  # of a packet, with all containers in containers
-MAX_DEPTH: Final = 50  # of containers in containers
 MAX_EXPONENT: Final = 16  # of a polynomial calibrator
 
 

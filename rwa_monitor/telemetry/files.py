@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 
 PathLike = str | os.PathLike[str]
 
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
-MAX_SHA256_BYTES: Final = 10_000
+MAX_DEPTH: Final = 64  # of what lies in each other in a file: levels of text, containers, types
 PIECE_BYTES: Final = 2**20  # of what does not state its size
 
 
@@ -72,7 +71,7 @@ def read_text(file: PathLike, limit: int) -> str:
     content = read_bytes(path, limit)
     hash_file = beside(path, SHA256_SUFFIX)
     if hash_file.exists():
-        stated = read_bytes(hash_file, MAX_SHA256_BYTES).split(maxsplit=1)
+        stated = read_bytes(hash_file, MAX_CONTENT_BYTES).split(maxsplit=1)
         if not stated or stated[0].decode("ascii", "replace").lower() != sha256(content).hexdigest():
             raise InputError(display_name(path), f"is not the file whose hash stands in {display_name(hash_file)}")
     return decode_utf8(content, path)
@@ -108,18 +107,26 @@ def unreadable(path: Path, error: OSError) -> InputError:
     return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
 
 
+@contextmanager
+def refusing(path: Path, what: str, place: str = "") -> Iterator[None]:
+    """Raise InputError, with the option `place`, where the system refuses something in the block, and why."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(display_name(path), f"{what}: {error.strerror or error}", place) from error
+
+
 def make_folder(folder: Path, place: str = "") -> None:
     """Make a folder where it is missing; raises InputError, with the option `place`, where that cannot be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        raise InputError(display_name(folder), "is a file; a folder is needed here", place) from error
-    except OSError as error:
-        raise InputError(display_name(folder), f"cannot be made: {error.strerror or error}", place) from error
+    with refusing(folder, "cannot be made", place):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except FileExistsError as error:
+            raise InputError(display_name(folder), "is a file; a folder is needed here", place) from error
 
 
 @contextmanager
-def atomic_write(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path, place: str = "") -> Iterator[Path]:
     """Give a temporary file in the same folder to write to, which takes the name `path` when all went well.
 
     A reader sees the old file or the whole new one, never a part; after an exception nothing is left behind.
@@ -127,18 +134,16 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If the folder does not exist or may not be written to: a wrong option, seen before any work is lost.
+        If the folder does not exist or may not be written to, with the option `place`: seen before any work is lost.
     RwaMonitorError
         If writing fails later, for instance because the disk is full.
     """
     # One name a process: what a killed one left is overwritten by the next with its id, and ignored otherwise.
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     if path.is_dir():
-        raise InputError(display_name(path), "is a folder, not a file to write to")
-    try:
+        raise InputError(display_name(path), "is a folder, not a file to write to", place)
+    with refusing(path, "cannot be written", place):
         part.touch()
-    except OSError as error:
-        raise InputError(display_name(path), f"cannot be written: {error.strerror or error}") from error
     try:
         yield part
         part.replace(path)
@@ -159,19 +164,9 @@ def write_files(folder: Path, contents: Mapping[str, bytes], place: str = "") ->
         If writing fails later, for instance because the disk is full.
     """
     make_folder(folder, place)
-    try:
-        part = Path(tempfile.mkdtemp(prefix=".", suffix=".part", dir=folder))
-    except OSError as error:
-        raise InputError(display_name(folder), f"cannot be written to: {error.strerror or error}", place) from error
-    try:
+    with ExitStack() as parts:
         for name, content in contents.items():
-            (part / name).write_bytes(content)
-        for name in contents:
-            (part / name).replace(folder / name)
-    except OSError as error:
-        raise RwaMonitorError(f"{display_name(folder)}: writing failed: {error.strerror or error}") from error
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
+            parts.enter_context(atomic_write(folder / name, place)).write_bytes(content)
 
 
 def write_text(path: Path, text: str) -> None:

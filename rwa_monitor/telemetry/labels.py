@@ -31,7 +31,7 @@ from rwa_monitor.simulation.datasets import LabelledWindow, truth_document
 from rwa_monitor.simulation.record import Truth
 from rwa_monitor.telemetry.files import beside, display_name, read_text, write_text
 from rwa_monitor.telemetry.scores import Interval, Timeline, union
-from rwa_monitor.telemetry.table import parquet
+from rwa_monitor.telemetry.table import write_parquet
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, built_in_wheel
 
 MAX_LABELS_BYTES: Final = 100_000_000
@@ -193,7 +193,7 @@ def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> s
     document = {**truth_document(window), **provenance}
     write_text(beside(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")
     try:
-        parquet().write_columns(slot_columns(window.telemetry.truth), beside(recording, ".truth.pq"))
+        write_parquet(slot_columns(window.telemetry.truth), beside(recording, ".truth.pq"))
     except MissingExtraError as error:
         return f"no table of the truth in every slot: {error}"
     return ""

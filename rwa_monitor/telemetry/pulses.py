@@ -6,13 +6,15 @@ whole turn unequal distances between the pulses cancel, and so does what repeats
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any, Final
+import math
+from dataclasses import replace
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.words import counted
 
@@ -20,13 +22,11 @@ REACH: Final = 5  # steps to each side, at least, whose median is the usual step
 SPREADS: Final = 6.0  # robust standard deviations of the steps about the usual one, beyond which a step is not regular
 LEAST_OFF: Final = 0.02  # of the usual step: less is no pulse too many, but a time that is off
 MOST_OFF: Final = 0.25  # of the usual step: halfway between a regular one and half of one
-MAD_OF_NORMAL: Final = 0.6745  # median distance from the median, in standard deviations
 LEAST_REGULAR: Final = 0.8  # of the steps: where fewer are, missed pulses and phantoms cannot be distinguished
 MOST_MISSED: Final = 10.0  # pulses in a row: longer the speed is not known well enough to count them
 
 
-@dataclass(frozen=True, slots=True)
-class Turning:
+class Turning(NamedTuple):
     """What pulses show of a wheel's turning.
 
     Attributes
@@ -122,7 +122,7 @@ def _usual(step: FloatArray, reach: int) -> FloatArray:
 def _is_regular(ratio: FloatArray) -> BoolArray:
     """Return which steps, over the usual one, differ from that by no more than most do."""
     off = np.abs(ratio - 1.0)
-    return np.asarray(off <= np.clip(SPREADS / MAD_OF_NORMAL * float(np.median(off)), LEAST_OFF, MOST_OFF))
+    return np.asarray(off <= np.clip(SPREADS / math.sqrt(CHI_MEDIAN) * float(np.median(off)), LEAST_OFF, MOST_OFF))
 
 
 def _means(values: FloatArray, borders: IntArray) -> FloatArray:

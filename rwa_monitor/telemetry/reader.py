@@ -10,9 +10,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,14 +19,13 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples, Timeliness, concatenate
 from rwa_monitor.telemetry.files import PathLike, display_name, read_text
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from rwa_monitor.wheel.wheel import Wheel
 
-MAX_MAP_BYTES: Final = 1_000_000
 MAX_XTCE_BYTES: Final = 4_000_000  # the telemetry of a whole satellite has some thousand parameters
 
 
-@dataclass(frozen=True, slots=True)
-class SampleBatch:
+class SampleBatch(NamedTuple):
     """Samples that came together; publisher, batch number and data as in the message, where they came as one."""
 
     samples: Samples
@@ -36,8 +34,7 @@ class SampleBatch:
     data: Timeliness | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class WheelTelemetry:
+class WheelTelemetry(NamedTuple):
     """All telemetry of one wheel in one file.
 
     Attributes
@@ -59,8 +56,7 @@ class WheelTelemetry:
     constants: Wheel | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class TelemetryFile:
+class TelemetryFile(NamedTuple):
     """A file of telemetry.
 
     Attributes
@@ -81,16 +77,14 @@ class TelemetryFile:
     notes: Sequence[str] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class TextFile:
+class TextFile(NamedTuple):
     """A text and the file it came from, for messages."""
 
     source: str
     text: str
 
 
-@dataclass(frozen=True, slots=True)
-class Decoding:
+class Decoding(NamedTuple):
     """What it takes to understand telemetry that does not name its channels; texts, so that it travels to workers.
 
     Attributes
@@ -114,7 +108,7 @@ class Decoding:
         """Return what telemetry of a wheel is read with."""
         if wheel is None:
             return self
-        return replace(self, motor_off=bool(wheel.friction.motor_off), pulses_per_turn=wheel.pulses_per_turn)
+        return self._replace(motor_off=bool(wheel.friction.motor_off), pulses_per_turn=wheel.pulses_per_turn)
 
     def sha256(self) -> str | None:
         """Return a hash of both texts; None where there is none."""
@@ -132,7 +126,7 @@ def read_decoding(map_file: PathLike | None, xtce_file: PathLike | None) -> Deco
     def text_of(path: PathLike | None, limit: int) -> TextFile | None:
         return None if path is None else TextFile(display_name(path), read_text(path, limit))
 
-    return Decoding(text_of(map_file, MAX_MAP_BYTES), text_of(xtce_file, MAX_XTCE_BYTES))
+    return Decoding(text_of(map_file, MAX_CONTENT_BYTES), text_of(xtce_file, MAX_XTCE_BYTES))
 
 
 def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:

@@ -13,30 +13,34 @@ from __future__ import annotations
 import os
 import re
 import struct
-import zlib
 from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, Final, Literal, NamedTuple
 
 import numpy as np
 import zstandard
-from lz4.frame import LZ4FrameDecompressor
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
-from rwa_monitor.errors import InputError
+from rwa_monitor.errors import MAX_PART, InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.columns import MAX_ROWS
-from rwa_monitor.telemetry.files import display_name, first_line, unreadable
+from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, unreadable
+from rwa_monitor.telemetry.mcap_chunk import (
+    MAX_CHUNK_BYTES,
+    MESSAGE,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    records_in,
+    stream_of,
+    unpacked,
+)
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
+from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.telemetry.telemetry_map import (
     SI_UNITS,
     TopicChannel,
@@ -48,20 +52,14 @@ from rwa_monitor.telemetry.telemetry_map import (
 )
 from rwa_monitor.words import counted
 
-MAX_RECORD_BYTES: Final = 64 * 2**20
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
-MAX_CHUNK_BYTES: Final = 64 * 2**20  # unpacked; rosbag2 writes chunks of less than one
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
-MAX_SCHEMAS_BYTES: Final = 64 * 2**20  # of all that are kept; a bag of hundreds of types has some
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
-MAX_CHANNELS: Final = 1_000  # of the topics of the map
-MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be listed
-MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
+MAX_MESSAGE_BYTES: Final = (
+    2**18
+)  # of a topic of the map, and of its schema; the state of a thousand joints has some 50 kB
 
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
-_HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
-_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, number, time when it was logged and published [ns]
-_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _WANTED: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK})
 
 
@@ -173,8 +171,7 @@ def _field(message: Any, path: str) -> Any:
 # ---- the bag ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Topic:
+class _Topic(NamedTuple):
     """A channel of the bag that the map names."""
 
     name: str
@@ -220,14 +217,14 @@ class _Bag:
     def read(self, file: IO[bytes]) -> None:
         """Read all that is whole."""
         position = file.seek(len(MCAP0_MAGIC))
-        while len(head := file.read(_HEAD.size)) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
+        while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+            opcode, length = RECORD_HEAD.unpack(head)
             if opcode == Opcode.DATA_END:  # what follows repeats what came
                 return
             if opcode not in _WANTED and length <= MAX_SKIPPED_BYTES:
                 position = file.seek(length, os.SEEK_CUR)
                 continue
-            content = file.read(length) if length <= MAX_RECORD_BYTES else b""
+            content = file.read(length) if length <= MAX_CHUNK_BYTES else b""
             if len(content) < length:
                 break
             try:
@@ -245,39 +242,30 @@ class _Bag:
             raise InputError(self._source, f"has more than {limit:,} {what}")
 
     def _unpacked(self, content: bytes) -> Iterator[tuple[int, bytes]]:
-        """Yield the records in a chunk; raises ValueError where they are others than the chunk states."""
-        chunk = Chunk.read(_stream(content))
+        """Return the records in a chunk; raises ValueError where they are others than the chunk states."""
+        chunk = Chunk.read(stream_of(content))
         self._count("bytes to be unpacked", chunk.uncompressed_size, MAX_WORK_BYTES)
-        data = _unpacked(chunk)
-        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
-            raise ValueError("it has another checksum than it states")
-        position = 0
-        while position < len(data):
-            opcode, length = _HEAD.unpack_from(data, position)
-            position += _HEAD.size + length
-            if position > len(data):
-                raise ValueError("a record in it reaches beyond its end")
-            yield opcode, data[position - length : position]
+        return records_in(unpacked(chunk))
 
     def _take(self, opcode: int, content: bytes) -> None:
         """Take a message of the map's topics, or what describes one; others are passed over unread."""
         self._count("records", 1, MAX_RECORDS)
-        if opcode == _MESSAGE:
-            channel_id, _, log_ns, publish_ns = _MESSAGE_HEAD.unpack_from(content)
+        if opcode == MESSAGE:
+            channel_id, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(content)
             if channel_id not in self._topics:
                 self._undescribed += 1
             elif (topic := self._topics[channel_id]) is not None:
-                self._decode(topic, content[_MESSAGE_HEAD.size :], {"log": log_ns, "publish": publish_ns})
+                self._decode(topic, content[MESSAGE_HEAD.size :], {"log": log_ns, "publish": publish_ns})
         elif opcode == Opcode.SCHEMA:
-            schema = Schema.read(_stream(content))
+            schema = Schema.read(stream_of(content))
             if schema.id not in self._schemas:
-                self._count("bytes of schemas", len(content), MAX_SCHEMAS_BYTES)
+                self._count("bytes of schemas", len(content), MAX_CHUNK_BYTES)
                 self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(_stream(content))
+            channel = Channel.read(stream_of(content))
             if channel.id not in self._topics:
                 wanted = channel.topic in self._series
-                self._names.add(channel.topic if wanted else channel.topic[:MAX_NAME])
+                self._names.add(channel.topic if wanted else channel.topic[:MAX_PART])
                 self._topics[channel.id] = self._topic(channel) if wanted else None
 
     def _topic(self, channel: Channel) -> _Topic:
@@ -287,7 +275,7 @@ class _Bag:
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             how = f"{channel.message_encoding} by {schema.encoding if schema else 'nothing'}"
             raise InputError(self._source, f"holds {how}; cdr by ros2msg is wanted", place)
-        self._count("channels of the map's topics", 1, MAX_CHANNELS)
+        self._count("channels of the map's topics", 1, MAX_COLUMNS)
         try:
             kind = MessageType(schema.name, schema.data)
         except ValueError as error:
@@ -307,37 +295,8 @@ class _Bag:
             self._first_refused = self._first_refused or f"topic {topic.name}: {first_line(error)}"
 
 
-def _stream(data: bytes) -> ReadDataStream:
-    """Return the stream of one record: no length in it reaches beyond."""
-    return ReadDataStream(BytesIO(data))
-
-
-def _unpacked(chunk: Chunk) -> bytes:
-    """Return the content of a chunk; raises ValueError where it is more than stated, before it is unpacked."""
-    size = chunk.uncompressed_size
-    if size > MAX_CHUNK_BYTES:
-        raise ValueError(f"it unpacks to {size:,} bytes; the limit is {MAX_CHUNK_BYTES:,}")
-    if chunk.compression == "":
-        data = chunk.data
-    elif chunk.compression == "zstd":
-        # The decompressor goes by the frame, not by its caller.
-        stated = zstandard.get_frame_parameters(chunk.data).content_size
-        if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
-            raise ValueError(f"its frame states {stated:,} bytes, it itself {size:,}")
-        data = zstandard.decompress(chunk.data, size)
-    elif chunk.compression == "lz4":
-        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
-    else:
-        raise ValueError(f"its compression {chunk.compression[:20]!r} is not known")
-    if len(data) != size:
-        raise ValueError(f"it unpacks to another size than the {size:,} bytes it states")
-    return bytes(data)
-
-
 # ---- types of messages, and messages by their type -------------------------------------------------------------------
 
-MAX_SCHEMA_BYTES: Final = 65_536
-MAX_DEPTH: Final = 32  # of types in types
 FEW_VALUES: Final = 64  # a message may have beside one for each byte
 
 # A field's type; whether there are many, and of how many it always has; its name; the equals sign of a constant.
@@ -375,8 +334,8 @@ class MessageType:
     """
 
     def __init__(self, name: str, data: bytes) -> None:
-        if len(data) > MAX_SCHEMA_BYTES:
-            raise ValueError(f"its schema has more than {MAX_SCHEMA_BYTES:,} bytes")
+        if len(data) > MAX_MESSAGE_BYTES:
+            raise ValueError(f"its schema has more than {MAX_MESSAGE_BYTES:,} bytes")
         time = [_Field("sec", "int32", 1, False), _Field("nanosec", "uint32", 1, False)]
         self._types = {"builtin_interfaces/Time": time, "builtin_interfaces/Duration": time}
         self._name = current = _full_name(name)

@@ -11,42 +11,197 @@ import csv
 import decimal
 import io
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from decimal import Decimal
 from itertools import islice
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rwa_monitor.errors import InputError, needs_extra
-from rwa_monitor.samples import FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.columns import MAX_ROWS, SampleTable, check_rows, lay_out, table_of
-from rwa_monitor.telemetry.files import atomic_write, decode_utf8, display_name, read_bytes, unreadable
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
+from rwa_monitor.telemetry.files import (
+    PIECE_BYTES,
+    atomic_write,
+    decode_utf8,
+    display_name,
+    first_line,
+    read_bytes,
+    unreadable,
+)
 from rwa_monitor.telemetry.pulses import speed_of_pulses
+
+TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
+PULSE_COLUMNS: Final = ("pulse_time_ns", "pulse_time_s")  # of a table that is one of pulses, without a speed
+SPEED, ANGLE, ANGLE_IN_DEGREES = "speed_rad_s", "angle_rad", "angle_deg"
+_COLUMNS: Final = (*TABLE_CHANNELS, ANGLE_IN_DEGREES)
+MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
+MAX_COLUMNS: Final = 1_000
+MAX_TABLE_BYTES: Final = 2_000_000_000  # of a file
+ROWS_AT_ONCE: Final = 50_000  # read or written; as texts they take 20 times the memory of their values
+MAX_SPAN_NS: Final = 2**61  # 73 years: the slot of a sample is reckoned in int64 with twice its time
+
+
+class SampleTable(NamedTuple):
+    """A table as it was read.
+
+    Attributes
+    ----------
+    samples
+        The telemetry; time strictly increases, there is at least one sample.
+    ignored_columns
+        Names of the columns that were left out, in the table's order.
+    are_pulses
+        Whether each row is a pulse of the wheel: its speed is then not measured, but follows from the times.
+    notes
+        What was made of the rows, a sentence each.
+    """
+
+    samples: Samples
+    ignored_columns: tuple[str, ...]
+    are_pulses: bool = False
+    notes: tuple[str, ...] = ()
+
+
+class Layout(NamedTuple):
+    """Which column of a table holds what.
+
+    Attributes
+    ----------
+    time, time_at
+        Name of the time column, and its position in the table.
+    channels
+        Name → position in the table, in the order of `TABLE_CHANNELS`, an angle in degrees last.
+    ignored
+        Names of all other columns.
+    """
+
+    time: str
+    time_at: int
+    channels: dict[str, int]
+    ignored: tuple[str, ...]
+
+
+def lay_out(names: Sequence[str], source: str) -> Layout:
+    """Find the columns of a table by their names.
+
+    Raises
+    ------
+    InputError
+        If a required column is missing, or a known one is there twice.
+    """
+    if len(names) > MAX_COLUMNS:
+        raise InputError(source, f"has {len(names)} columns; the limit is {MAX_COLUMNS}")
+    for name in (*TIME_COLUMNS, *PULSE_COLUMNS, *_COLUMNS):
+        if names.count(name) > 1:
+            raise InputError(source, "is there twice", f"column {name}")
+    time = [name for name in TIME_COLUMNS if name in names]
+    missing = [] if SPEED in names else [SPEED]
+    pulses = [name for name in PULSE_COLUMNS if name in names]
+    if missing and pulses:
+        time, missing = pulses, []
+    if not time:
+        missing = [" or ".join(reversed(TIME_COLUMNS)), *missing]
+    if missing:
+        others = f", and so is {', '.join(missing[1:])}" if len(missing) > 1 else ""
+        there = ", ".join(repr(name[:40]) for name in names[:8])
+        reason = f"is missing{others}; the table has {there}{', …' if len(names) > 8 else ''} (docs/formats.md)"
+        raise InputError(source, reason, f"column {missing[0]}")
+    channels = {name: names.index(name) for name in _COLUMNS if name in names}
+    if {ANGLE, ANGLE_IN_DEGREES} <= channels.keys():
+        raise InputError(source, f"is there beside {ANGLE}: leave one of them out", f"column {ANGLE_IN_DEGREES}")
+    known = {time[0], *channels}
+    ignored = tuple(name for name in names if name not in known)
+    return Layout(time[0], names.index(time[0]), channels, ignored)
+
+
+def check_rows(rows: int, source: str) -> None:
+    """Raise InputError unless a table has at least one row and at most `MAX_ROWS`."""
+    if rows == 0:
+        raise InputError(source, "has no rows")
+    if rows > MAX_ROWS:
+        raise InputError(source, f"has {rows:,} rows; the limit is {MAX_ROWS:,}: split it, and use --carry")
+
+
+def table_of(
+    time_ns: IntArray, columns: Mapping[str, FloatArray], layout: Layout, source: str, first_row: int
+) -> SampleTable:
+    """Return a table once its time is checked.
+
+    Parameters
+    ----------
+    time_ns, columns
+        All rows, at least one: time, and the columns of the layout, each in the unit of its name.
+    layout, source
+        Of the table.
+    first_row
+        The row that the first sample stands in, as a person counts.
+
+    Raises
+    ------
+    InputError
+        If time does not strictly increase, or its span is too long.
+    """
+    channels = dict(columns)
+    if ANGLE_IN_DEGREES in channels:
+        channels[ANGLE] = np.radians(channels.pop(ANGLE_IN_DEGREES))
+    are_pulses = layout.time in PULSE_COLUMNS
+    if are_pulses:
+        channels.setdefault(SPEED, np.full(time_ns.size, np.nan))
+    samples = Samples(time_ns=time_ns, **channels)
+    _check_time(samples, layout, source, first_row)
+    return SampleTable(samples, layout.ignored, are_pulses)
+
+
+def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -> None:
+    """Raise InputError, naming the row, unless time strictly increases over a span that slots can count."""
+    time_ns, column = samples.time_ns, layout.time
+    late = time_ns[1:] <= time_ns[:-1]
+    if late.any():
+        at = int(np.argmax(late)) + 1
+        before, here = (_as_written(int(time_ns[i]), column) for i in (at - 1, at))
+        reason = f"time does not increase ({here} after {before}); sort the rows by time and leave repeated ones out"
+        raise InputError(source, reason, f"row {first_row + at}, column {column}")
+    span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
+    if span_ns >= MAX_SPAN_NS:
+        raise InputError(source, f"covers {span_ns / NANOSECONDS_PER_SECOND:.3g} s, more than 73 years", column)
+
+
+def _as_written(time_ns: int, column: str) -> str:
+    """Write a time in the unit of its column, exactly."""
+    if column.endswith("_ns"):
+        return f"{time_ns} ns"
+    return f"{Decimal(time_ns).scaleb(-9).normalize():f} s"
+
+
+# ---- columns, whatever the file: names, units, limits, and the checks that every table must pass ---------------------
+
 
 PARQUET_MAGIC: Final = b"PAR1"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 # The record that follows: its opcode, its length, and as its first field the profile, a text after its length.
-ROS2_PROFILE: Final = b"\x04\x00\x00\x00ros2"
-_PROFILE_AT: Final = len(MCAP_MAGIC) + 1 + 8
+_ROS2: Final = re.compile(re.escape(MCAP_MAGIC) + rb".{9}\x04\x00\x00\x00ros2", re.DOTALL)
 
 PACKET_SUFFIXES: Final = (".ccsds", ".bin")  # space packets have no first bytes of their own either
 
 FileFormat = Literal["csv", "parquet", "mcap", "packets", "ros2"]
 
 
-def parquet() -> ModuleType:
-    """Return `parquet_table`, which belongs to an extra and whose Arrow takes a third of a second to import.
+def arrow() -> Any:
+    """Return pyarrow, which belongs to an extra, has no types of its own, and takes a third of a second to import.
 
     Raises
     ------
     MissingExtraError
-        If what it needs is not installed.
+        If it is not installed.
     """
     with needs_extra("parquet"):
-        from rwa_monitor.telemetry import parquet_table  # noqa: PLC0415
-    return parquet_table
+        import pyarrow  # noqa: PLC0415, ICN001
+        import pyarrow.compute  # noqa: PLC0415
+        import pyarrow.parquet  # noqa: PLC0415
+    return pyarrow
 
 
 def file_format(path: Path) -> FileFormat:
@@ -59,7 +214,7 @@ def file_format(path: Path) -> FileFormat:
     """
     try:
         with path.open("rb") as file:
-            head = file.read(_PROFILE_AT + len(ROS2_PROFILE))
+            head = file.read(PIECE_BYTES)
     except OSError as error:
         raise unreadable(path, error) from error
     if not head:
@@ -67,7 +222,7 @@ def file_format(path: Path) -> FileFormat:
     if head.startswith(PARQUET_MAGIC):
         return "parquet"
     if head.startswith(MCAP_MAGIC):
-        return "ros2" if head[_PROFILE_AT:] == ROS2_PROFILE else "mcap"
+        return "ros2" if _ROS2.match(head) else "mcap"
     suffix = path.suffix.lower()
     if suffix in (".parquet", ".mcap"):
         raise InputError(display_name(path), f"is no {suffix[1:]} file (its first bytes are {head[:8]!r})")
@@ -91,7 +246,7 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
     MissingExtraError
         If what it takes to read Parquet is not installed.
     """
-    table: SampleTable = parquet().read_parquet(path) if file_format(path) == "parquet" else read_csv(path)
+    table: SampleTable = read_parquet(path) if file_format(path) == "parquet" else read_csv(path)
     if not table.are_pulses:
         return table
     source = display_name(path)
@@ -107,16 +262,13 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
 # ---- CSV: comma-separated UTF-8, one header row; read as text, so that every bad value can be named ------------------
 
 
-MAX_CSV_BYTES: Final = 2_000_000_000
-MAX_HEADER_BYTES: Final = 100_000
 FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 
 _PLAIN_DECIMAL: Final = re.compile(r"([+-]?[0-9]{1,18})(?:\.([0-9]*))?")
 _ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
-_LARGEST_INT64: Final = 2**63 - 1
+_LARGEST_INT64: Final = np.iinfo(np.int64).max
 _PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which the column's name ends
 _CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
-_ROWS_AT_ONCE: Final = 50_000  # as texts, which take 20 times the memory of their values
 
 
 def read_csv(path: Path) -> SampleTable:
@@ -129,7 +281,7 @@ def read_csv(path: Path) -> SampleTable:
     """
     source = display_name(path)
     # A closing blank line is nobody's mistake; one in the middle is a row without values, and is refused as such.
-    content = read_bytes(path, MAX_CSV_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
+    content = read_bytes(path, MAX_TABLE_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
     if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
         raise InputError(source, f"has more rows than the limit of {MAX_ROWS:,}: split it, and use --carry")
     decode_utf8(content, path)
@@ -156,8 +308,8 @@ def write_csv(samples: Samples, path: Path) -> None:
     names, arrays = zip(*samples.channels(), strict=True)
     with atomic_write(path) as part, part.open("w", encoding="ascii", newline="") as file:
         file.write(f"{','.join(names)}\n")
-        for first in range(0, len(samples), _ROWS_AT_ONCE):
-            columns = [_texts(values[first : first + _ROWS_AT_ONCE]) for values in arrays]
+        for first in range(0, len(samples), ROWS_AT_ONCE):
+            columns = [_texts(values[first : first + ROWS_AT_ONCE]) for values in arrays]
             file.writelines(f"{','.join(fields)}\n" for fields in zip(*columns, strict=True))
 
 
@@ -168,8 +320,8 @@ def _texts(values: FloatArray | IntArray) -> list[str]:
 
 def _header(content: bytes, reader: Any, source: str) -> list[str]:
     """Return the names in the first row."""
-    if not re.match(rb"[^\r\n]{1,%d}(?![^\r\n])" % MAX_HEADER_BYTES, content):
-        reason = f"has no header of at most {MAX_HEADER_BYTES:,} bytes"
+    if not re.match(rb"[^\r\n]{1,%d}(?![^\r\n])" % PIECE_BYTES, content):
+        reason = f"has no header of at most {PIECE_BYTES:,} bytes"
         raise InputError(source, reason, "row 1")
     try:
         names = [name.strip() for name in next(reader)]
@@ -186,7 +338,7 @@ def _rows(reader: Any, count: int, source: str) -> Iterator[list[list[str]]]:
     """Yield the rows after the header, many at once, as their fields; an empty line is a row of empty fields."""
     done = 1  # the header
     try:
-        while rows := [fields or [""] * count for fields in islice(reader, _ROWS_AT_ONCE)]:
+        while rows := [fields or [""] * count for fields in islice(reader, ROWS_AT_ONCE)]:
             for row, fields in enumerate(rows, start=done + 1):
                 if len(fields) != count:
                     raise InputError(source, f"has {len(fields)} fields, the header has {count}", f"row {row}")
@@ -246,13 +398,9 @@ def _nanoseconds_of(text: str, places: int) -> int | str:
 # ---- writing ---------------------------------------------------------------------------------------------------------
 
 
-def _write_parquet(samples: Samples, path: Path) -> None:
-    parquet().write_parquet(samples, path)
-
-
 WRITERS: Final[dict[str, Callable[[Samples, Path], None]]] = {
     ".csv": write_csv,
-    ".parquet": _write_parquet,
+    ".parquet": lambda samples, path: write_parquet(dict(samples.channels()), path),
 }
 
 
@@ -268,3 +416,112 @@ def table_writer(path: Path) -> Callable[[Samples, Path], None]:
     if writer is None:
         raise InputError(display_name(path), f"must end in {' or '.join(WRITERS)}: the suffix chooses the format")
     return writer
+
+
+# ---- Parquet: the same columns as numbers; null is a value that was not measured (NaN) -------------------------------
+
+
+MAX_UNPACKED_BYTES: Final = 4_000_000_000  # of all columns; 20 million rows of 7 channels are 1.3 GB
+
+
+def read_parquet(path: Path) -> SampleTable:
+    """Read a Parquet sample table.
+
+    Raises
+    ------
+    InputError
+        If it cannot be used; names the file, the row (the first is row 1), the column and the reason.
+    """
+    pa, source = arrow(), display_name(path)
+    try:
+        if path.stat().st_size > MAX_TABLE_BYTES:
+            raise InputError(source, f"is larger than the limit of {MAX_TABLE_BYTES:,} bytes")
+        with pa.parquet.ParquetFile(path, pre_buffer=False, page_checksum_verification=True) as file:
+            layout = lay_out(file.schema_arrow.names, source)
+            _check_footer(file, (layout.time, *layout.channels), source)
+            table = _read_columns(file, [layout.time, *layout.channels], source)
+    except (pa.ArrowException, EOFError, UnicodeDecodeError) as error:
+        raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
+    except OSError as error:  # Arrow reports damaged pages so, with a text and without a code
+        if error.errno is not None:
+            raise unreadable(path, error) from error
+        raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
+    time_ns = _column_nanoseconds(table[layout.time], layout.time, source)
+    channels = {name: _column_numbers(table[name]) for name in layout.channels}
+    return table_of(time_ns, channels, layout, source, 1)
+
+
+def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:
+    """Raise InputError where the footer promises too much, or a column that is wanted and holds no numbers."""
+    metadata, schema = file.metadata, file.schema_arrow
+    check_rows(metadata.num_rows, source)
+    for name in columns:
+        kind = schema.field(name).type
+        if not _is_number(kind):
+            raise InputError(source, f"holds {kind}, not numbers", f"column {name}")
+    # Of all columns: to look at one of a damaged file ends the process (pyarrow 26, an exception nobody catches).
+    unpacked = sum(metadata.row_group(at).total_byte_size for at in range(metadata.num_row_groups))
+    if unpacked > MAX_UNPACKED_BYTES:
+        raise InputError(source, f"unpacks to {unpacked:,} bytes; the limit is {MAX_UNPACKED_BYTES:,}")
+
+
+def _read_columns(file: Any, names: list[str], source: str) -> Any:
+    """Return columns as a table, in pieces: a row group may claim to hold more rows than memory, and the footer few."""
+    pa = arrow()
+    promised, batches, rows = file.metadata.num_rows, [], 0
+    # On this thread: Arrow's own take half as much time again in all, and get in the way of the other processes where
+    # many recordings are read at once.
+    for batch in file.iter_batches(batch_size=ROWS_AT_ONCE, columns=names, use_threads=False):
+        rows += len(batch)
+        if rows > promised:
+            break
+        batches.append(batch)
+    if rows != promised:
+        raise InputError(source, f"holds {'more' if rows > promised else 'fewer'} rows than its footer states")
+    return pa.Table.from_batches(batches)
+
+
+def _is_number(kind: Any) -> bool:
+    """Return whether a column's values are numbers; a column without any value is one of NaN."""
+    types = arrow().types
+    return bool(types.is_null(kind) or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
+
+
+def write_parquet(columns: Mapping[str, NDArray[Any]], path: Path) -> None:
+    """Write arrays of one length as a Parquet table that `read_parquet` gives back bit for bit; NaN stays NaN."""
+    pa = arrow()
+    table = pa.table({name: pa.array(values) for name, values in columns.items()})
+    with atomic_write(path) as part:
+        # With checksums, a bit that flips on a disk is an error when the table is read, not another number.
+        pa.parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
+
+
+def _column_numbers(column: Any) -> FloatArray:
+    """Return a column's values as float64, null as NaN."""
+    pa = arrow()
+    return np.asarray(pa.compute.cast(column, pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+
+
+def _column_nanoseconds(column: Any, name: str, source: str) -> IntArray:
+    """Return the times [ns] of a column in s or ns."""
+    pa = arrow()
+    missing = pa.compute.index(pa.compute.is_null(column), True).as_py()
+    if missing >= 0:
+        raise InputError(source, "is empty; every row needs a time", f"row {missing + 1}, column {name}")
+    if name.endswith("_ns"):
+        if not pa.types.is_integer(column.type):
+            raise InputError(source, f"holds {column.type}, not integers", f"column {name}")
+        try:
+            return np.asarray(pa.compute.cast(column, pa.int64()).to_numpy(), dtype=np.int64)
+        except pa.ArrowInvalid as error:
+            raise InputError(source, "holds a time beyond 64 bits of nanoseconds", f"column {name}") from error
+    seconds = _column_numbers(column)
+    # Whole seconds and the rest apart: their product with 1e9 together would lose the last digits of a late time.
+    whole = np.floor(seconds)
+    usable = np.abs(whole) < np.iinfo(np.int64).max // NANOSECONDS_PER_SECOND
+    if not usable.all():
+        at = int(np.argmin(usable))
+        reason = f"{seconds[at]} is not a time that 64 bits of nanoseconds hold"
+        raise InputError(source, reason, f"row {at + 1}, column {name}")
+    rest_ns = np.rint((seconds - whole) * NANOSECONDS_PER_SECOND)
+    return np.asarray(whole.astype(np.int64) * NANOSECONDS_PER_SECOND + rest_ns.astype(np.int64), dtype=np.int64)

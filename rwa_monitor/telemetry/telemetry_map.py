@@ -36,12 +36,11 @@ import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import SamplesMessage, key_of, split_key
+from rwa_monitor.messages import MAX_WHEELS, SamplesMessage, key_of, split_key
 from rwa_monitor.samples import MAX_TIME_NS, NANOSECONDS_PER_SECOND, ChannelName, Samples
-from rwa_monitor.telemetry.reader import MAX_MAP_BYTES, SampleBatch, TelemetryFile, TextFile, WheelTelemetry
-from rwa_monitor.wheel.file_content import Strict, parse_toml
+from rwa_monitor.telemetry.reader import SampleBatch, TelemetryFile, TextFile, WheelTelemetry
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES, Strict, parse_toml
 
-MAX_WHEELS: Final = 4_096
 MAX_APID: Final = 2_046  # 11 bits; 2,047 are idle packets (CCSDS 133.0-B-2, 4.1.3.3.4.4)
 
 Name = Annotated[str, Field(min_length=1, max_length=500)]
@@ -179,7 +178,7 @@ Size = TypeVar("Size", float, Fraction)
 
 def wheels_of(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
     """Return the wheels of a map of space packets or of topics; raises InputError naming the key that is wrong."""
-    tables = parse_toml(file.text, file.source, MAX_MAP_BYTES, "a telemetry map")
+    tables = parse_toml(file.text, file.source, MAX_CONTENT_BYTES, "a telemetry map")
     blocks = tables.pop("wheel", None)
     if tables:
         raise InputError(file.source, "is not known in a telemetry map; it has [[wheel]] blocks", next(iter(tables)))

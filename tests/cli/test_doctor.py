@@ -46,5 +46,5 @@ def test_who_is_on_the_bus_is_told() -> None:
         finally:
             stop.set()
             thread.join()
-    assert "1 peer connected; in 2 s received telemetry of 1 wheel (sat/rw1), monitors of 1 wheel (sat/rw2)" in told
+    assert "1 peer connected; in 3 s received telemetry of 1 wheel (sat/rw1), monitors of 1 wheel (sat/rw2)" in told
     assert told.endswith("; nobody monitors sat/rw1")

@@ -162,5 +162,5 @@ def test_a_monitor_loads_nothing_that_it_does_not_use() -> None:
     done = subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     loaded = done.stdout.splitlines()
-    assert "rwa_monitor.monitor.monitor" in loaded
+    assert "rwa_monitor.monitor.service" in loaded
     assert [name for name in loaded if any(f"{name}.".startswith(f"{one}.") for one in NOT_FOR_A_MONITOR)] == []

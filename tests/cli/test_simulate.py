@@ -10,7 +10,6 @@ import pyarrow.parquet as pq
 import rwa_monitor as rwa
 from rwa_monitor.telemetry.configuration import read_model, read_wheel
 from rwa_monitor.telemetry.labels import read_labels
-from rwa_monitor.telemetry.table import read_table
 from tests.cli.conftest import SECONDS, simulate
 from tests.program import run
 from tests.telemetry.packet_writer import write_packets
@@ -52,19 +51,6 @@ def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None
     used = run("diagnose", labelled[0].path, "--wheel", wheel, "--model", tmp_path / "model.json", "--json")
     assert used.exit_code == 0
     assert json.loads(used.stdout)["provenance"]["model_sha256"] == model.sha256()
-
-
-def test_packets_are_diagnosed_as_the_table_is(files: Path, tmp_path: Path) -> None:
-    packets = tmp_path / "day.ccsds"
-    write_packets(read_table(files / "given.csv").samples, packets)
-    how = ("--xtce", f"{packets}.xtce.xml", "--map", f"{packets}.map.toml", "--wheel", files / "wheel.toml", "--json")
-    diagnosed, table = run("diagnose", packets, *how), run("diagnose", files / "given.csv", *how)
-    assert (diagnosed.exit_code, table.exit_code) == (0, 0), diagnosed.stderr
-    for one, two in zip(diagnosed.stdout.splitlines(), table.stdout.splitlines(), strict=True):
-        found, expected = json.loads(one), json.loads(two)
-        assert (found["spacecraft"], found["wheel"], found["source"]) == ("simulated", "wheel_1", str(packets))
-        assert found["verdict"] == expected["verdict"]
-        assert found["window_start_ns"] == expected["window_start_ns"]
 
 
 def test_packets_cut_at_the_end_are_diagnosed_and_the_exit_code_is_3(tmp_path: Path) -> None:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from tests.dashboard.support import browser
+from tests.dashboard.support import browser, opened, send_samples, send_windows, status
+from tests.dashboard.test_recordings import RECORDING
+from tests.dashboard.test_telemetry import with_friction
+from tests.history.support import discrepancy
 
 
 @pytest.fixture
@@ -22,3 +27,35 @@ def session() -> Iterator[zenoh.Session]:
 def chromium() -> Iterator[Any]:
     with browser() as started:
         yield started
+
+
+@pytest.fixture
+def dashboard(session: zenoh.Session, tmp_path: Path) -> Iterator[Running]:
+    """A dashboard on an empty folder. No monitor reports to it: on a busy machine that would become an alarm."""
+    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.0), session) as running:
+        yield running
+
+
+@pytest.fixture
+def failing_fleet(session: zenoh.Session, tmp_path: Path) -> Iterator[Running]:
+    """A fleet of two wheels, of which one fails and has a discrepancy report, with samples; and a recording."""
+    (tmp_path / RECORDING.name).write_bytes(RECORDING.read_bytes())
+    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=0.0), session) as running:
+        for wheel, failing in (("wheel_1", False), ("wheel_2", True)):
+            send_windows(session, wheel, failing=failing)
+            session.put(f"rwa/sat/{wheel}/status", status(wheel))
+        send_samples(session, "wheel_2", with_friction(4_000))
+        session.put("rwa/sat/wheel_2/discrepancy", discrepancy(1, "wheel_2").to_json())
+        yield running
+
+
+@pytest.fixture
+def complaint() -> str:
+    """What a page may complain of (`opened`); a test that lets it complain of all gives an empty one."""
+    return "none"
+
+
+@pytest.fixture
+def page(chromium: Any, complaint: str) -> Iterator[Any]:
+    with opened(chromium, complaint=complaint) as one:
+        yield one

@@ -14,7 +14,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.messages import Status
+from rwa_monitor.messages import Status, samples_json
+from rwa_monitor.samples import Samples
 from tests.history.support import diagnosis
 
 CHROMIUM = Path("/usr/bin/chromium")
@@ -41,6 +42,12 @@ def send_windows(session: zenoh.Session, wheel: str, *, failing: bool, windows: 
     for number in range(windows):
         message = diagnosis(number, severity=1.0 if failing and number else None, wheel=wheel)
         session.put(f"rwa/sat/{wheel}/diagnosis", message.to_json())
+
+
+def send_samples(session: zenoh.Session, wheel: str, samples: Samples) -> None:
+    """Send samples of a wheel as a satellite does, in messages of 250."""
+    for begin in range(0, len(samples), 250):
+        session.put(f"rwa/sat/{wheel}/samples", samples_json(samples[begin : begin + 250], "satellite", begin))
 
 
 def ask(

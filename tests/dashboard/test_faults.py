@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard import fleet
-from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
+from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, Running, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
@@ -77,14 +77,12 @@ def acknowledge(page: Any, name: str = "Ann") -> None:
     page.get_by_role("button", name="Acknowledge").click()
 
 
-def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_back(
-    chromium: Any, tmp_path: Path
-) -> None:
+def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_back(page: Any, tmp_path: Path) -> None:
     port = free_port()
     bus = BusOptions(listen=(f"tcp/127.0.0.1:{port}",))
     options = DashboardOptions(free_port(), tmp_path, token="right", silent_s=8.0)
     batch = samples_json(with_friction(40), "satellite", 0)
-    with ExitStack() as stack, opened(chromium) as page:
+    with ExitStack() as stack:
         session = stack.enter_context(open_session(bus))
 
         listener = Listener(session)
@@ -180,9 +178,10 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
         wait_for(back, "the telemetry that is back")
 
 
-def test_a_bus_that_is_gone_is_reported_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize("complaint", [""])
+def test_a_bus_that_is_gone_is_reported_until_it_is_back(page: Any, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with ExitStack() as stack, opened(chromium, complaint="") as page:
+    with ExitStack() as stack:
         first = stack.enter_context(script(ROUTER, endpoint))
         session = stack.enter_context(open_session(BusOptions(mode="client", connect=(endpoint,))))
         running = stack.enter_context(serve(DashboardOptions(0, tmp_path, connect=(endpoint,)), session))
@@ -219,53 +218,35 @@ def test_a_locked_database_is_reported_and_what_came_meanwhile_is_stored(
         wait_for(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
 
 
-def test_a_database_that_is_removed_is_reported_until_it_is_back(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
-) -> None:
-    path = tmp_path / HISTORY_NAME
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running, opened(chromium) as page:
-        with page.expect_response("**/api/verdicts"):  # while it is there
-            page.goto(running.address_with_token)
-        path.rename(tmp_path / "aside")
-        expect(page.locator("#banner")).to_contain_text("is gone: put it back")
-        (tmp_path / "aside").rename(path)
-        expect(page.locator("#banner")).to_be_hidden()
-
-
-def test_a_server_that_is_gone_is_reported_and_found_again(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
-) -> None:
+@pytest.mark.parametrize("complaint", [""])
+def test_a_server_that_is_gone_is_reported_and_found_again(session: zenoh.Session, page: Any, tmp_path: Path) -> None:
     options = DashboardOptions(free_port(), tmp_path, token="right")
-    with opened(chromium, complaint="") as page:
-        with serve(options, session) as running:
-            send_windows(session, "wheel_1", failing=True)
-            page.goto(f"{running.address}#/wheel/sat/wheel_1")
-            expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
-        expect(page.locator("#banner")).to_contain_text("Disconnected from the dashboard's server")
-        expect(page.locator("#connection")).to_contain_text("○ disconnected")
-        assert "disconnected" in page.locator("body").get_attribute("class")
-        with serve(options, session):
-            expect(page.locator("#banner")).to_be_hidden()
-            expect(page.locator("#connection")).to_contain_text("● connected")
-            expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
-            expect(page.locator(".stale-note")).to_contain_text("stale, from the history")
-
-
-def test_a_wrong_token_is_reported_and_can_be_mended_on_the_page(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
-) -> None:
-    with (
-        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
-        opened(chromium, complaint="") as page,
-    ):
+    with serve(options, session) as running:
         send_windows(session, "wheel_1", failing=True)
-        page.goto(f"{running.address}#token=wrong")
-        page.get_by_role("link", name="Alarms").click()
-        acknowledge(page)
-        expect(page.get_by_text("Not acknowledged: the token is missing or wrong")).to_be_visible()
-        page.get_by_label("Token").fill("right")
-        acknowledge(page)
-        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        page.goto(f"{running.address}#/wheel/sat/wheel_1")
+        expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
+    expect(page.locator("#banner")).to_contain_text("Disconnected from the dashboard's server")
+    expect(page.locator("#connection")).to_contain_text("○ disconnected")
+    assert "disconnected" in page.locator("body").get_attribute("class")
+    with serve(options, session):
+        expect(page.locator("#banner")).to_be_hidden()
+        expect(page.locator("#connection")).to_contain_text("● connected")
+        expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
+        expect(page.locator(".stale-note")).to_contain_text("stale, from the history")
+
+
+@pytest.mark.parametrize("complaint", [""])
+def test_a_wrong_token_is_reported_and_can_be_mended_on_the_page(
+    session: zenoh.Session, dashboard: Running, page: Any
+) -> None:
+    send_windows(session, "wheel_1", failing=True)
+    page.goto(f"{dashboard.address}#token=wrong")
+    page.get_by_role("link", name="Alarms").click()
+    acknowledge(page)
+    expect(page.get_by_text("Not acknowledged: the token is missing or wrong")).to_be_visible()
+    page.get_by_label("Token").fill("right")
+    acknowledge(page)
+    expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
 
 
 def test_a_recording_that_is_cut_off_shows_what_is_left_and_why(

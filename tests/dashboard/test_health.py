@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
-from rwa_monitor.monitor.monitor import RunOptions
+from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
 from tests.dashboard.support import START_S, acknowledge, send_windows
 from tests.dashboard.test_telemetry import with_friction
@@ -53,7 +53,9 @@ def test_a_monitor_publishes_the_health_at_each_close_and_answers_queries_with_t
         assert set(asked(session)) == {f"rwa/sat/{name}/health" for name in names}
 
 
-def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(
+    session: zenoh.Session, dashboard: Running
+) -> None:
     received: list[Health] = []
     subscriber: Any = session.declare_subscriber(
         "rwa/sat/*/health", lambda sample: received.append(Health.parse(sample.payload.to_bytes(), "received"))
@@ -63,29 +65,25 @@ def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(session: ze
         states = [one.alarm_states or {} for one in received]
         return [(one["viscous"].phase, one["viscous"].acknowledged_by) if one else ("none", None) for one in states]
 
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
-        send_windows(session, "wheel_1", failing=True)
-        wait_for(lambda: phases() == [("active", None)], "the alarm on the bus")
-        assert acknowledge(running.address) == 200
-        wait_for(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
-        assert asked(session) == {"rwa/sat/wheel_1/health": received[-1]}
-        assert received[-1].alarms == ["viscous"]
-        for number in range(3, 6):
-            session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number).to_json())
-        wait_for(lambda: phases()[-1] == ("none", None), "the end of the alarm on the bus")
-        assert asked(session)["rwa/sat/wheel_1/health"].alarm_states == {}
-        subscriber.undeclare()
+    send_windows(session, "wheel_1", failing=True)
+    wait_for(lambda: phases() == [("active", None)], "the alarm on the bus")
+    assert acknowledge(dashboard.address) == 200
+    wait_for(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
+    assert asked(session) == {"rwa/sat/wheel_1/health": received[-1]}
+    assert received[-1].alarms == ["viscous"]
+    for number in range(3, 6):
+        session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number).to_json())
+    wait_for(lambda: phases()[-1] == ("none", None), "the end of the alarm on the bus")
+    assert asked(session)["rwa/sat/wheel_1/health"].alarm_states == {}
+    subscriber.undeclare()
 
 
-def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.Session, dashboard: Running) -> None:
     from rwa_monitor.monitor.bus import MonitorBus
     from rwa_monitor.monitor.ingest.backfill import Inbox
 
     key = "rwa/sat/wheel_1/health"
-    with (
-        closing(MonitorBus(session, Inbox())) as bus,
-        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
-    ):
+    with closing(MonitorBus(session, Inbox())) as bus:
         bus.offer_health()
 
         def publish(number: int) -> None:
@@ -96,7 +94,7 @@ def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.S
         publish(0)
         publish(1)
         wait_for(lambda: asked(session)[key].alarm_states, "the alarm")
-        assert acknowledge(running.address) == 200
+        assert acknowledge(dashboard.address) == 200
         states = asked(session)[key].alarm_states
         assert states["viscous"].acknowledged_by == "Ann"
         publish(2)  # changes no alarm: the monitor's is the later one

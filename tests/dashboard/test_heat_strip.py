@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
 from benchmarks.dashboard_load import FRAMES
-from rwa_monitor.dashboard.server import DashboardOptions, serve
-from rwa_monitor.history.store import History
-from tests.dashboard.support import ask, expect, opened, send_windows, serious, status
+from rwa_monitor.dashboard.server import Running
+from tests.dashboard.support import ask, expect, send_windows, serious, status
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
@@ -43,101 +41,76 @@ NOMINAL, ANOMALOUS = "0,105,77", "168,42,0"  # --nominal and --anomalous of the 
 
 @pytest.mark.browser
 def test_the_strip_shows_and_reads_each_window_and_opens_its_wheel(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
+    session: zenoh.Session, dashboard: Running, page: Any
 ) -> None:
-    with serve(DashboardOptions(0, tmp_path, silent_s=0.0), session) as running, opened(chromium) as page:
-        for wheel, failing in (("wheel_1", False), ("wheel_2", True)):
-            send_windows(session, wheel, failing=failing)
-            session.put(f"rwa/sat/{wheel}/status", status(wheel))
-        wait_for(
-            lambda: len(ask(running.address, "api/verdicts")[1].get("sat/wheel_2", {}).get("verdict", [])) == 3, "3"
-        )
-        page.goto(running.address)
-        strip = page.get_by_role(
-            "img", name="Verdicts of the last windows of 2 wheels; the latest: 1 nominal, 1 anomalous"
-        )
-        expect(strip).to_be_visible()
-        # Four windows are nominal and two anomalous, and these are three times as high.
-        seen = strip.evaluate(PIXELS)
-        assert seen[ANOMALOUS] > 1.2 * seen[NOMINAL]
-        expect(page.locator(".wheel", has_text="wheel_2").locator(".unseen")).to_have_text(
-            "Of the last 3 windows: 2 anomalous, 1 nominal."
-        )
-        reading = page.get_by_role("region", name="Last windows of all wheels").locator(".reading")
-        strip.focus()
-        page.keyboard.press("Home")
-        page.keyboard.press("ArrowUp")
-        page.keyboard.press("ArrowDown")
-        expect(reading).to_contain_text("sat / wheel_2: window to 20")
-        expect(reading).to_contain_text("anomalous, severity 1")
-        page.keyboard.press("ArrowLeft")
-        page.keyboard.press("ArrowLeft")
-        expect(reading).to_contain_text("nominal")
-        page.keyboard.press("Enter")
-        expect(page.locator("h1")).to_have_text("sat / wheel_2")
-
-
-@pytest.mark.browser
-def test_verdicts_from_before_the_dashboard_are_in_the_strip(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
-) -> None:
-    with History(tmp_path / "history.sqlite3") as history:
-        history.add(*(diagnosis(number, severity=2.0 if number == 1 else None) for number in range(4)))
-    with serve(DashboardOptions(0, tmp_path, silent_s=0.0), session) as running, opened(chromium) as page:
-        found = ask(running.address, "api/verdicts")[1]["sat/wheel_1"]
-        assert found["verdict"] == ["nominal", "anomalous", "nominal", "nominal"]
-        assert found["severity"] == [0.0, 2.0, 0.0, 0.0]
-        page.goto(running.address)
-        expect(page.locator(".wheel .unseen")).to_have_text("Of the last 4 windows: 1 anomalous, 3 nominal.")
+    for wheel, failing in (("wheel_1", False), ("wheel_2", True)):
+        send_windows(session, wheel, failing=failing)
+        session.put(f"rwa/sat/{wheel}/status", status(wheel))
+    wait_for(lambda: len(ask(dashboard.address, "api/verdicts")[1].get("sat/wheel_2", {}).get("verdict", [])) == 3, "3")
+    page.goto(dashboard.address)
+    strip = page.get_by_role("img", name="Verdicts of the last windows of 2 wheels; the latest: 1 nominal, 1 anomalous")
+    expect(strip).to_be_visible()
+    # Four windows are nominal and two anomalous, and these are three times as high.
+    seen = strip.evaluate(PIXELS)
+    assert seen[ANOMALOUS] > 1.2 * seen[NOMINAL]
+    expect(page.locator(".wheel", has_text="wheel_2").locator(".unseen")).to_have_text(
+        "Of the last 3 windows: 2 anomalous, 1 nominal."
+    )
+    reading = page.get_by_role("region", name="Last windows of all wheels").locator(".reading")
+    strip.focus()
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowUp")
+    page.keyboard.press("ArrowDown")
+    expect(reading).to_contain_text("sat / wheel_2: window to 20")
+    expect(reading).to_contain_text("anomalous, severity 1")
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("ArrowLeft")
+    expect(reading).to_contain_text("nominal")
+    page.keyboard.press("Enter")
+    expect(page.locator("h1")).to_have_text("sat / wheel_2")
 
 
 @pytest.mark.browser
 @pytest.mark.slow
-def test_a_thousand_wheels_scroll_without_stutter(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with serve(DashboardOptions(0, tmp_path, silent_s=0.0), session) as running, opened(chromium) as page:
-        for number in range(3):
-            for n in range(WHEELS):
-                bad = 0.6 if (7 * n + 3 * number) % 23 == 0 else None
-                session.put(
-                    f"rwa/sat/wheel_{n}/diagnosis", diagnosis(number, severity=bad, wheel=f"wheel_{n}").to_json()
-                )
-        wait_for(lambda: len(ask(running.address, "api/verdicts")[1]) == WHEELS, "all wheels")
-        page.goto(running.address)
-        expect(page.locator(".wheel")).to_have_count(WHEELS)
-        page.wait_for_timeout(2_000)
-        assert serious(page) == []
-        page.evaluate(FRAMES)
-        page.evaluate(SCROLL)
-        frames = sorted(page.evaluate("window.frames_ms")[1:])
-        assert len(frames) > 100
-        # A machine that stands still for a moment is no fault of the page: one frame of a hundred may be later.
-        assert frames[int(0.99 * len(frames))] < MAX_FRAME_MS, frames[-5:]
+def test_a_thousand_wheels_scroll_without_stutter(session: zenoh.Session, dashboard: Running, page: Any) -> None:
+    for number in range(3):
+        for n in range(WHEELS):
+            bad = 0.6 if (7 * n + 3 * number) % 23 == 0 else None
+            session.put(f"rwa/sat/wheel_{n}/diagnosis", diagnosis(number, severity=bad, wheel=f"wheel_{n}").to_json())
+    wait_for(lambda: len(ask(dashboard.address, "api/verdicts")[1]) == WHEELS, "all wheels")
+    page.goto(dashboard.address)
+    expect(page.locator(".wheel")).to_have_count(WHEELS)
+    page.wait_for_timeout(2_000)
+    assert serious(page) == []
+    page.evaluate(FRAMES)
+    page.evaluate(SCROLL)
+    frames = sorted(page.evaluate("window.frames_ms")[1:])
+    assert len(frames) > 100
+    # A machine that stands still for a moment is no fault of the page: one frame of a hundred may be later.
+    assert frames[int(0.99 * len(frames))] < MAX_FRAME_MS, frames[-5:]
 
 
 @pytest.mark.browser
 def test_what_changed_since_the_last_visit_is_one_sentence(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
+    session: zenoh.Session, dashboard: Running, page: Any
 ) -> None:
-    with serve(DashboardOptions(0, tmp_path, silent_s=0.0), session) as running, opened(chromium) as page:
-        for wheel in ("wheel_1", "wheel_2"):
-            session.put(f"rwa/sat/{wheel}/diagnosis", diagnosis(0, wheel=wheel).to_json())
-        page.goto(running.address)
-        expect(page.locator(".wheel")).to_have_count(2)
-        expect(page.locator(".visit")).to_be_hidden()  # the first visit of all
-        wait_for(lambda: page.evaluate("Boolean(localStorage['rwa-monitor visits'])"), "the visit to be kept")
-        # Three hours pass between this visit and the next one.
-        page.goto("about:blank")
-        page.add_init_script(LATER)
-        for number in (1, 2):
-            session.put("rwa/sat/wheel_2/diagnosis", diagnosis(number, severity=1.0, wheel="wheel_2").to_json())
-        wait_for(lambda: len(ask(running.address, "api/alarms")[1]) == 1, "the alarm")
-        page.goto(running.address)
-        sentence = page.locator(".visit")
-        expect(sentence).to_contain_text("Since your last visit, 3 h ago")
-        expect(sentence).to_contain_text(
-            ": sat / wheel_2 (viscous) went from nominal to anomalous; 1 alarm was raised."
-        )
-        page.reload()  # still the same visit
-        expect(sentence).to_contain_text("went from nominal to anomalous")
-        page.get_by_role("button", name="Mark all as seen").click()
-        expect(sentence).to_contain_text("Nothing has changed since your last visit, 0 s ago")
+    for wheel in ("wheel_1", "wheel_2"):
+        session.put(f"rwa/sat/{wheel}/diagnosis", diagnosis(0, wheel=wheel).to_json())
+    page.goto(dashboard.address)
+    expect(page.locator(".wheel")).to_have_count(2)
+    expect(page.locator(".visit")).to_be_hidden()  # the first visit of all
+    wait_for(lambda: page.evaluate("Boolean(localStorage['rwa-monitor visits'])"), "the visit to be kept")
+    # Three hours pass between this visit and the next one.
+    page.goto("about:blank")
+    page.add_init_script(LATER)
+    for number in (1, 2):
+        session.put("rwa/sat/wheel_2/diagnosis", diagnosis(number, severity=1.0, wheel="wheel_2").to_json())
+    wait_for(lambda: len(ask(dashboard.address, "api/alarms")[1]) == 1, "the alarm")
+    page.goto(dashboard.address)
+    sentence = page.locator(".visit")
+    expect(sentence).to_contain_text("Since your last visit, 3 h ago")
+    expect(sentence).to_contain_text(": sat / wheel_2 (viscous) went from nominal to anomalous; 1 alarm was raised.")
+    page.reload()  # still the same visit
+    expect(sentence).to_contain_text("went from nominal to anomalous")
+    page.get_by_role("button", name="Mark all as seen").click()
+    expect(sentence).to_contain_text("Nothing has changed since your last visit, 0 s ago")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import Running
 from rwa_monitor.messages import Diagnosis
 from tests.dashboard.support import expect, opened, serious
 from tests.history.support import diagnosis
@@ -27,7 +26,7 @@ def doubtful(number: int, wheel: str, **changes: Any) -> Diagnosis:
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_is_green_while_the_model_does_not_fit_or_the_verdict_is_open(
-    chromium: Any, session: zenoh.Session, tmp_path: Path, scheme: str
+    session: zenoh.Session, dashboard: Running, chromium: Any, scheme: str
 ) -> None:
     cases: dict[str, tuple[dict[str, Any], str, str]] = {  # changes of the diagnosis; of the part: its words, the note
         "misfit": (
@@ -41,23 +40,23 @@ def test_nothing_is_green_while_the_model_does_not_fit_or_the_verdict_is_open(
             "– not judged", "no nominal range is known",
         ),
     }  # fmt: skip
-    with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, color_scheme=scheme) as page:
+    with opened(chromium, color_scheme=scheme) as page:
         for wheel, (changes, _, _) in cases.items():
             for number in range(WINDOWS):
                 session.put(f"rwa/sat/{wheel}/diagnosis", doubtful(number, wheel, **dict(changes)).to_json())
         session.put("rwa/sat/well/diagnosis", diagnosis(0, wheel="well").to_json())
-        page.goto(running.address)
+        page.goto(dashboard.address)
         expect(page.locator(".wheel")).to_have_count(len(cases) + 1)
         expect(page.locator(".wheel.is-nominal")).to_have_count(1)
         expect(page.locator(".wheel", has_text="misfit")).to_contain_text("? model misfit")
         assert serious(page) == []
         for wheel, (_, words, note) in cases.items():
-            page.goto(f"{running.address}#/wheel/sat/{wheel}")
+            page.goto(f"{dashboard.address}#/wheel/sat/{wheel}")
             expect(page.get_by_role("row", name="viscous")).to_contain_text(words)
             expect(page.get_by_role("region", name="Diagnosis of the latest window")).to_contain_text(note)
             expect(page.locator("td.nominal, p.nominal")).to_have_count(0)
             assert serious(page) == []
-        page.goto(f"{running.address}#/wheel/sat/well")
+        page.goto(f"{dashboard.address}#/wheel/sat/well")
         expect(page.locator("td.nominal")).to_have_text("✓ none")
         # Nothing is drawn of samples that are not there, but what the diagnosis estimated.
         expect(page.get_by_text("No samples of this window are kept.")).to_be_visible()
@@ -66,10 +65,10 @@ def test_nothing_is_green_while_the_model_does_not_fit_or_the_verdict_is_open(
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_each_level_of_an_alarm_has_its_own_word_shape_and_colour(
-    chromium: Any, session: zenoh.Session, tmp_path: Path, scheme: str
+    session: zenoh.Session, dashboard: Running, chromium: Any, scheme: str
 ) -> None:
     levels = {"watch": 0.2, "warning": 0.8, "distress": 2.0, "critical": 4.0}
-    with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, color_scheme=scheme) as page:
+    with opened(chromium, color_scheme=scheme) as page:
         for level, severity in levels.items():
             for number in range(WINDOWS):
                 bad = severity if number else None
@@ -77,7 +76,7 @@ def test_each_level_of_an_alarm_has_its_own_word_shape_and_colour(
                 message = diagnosis(number, severity=bad).model_copy(update={"spacecraft": level})
                 session.put(f"rwa/{level}/wheel_1/diagnosis", message.to_json())
         for view in ("#/", "#/alarms"):
-            page.goto(running.address + view)
+            page.goto(dashboard.address + view)
             badges = page.locator(".level")
             expect(badges).to_have_count(len(levels))
             looks = badges.evaluate_all(
@@ -89,5 +88,5 @@ def test_each_level_of_an_alarm_has_its_own_word_shape_and_colour(
             assert len({text[0] for text in texts}) == len(levels)
             assert len({tuple(colours) for _, *colours in looks}) == len(levels)
             assert serious(page) == []
-        page.goto(running.address + "#/")
+        page.goto(dashboard.address + "#/")
         expect(page.locator(".wheel").first).not_to_contain_text("·")

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard.listener import MonitorWatch
+from rwa_monitor.dashboard.feed import MonitorWatch
 from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.records import MonitorState

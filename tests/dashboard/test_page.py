@@ -4,22 +4,18 @@ from __future__ import annotations
 
 import re
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
-from rwa_monitor.messages import samples_json
-from rwa_monitor.samples import Samples
+from rwa_monitor.dashboard.server import Running
 from rwa_monitor.simulation.demo_satellite import FAILING
-from tests.dashboard.support import RIGHT, ask, expect, opened, reporting, send_windows, serious, status
+from tests.dashboard.support import RIGHT, ask, expect, opened, reporting, send_samples, serious
 from tests.dashboard.test_recordings import RECORDING
-from tests.dashboard.test_telemetry import current, with_friction
-from tests.history.support import diagnosis, discrepancy
+from tests.dashboard.test_telemetry import current
+from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 from tests.program import command
 
@@ -27,38 +23,18 @@ VIEWS = ("#/", "#/alarms", "#/recordings", "#/wheel/sat/wheel_2", "#/wheel/sat/n
 ALARM_MS = 120_000  # the demo's wheel fails some 50 s after its start; the machine may have much else to do
 
 
-@contextmanager
-def failing_fleet(session: zenoh.Session, record: Path) -> Iterator[Running]:
-    """Serve a fleet of two wheels, of which one fails and has a discrepancy report, with samples."""
-    (record / RECORDING.name).write_bytes(RECORDING.read_bytes())
-    # No monitor reports again: on a busy machine that would become an alarm before a test is through.
-    with serve(DashboardOptions(0, record, token="right", silent_s=0.0), session) as running:
-        for wheel, failing in (("wheel_1", False), ("wheel_2", True)):
-            send_windows(session, wheel, failing=failing)
-            session.put(f"rwa/sat/{wheel}/status", status(wheel))
-        send_samples(session, "wheel_2", with_friction(4_000))
-        session.put("rwa/sat/wheel_2/discrepancy", discrepancy(1, "wheel_2").to_json())
-        yield running
-
-
-def send_samples(session: zenoh.Session, wheel: str, samples: Samples) -> None:
-    for begin in range(0, len(samples), 250):
-        session.put(f"rwa/sat/{wheel}/samples", samples_json(samples[begin : begin + 250], "satellite", begin))
-
-
 @pytest.mark.processes
-def test_changes_need_the_token_and_no_other_origin_or_host_is_served(session: zenoh.Session, tmp_path: Path) -> None:
-    with failing_fleet(session, tmp_path) as server:
-        address, path = server.address, "api/alarms/1/acknowledge"
-        seen = b'{"name":"Ann"}'
-        assert ask(address, path, body=seen)[0] == 401
-        assert ask(address, path, body=seen, headers={"Authorization": "Bearer wrong"})[0] == 401
-        assert ask(address, path, body=b"{}", headers=RIGHT)[0] == 422
-        assert ask(address, path, body=b" " * 100_000, headers=RIGHT)[0] == 413
-        assert ask(address, "api/fleet", headers={"Origin": "http://elsewhere.example"})[0] == 403
-        assert ask(address, "api/fleet", headers={"Host": "elsewhere.example"})[0] == 400
-        assert ask(address, "api/recordings/..%2Fsecret")[0] in {404, 422}
-        assert ask(address, "api/wheels/sat/wheel_9")[0] == 404
+def test_changes_need_the_token_and_no_other_origin_or_host_is_served(failing_fleet: Running) -> None:
+    address, path = failing_fleet.address, "api/alarms/1/acknowledge"
+    seen = b'{"name":"Ann"}'
+    assert ask(address, path, body=seen)[0] == 401
+    assert ask(address, path, body=seen, headers={"Authorization": "Bearer wrong"})[0] == 401
+    assert ask(address, path, body=b"{}", headers=RIGHT)[0] == 422
+    assert ask(address, path, body=b" " * 100_000, headers=RIGHT)[0] == 413
+    assert ask(address, "api/fleet", headers={"Origin": "http://elsewhere.example"})[0] == 403
+    assert ask(address, "api/fleet", headers={"Host": "elsewhere.example"})[0] == 400
+    assert ask(address, "api/recordings/..%2Fsecret")[0] in {404, 422}
+    assert ask(address, "api/wheels/sat/wheel_9")[0] == 404
 
 
 @pytest.mark.browser
@@ -129,29 +105,24 @@ def replay_and_seek(page: Any) -> None:
 
 
 @pytest.mark.browser
-def test_a_recording_is_played_stepped_and_sought(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with failing_fleet(session, tmp_path) as running, opened(chromium) as page:
-        page.goto(f"{running.address}#/recordings")
-        page.get_by_label("Go to").fill("1e6")
-        page.get_by_role("button", name="Go", exact=True).click()
-        expect(page.get_by_text("No recording covers spacecraft clock 1000000.0 s.")).to_be_visible()
-        page.get_by_label("Go to").fill("100.5")
-        page.get_by_role("button", name="Go", exact=True).click()
-        expect(page.get_by_role("heading", name=f"Replay of {RECORDING.name}")).to_be_visible()
-        expect(page.get_by_text("spacecraft clock 100.5 s, UTC unknown").first).to_be_visible()
-        page.keyboard.press("r")
-        page.get_by_role("link", name=RECORDING.name).click()
-        replay_and_seek(page)
+def test_a_recording_is_played_stepped_and_sought(failing_fleet: Running, page: Any) -> None:
+    page.goto(f"{failing_fleet.address}#/recordings")
+    page.get_by_label("Go to").fill("1e6")
+    page.get_by_role("button", name="Go", exact=True).click()
+    expect(page.get_by_text("No recording covers spacecraft clock 1000000.0 s.")).to_be_visible()
+    page.get_by_label("Go to").fill("100.5")
+    page.get_by_role("button", name="Go", exact=True).click()
+    expect(page.get_by_role("heading", name=f"Replay of {RECORDING.name}")).to_be_visible()
+    expect(page.get_by_text("spacecraft clock 100.5 s, UTC unknown").first).to_be_visible()
+    page.keyboard.press("r")
+    page.get_by_role("link", name=RECORDING.name).click()
+    replay_and_seek(page)
 
 
 @pytest.mark.browser
-def test_the_wheel_view_shows_all_that_is_known(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with (
-        failing_fleet(session, tmp_path) as running,
-        reporting(session, "wheel_2", last_sample_ns=5),
-        opened(chromium) as page,
-    ):
-        page.goto(running.address)
+def test_the_wheel_view_shows_all_that_is_known(session: zenoh.Session, failing_fleet: Running, page: Any) -> None:
+    with reporting(session, "wheel_2", last_sample_ns=5):
+        page.goto(failing_fleet.address)
         expect(page.locator(".wheel").first).to_contain_text("Viscous friction is too high.")
         expect(page.locator(".wheel").first).to_contain_text("probability 99 %, severity 1; anomalous for 2 windows")
         page.locator(".wheel").first.click()
@@ -171,33 +142,35 @@ def test_the_wheel_view_shows_all_that_is_known(chromium: Any, session: zenoh.Se
 
 
 @pytest.mark.browser
-def test_friction_that_is_derived_from_current_is_drawn(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, complaint="") as page:
-        session.put("rwa/sat/wheel_1/diagnosis", diagnosis(0).to_json())
-        send_samples(session, "wheel_1", current(1_000))
+@pytest.mark.parametrize("complaint", [""])
+def test_friction_that_is_derived_from_current_is_drawn(session: zenoh.Session, dashboard: Running, page: Any) -> None:
+    session.put("rwa/sat/wheel_1/diagnosis", diagnosis(0).to_json())
+    send_samples(session, "wheel_1", current(1_000))
 
-        def derived() -> bool:
-            status, content = ask(running.address, "api/wheels/sat/wheel_1")
-            shown = content["samples"] if status == 200 else None
-            return bool(shown) and sum(value is not None for value in shown["friction_torque_Nm"]) > 900
+    def derived() -> bool:
+        status, content = ask(dashboard.address, "api/wheels/sat/wheel_1")
+        shown = content["samples"] if status == 200 else None
+        return bool(shown) and sum(value is not None for value in shown["friction_torque_Nm"]) > 900
 
-        wait_for(derived, "friction of all samples but those at the ends")
-        page.goto(f"{running.address}#/wheel/sat/wheel_1")
-        expect(page.get_by_role("img", name="friction [mN m] over time").first.locator("canvas")).to_be_visible()
-        expect(page.get_by_text("none can be derived")).to_have_count(0)
+    wait_for(derived, "friction of all samples but those at the ends")
+    page.goto(f"{dashboard.address}#/wheel/sat/wheel_1")
+    expect(page.get_by_role("img", name="friction [mN m] over time").first.locator("canvas")).to_be_visible()
+    expect(page.get_by_text("none can be derived")).to_have_count(0)
 
 
 @pytest.mark.browser
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_view_is_accessible_and_fits(chromium: Any, session: zenoh.Session, tmp_path: Path, scheme: str) -> None:
-    with failing_fleet(session, tmp_path) as running, reporting(session, "wheel_2"):
+def test_every_view_is_accessible_and_fits(
+    session: zenoh.Session, failing_fleet: Running, chromium: Any, scheme: str
+) -> None:
+    with reporting(session, "wheel_2"):
         for width in (1280, 390):
             # The only complaint is about the unknown wheel.
             with opened(chromium, width, complaint="404", color_scheme=scheme) as page:
-                page.goto(running.address_with_token)
+                page.goto(failing_fleet.address_with_token)
                 expect(page.locator(".wheel").first).to_contain_text("anomalous")
                 for view in VIEWS:
-                    page.goto(running.address + view)
+                    page.goto(failing_fleet.address + view)
                     expect(page.locator("h1, h2").first).to_be_visible()
                     if "replay" in view:
                         page.get_by_role("button", name="Next window").click()
@@ -209,76 +182,69 @@ def test_every_view_is_accessible_and_fits(chromium: Any, session: zenoh.Session
 
 
 @pytest.mark.browser
-def test_all_can_be_done_by_keyboard(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with failing_fleet(session, tmp_path) as running, opened(chromium) as page:
-        page.goto(running.address_with_token)
-        expect(page.locator(".wheel")).to_have_count(2)
-        page.keyboard.press("/")
-        page.keyboard.type("wheel_2")
-        expect(page.locator(".wheel")).to_have_count(1)
-        page.keyboard.press("Tab")
-        page.keyboard.press("Enter")
-        expect(page.locator("h1")).to_have_text("sat / wheel_2")
-        page.keyboard.press("a")
-        expect(page.locator("h1")).to_have_text("Alarms")
-        page.get_by_label("Your name").focus()
-        page.keyboard.type("Ann, far from the mouse")  # letters that are keys elsewhere
-        page.keyboard.press("Enter")
-        expect(page.get_by_text("Acknowledged by Ann, far from the mouse")).to_be_visible()
-        page.keyboard.press("f")
-        expect(page.locator("h1")).to_have_text("Fleet")
+def test_all_can_be_done_by_keyboard(failing_fleet: Running, page: Any) -> None:
+    page.goto(failing_fleet.address_with_token)
+    expect(page.locator(".wheel")).to_have_count(2)
+    page.keyboard.press("/")
+    page.keyboard.type("wheel_2")
+    expect(page.locator(".wheel")).to_have_count(1)
+    page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+    expect(page.locator("h1")).to_have_text("sat / wheel_2")
+    page.keyboard.press("a")
+    expect(page.locator("h1")).to_have_text("Alarms")
+    page.get_by_label("Your name").focus()
+    page.keyboard.type("Ann, far from the mouse")  # letters that are keys elsewhere
+    page.keyboard.press("Enter")
+    expect(page.get_by_text("Acknowledged by Ann, far from the mouse")).to_be_visible()
+    page.keyboard.press("f")
+    expect(page.locator("h1")).to_have_text("Fleet")
 
 
 @pytest.mark.browser
-def test_an_alarm_is_shelved_and_brought_back(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with failing_fleet(session, tmp_path) as running, opened(chromium) as page:
-        page.goto(running.address_with_token)
-        expect(page.locator("#alarm-count")).to_have_text("(1)")
-        page.keyboard.press("a")
-        page.get_by_label("Your name").fill("Ann")
-        page.get_by_role("combobox", name="Shelve for").select_option("8 h")
-        page.get_by_role("button", name="Shelve for").click()
-        expect(page.get_by_text("Shelved by Ann until")).to_be_visible()
-        expect(page.locator("#alarm-count")).to_have_text("")
-        page.get_by_label("Your name").fill("Ben")
-        page.get_by_role("button", name="Bring back").click()
-        expect(page.locator("#alarm-count")).to_have_text("(1)")
-        expect(page.get_by_text("Audit trail (3)")).to_be_visible()
+def test_an_alarm_is_shelved_and_brought_back(failing_fleet: Running, page: Any) -> None:
+    page.goto(failing_fleet.address_with_token)
+    expect(page.locator("#alarm-count")).to_have_text("(1)")
+    page.keyboard.press("a")
+    page.get_by_label("Your name").fill("Ann")
+    page.get_by_role("combobox", name="Shelve for").select_option("8 h")
+    page.get_by_role("button", name="Shelve for").click()
+    expect(page.get_by_text("Shelved by Ann until")).to_be_visible()
+    expect(page.locator("#alarm-count")).to_have_text("")
+    page.get_by_label("Your name").fill("Ben")
+    page.get_by_role("button", name="Bring back").click()
+    expect(page.locator("#alarm-count")).to_have_text("(1)")
+    expect(page.get_by_text("Audit trail (3)")).to_be_visible()
 
 
 @pytest.mark.browser
 def test_what_is_written_and_pressed_stays_while_the_alarm_changes(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
+    session: zenoh.Session, failing_fleet: Running, page: Any
 ) -> None:
-    with failing_fleet(session, tmp_path) as running, opened(chromium) as page:
-        page.goto(running.address_with_token)
-        expect(page.locator("#alarm-count")).to_have_text("(1)")
-        page.keyboard.press("a")
-        expect(page.get_by_text("probability 99 %, severity 1 ± 0.1.")).to_be_visible()
-        page.get_by_label("Your name").fill("Ann")
-        page.get_by_role("button", name="Acknowledge").hover()
-        page.mouse.down()
-        session.put("rwa/sat/wheel_2/diagnosis", diagnosis(4, severity=1.2, wheel="wheel_2").to_json())
-        clock = page.locator("#clock")
-        for _ in range(3):  # whatever redraws the page shows the time
-            before = clock.inner_text()
-            wait_for(lambda before=before: clock.inner_text() != before, "the page to be drawn")  # type: ignore[misc]
-        page.mouse.up()
-        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        expect(page.get_by_text("probability 99 %, severity 1.2 ± 0.1.")).to_be_visible()
+    page.goto(failing_fleet.address_with_token)
+    expect(page.locator("#alarm-count")).to_have_text("(1)")
+    page.keyboard.press("a")
+    expect(page.get_by_text("probability 99 %, severity 1 ± 0.1.")).to_be_visible()
+    page.get_by_label("Your name").fill("Ann")
+    page.get_by_role("button", name="Acknowledge").hover()
+    page.mouse.down()
+    session.put("rwa/sat/wheel_2/diagnosis", diagnosis(4, severity=1.2, wheel="wheel_2").to_json())
+    clock = page.locator("#clock")
+    for _ in range(3):  # whatever redraws the page shows the time
+        before = clock.inner_text()
+        wait_for(lambda before=before: clock.inner_text() != before, "the page to be drawn")  # type: ignore[misc]
+    page.mouse.up()
+    expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+    expect(page.get_by_text("probability 99 %, severity 1.2 ± 0.1.")).to_be_visible()
 
 
 @pytest.mark.browser
 def test_a_wheel_of_which_all_messages_are_refused_shows_why(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
+    session: zenoh.Session, dashboard: Running, page: Any
 ) -> None:
     why = "time_ns: Field required"
-    with (
-        serve(DashboardOptions(0, tmp_path), session) as running,
-        reporting(session, "wheel_7", messages_rejected=4, window_fill=0.0, last_error=why),
-        opened(chromium) as page,
-    ):
-        page.goto(running.address)
+    with reporting(session, "wheel_7", messages_rejected=4, window_fill=0.0, last_error=why):
+        page.goto(dashboard.address)
         row = page.locator(".wheel", has_text="wheel_7")
         expect(row).to_contain_text(f"No message of this wheel can be used: {why}.")
         expect(row).to_contain_text("messages refused")
@@ -289,14 +255,14 @@ def test_a_wheel_of_which_all_messages_are_refused_shows_why(
 
 
 @pytest.mark.browser
-def test_empty_and_loading_states_are_drawn(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, complaint="") as page:
-        page.route("**/api/recordings", lambda route: (page.wait_for_timeout(300), route.continue_()))
-        page.goto(running.address)
-        expect(page.get_by_text("No wheel has reported yet.")).to_be_visible()
-        page.goto(f"{running.address}#/alarms")
-        expect(page.get_by_text("No alarm so far.")).to_be_visible()
-        page.goto(f"{running.address}#/recordings")
-        expect(page.get_by_text("No recording in this folder yet.")).to_be_visible()
-        page.goto(f"{running.address}#/replay/missing.mcap")
-        expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
+@pytest.mark.parametrize("complaint", [""])
+def test_empty_and_loading_states_are_drawn(dashboard: Running, page: Any) -> None:
+    page.route("**/api/recordings", lambda route: (page.wait_for_timeout(300), route.continue_()))
+    page.goto(dashboard.address)
+    expect(page.get_by_text("No wheel has reported yet.")).to_be_visible()
+    page.goto(f"{dashboard.address}#/alarms")
+    expect(page.get_by_text("No alarm so far.")).to_be_visible()
+    page.goto(f"{dashboard.address}#/recordings")
+    expect(page.get_by_text("No recording in this folder yet.")).to_be_visible()
+    page.goto(f"{dashboard.address}#/replay/missing.mcap")
+    expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()

@@ -7,20 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, import_recordings, list_recordings, replay_json
+from rwa_monitor.dashboard.fleet import MAX_POINTS
+from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.recording.reader import read_recording
 
 RECORDING = min(Path("replay").rglob("*.mcap"), key=lambda path: path.stat().st_size)
-
-
-def test_importing_again_makes_no_doubles(tmp_path: Path) -> None:
-    with History(tmp_path / "h.sqlite3") as history:
-        windows, new = import_recordings(history, RECORDING)
-        assert new == windows > 0
-        assert import_recordings(history, RECORDING) == (windows, 0)
 
 
 def test_a_replay_holds_all_diagnoses_in_order_and_thinned_samples() -> None:
@@ -37,7 +30,7 @@ def test_a_replay_holds_all_diagnoses_in_order_and_thinned_samples() -> None:
         if entry["key"].endswith("/samples"):
             points[entry["key"]] = points.get(entry["key"], 0) + len(entry["message"]["time_ns"])
     assert points
-    assert max(points.values()) <= POINTS_PER_WHEEL
+    assert max(points.values()) <= MAX_POINTS
 
 
 def test_only_recordings_of_the_folder_are_opened(tmp_path: Path) -> None:

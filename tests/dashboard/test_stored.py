@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import Diagnosis, health_message
-from tests.dashboard.support import ask, expect, opened, reporting, status
+from tests.dashboard.support import ask, expect, reporting, status
 from tests.dashboard.test_health import asked
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
@@ -43,31 +43,31 @@ def metrics(address: str) -> str:
 
 
 def test_a_dump_of_bad_windows_raises_an_alarm_of_then_and_leaves_what_is_shown_of_now(
-    session: zenoh.Session, tmp_path: Path
+    session: zenoh.Session, dashboard: Running
 ) -> None:
     live = [diagnosis(n) for n in (8, 9)]
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
-        put(session, *live)
-        put(session, *(stored(n, severity=4.0) for n in (3, 1, 2)))
-        found = wait_for(lambda: alarms(running.address), "the alarm")
-        assert set(found) == {"viscous (stored)"}
-        assert found["viscous (stored)"]["raised_ns"] in {stored(n).window_end_ns for n in (1, 2, 3)}
-        assert shown(running.address, "rwa/sat/wheel_1/diagnosis")["window_end_ns"] == live[1].window_end_ns
-        windows = ask(running.address, "api/wheels/sat/wheel_1/windows")[1]
-        assert [one.get("data") for one in windows] == ["stored"] * 3 + [None] * 2
-        health = wait_for(lambda: asked(session).get("rwa/sat/wheel_1/health"), "the health")
-        assert (health.verdict, health.alarms, health.alarm_states) == ("nominal", [], {})
-        assert 'rwa_alarms{level="critical",phase="active"} 0.0' in metrics(running.address)
-        assert 'rwa_stored_alarms{level="critical"} 1.0' in metrics(running.address)
+    put(session, *live)
+    put(session, *(stored(n, severity=4.0) for n in (3, 1, 2)))
+    found = wait_for(lambda: alarms(dashboard.address), "the alarm")
+    assert set(found) == {"viscous (stored)"}
+    assert found["viscous (stored)"]["raised_ns"] in {stored(n).window_end_ns for n in (1, 2, 3)}
+    assert shown(dashboard.address, "rwa/sat/wheel_1/diagnosis")["window_end_ns"] == live[1].window_end_ns
+    windows = ask(dashboard.address, "api/wheels/sat/wheel_1/windows")[1]
+    assert [one.get("data") for one in windows] == ["stored"] * 3 + [None] * 2
+    health = wait_for(lambda: asked(session).get("rwa/sat/wheel_1/health"), "the health")
+    assert (health.verdict, health.alarms, health.alarm_states) == ("nominal", [], {})
+    assert 'rwa_alarms{level="critical",phase="active"} 0.0' in metrics(dashboard.address)
+    assert 'rwa_stored_alarms{level="critical"} 1.0' in metrics(dashboard.address)
 
 
-def test_windows_whose_samples_were_old_by_the_clock_are_stored_ones(session: zenoh.Session, tmp_path: Path) -> None:
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
-        for window in (diagnosis(n, severity=1.0) for n in range(3)):
-            session.put("rwa/sat/wheel_1/health", health_message(window, "stored").to_json())
-            put(session, window)
-        assert set(wait_for(lambda: alarms(running.address), "the alarm")) == {"viscous (stored)"}
-        assert shown(running.address, "rwa/sat/wheel_1/diagnosis")["data"] == "stored"
+def test_windows_whose_samples_were_old_by_the_clock_are_stored_ones(
+    session: zenoh.Session, dashboard: Running
+) -> None:
+    for window in (diagnosis(n, severity=1.0) for n in range(3)):
+        session.put("rwa/sat/wheel_1/health", health_message(window, "stored").to_json())
+        put(session, window)
+    assert set(wait_for(lambda: alarms(dashboard.address), "the alarm")) == {"viscous (stored)"}
+    assert shown(dashboard.address, "rwa/sat/wheel_1/diagnosis")["data"] == "stored"
 
 
 def test_a_replay_is_shown_apart_and_leaves_no_trace(session: zenoh.Session, tmp_path: Path) -> None:
@@ -95,27 +95,25 @@ def _shown_at_last(address: str, key: str) -> dict[str, Any] | None:
     return found[0] if found and found[0]["window_end_ns"] == diagnosis(3).window_end_ns else None
 
 
-def test_the_page_labels_what_is_not_live(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+def test_the_page_labels_what_is_not_live(session: zenoh.Session, dashboard: Running, page: Any) -> None:
     with (
-        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
         reporting(session, "wheel_1", data="stored"),
         reporting(session, "wheel_2"),
         reporting(session, "wheel_1@replay", data="replay"),
-        opened(chromium) as page,
     ):
         put(session, *(stored(n, severity=1.0) for n in range(3)))
         put(session, diagnosis(0, wheel="wheel_2"), wheel="wheel_2")
         put(session, diagnosis(0, severity=1.0), wheel="wheel_1@replay")
-        wait_for(lambda: alarms(running.address), "the alarm")
-        page.goto(running.address)
+        wait_for(lambda: alarms(dashboard.address), "the alarm")
+        page.goto(dashboard.address)
         rows = page.locator("a.wheel")
         expect(rows.filter(has_text="stored data: measured earlier, not live")).to_have_count(1)
         expect(rows.filter(has_text="replay: a recording that is played again")).to_have_count(1)
         expect(rows).to_have_count(3)
         expect(page.get_by_text("0 open alarms")).to_be_visible()
-        page.goto(f"{running.address}#/wheel/sat/wheel_1")
+        page.goto(f"{dashboard.address}#/wheel/sat/wheel_1")
         expect(page.get_by_text("◷ stored data: measured earlier, not live.")).to_be_visible()
-        page.goto(f"{running.address}#/wheel/sat/wheel_1@replay")
+        page.goto(f"{dashboard.address}#/wheel/sat/wheel_1@replay")
         expect(page.get_by_text("◷ replay: a recording that is played again.")).to_be_visible()
-        page.goto(f"{running.address}#/alarms")
+        page.goto(f"{dashboard.address}#/alarms")
         expect(page.get_by_text("‖ stored data")).to_be_visible()

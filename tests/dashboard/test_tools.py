@@ -13,8 +13,6 @@ import pytest
 import zenoh
 from prometheus_client.parser import text_string_to_metric_families
 
-from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.metrics import metrics
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from tests.dashboard.support import reporting, send_windows
 from tests.monitor.processes import wait_for
@@ -81,7 +79,3 @@ def test_grafanas_file_asks_for_what_the_metrics_have(scraped: dict[str, dict[st
             assert scraped[name]["values"], name
     known = set().union(*(one["labels"] for one in scraped.values()))
     assert set(re.findall(r"{{(\w+)}}", " ".join(legends))) <= known
-
-
-def test_an_empty_fleet_has_metrics() -> None:
-    assert parse(metrics(Fleet(), [], 0))["rwa_dashboard_info"]["values"] == [1.0]

@@ -11,12 +11,12 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard.recordings import import_recordings
-from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Sojourns, samples_json
+from rwa_monitor.messages import Sojourns
 from rwa_monitor.samples import Samples
-from tests.dashboard.support import ask, expect, opened, reporting
-from tests.dashboard.test_page import VIEWS, failing_fleet
+from tests.dashboard.support import ask, expect, opened, reporting, send_samples
+from tests.dashboard.test_page import VIEWS
 from tests.dashboard.test_recordings import RECORDING
 from tests.history.support import START_NS, WINDOW_NS, diagnosis
 from tests.monitor.processes import wait_for
@@ -85,48 +85,47 @@ def test_without_a_recording_the_friction_of_the_diagnosis_is_drawn_with_its_jum
 
 
 def test_friction_over_speed_and_temperature_has_the_law_and_the_slope(
-    chromium: Any, session: zenoh.Session, tmp_path: Path
+    session: zenoh.Session, dashboard: Running, page: Any
 ) -> None:
-    with serve(DashboardOptions(0, tmp_path, silent_s=0.0), session) as running, opened(chromium) as page:
-        message = diagnosis(0)
-        session.put("rwa/sat/wheel_1/diagnosis", message.to_json())
-        session.put("rwa/sat/wheel_2/diagnosis", diagnosis(0, severity=1.0, wheel="wheel_2").to_json())
-        time_ns = START_NS + np.arange(0, WINDOW_NS, WINDOW_NS // 1_000, dtype=np.int64)[:1_000]
-        speed = 200.0 * np.sin(np.linspace(0.1, 6.0, 1_000))
-        warmth = 20.0 + 5.0 * np.sin(np.linspace(0.0, 40.0, 1_000))
-        against = 1.6e-3 + 5.3e-6 * np.abs(speed) + PER_KELVIN_NM * (warmth - 20.0)
-        samples = Samples(time_ns, speed, np.sign(speed) * against, bearing_temperature_degC=warmth)
-        for begin in range(0, 1_000, 250):
-            session.put("rwa/sat/wheel_1/samples", samples_json(samples[begin : begin + 250], "satellite", begin))
+    message = diagnosis(0)
+    session.put("rwa/sat/wheel_1/diagnosis", message.to_json())
+    session.put("rwa/sat/wheel_2/diagnosis", diagnosis(0, severity=1.0, wheel="wheel_2").to_json())
+    time_ns = START_NS + np.arange(0, WINDOW_NS, WINDOW_NS // 1_000, dtype=np.int64)[:1_000]
+    speed = 200.0 * np.sin(np.linspace(0.1, 6.0, 1_000))
+    warmth = 20.0 + 5.0 * np.sin(np.linspace(0.0, 40.0, 1_000))
+    against = 1.6e-3 + 5.3e-6 * np.abs(speed) + PER_KELVIN_NM * (warmth - 20.0)
+    samples = Samples(time_ns, speed, np.sign(speed) * against, bearing_temperature_degC=warmth)
+    send_samples(session, "wheel_1", samples)
 
-        def received() -> bool:
-            status, content = ask(running.address, "api/wheels/sat/wheel_1")
-            return status == 200 and bool(content["samples"]) and len(content["samples"]["time_ns"]) == 1_000
+    def received() -> bool:
+        status, content = ask(dashboard.address, "api/wheels/sat/wheel_1")
+        return status == 200 and bool(content["samples"]) and len(content["samples"]["time_ns"]) == 1_000
 
-        wait_for(received, "the samples")
-        page.goto(f"{running.address}#/wheel/sat/wheel_1")
-        drawn(page, "friction [mN m] over speed")
-        drawn(page, "friction [mN m] over bearing temperature")
-        expect(page.get_by_text("Over 15 to 25 °C friction changes by 0.02 mN m per K.")).to_be_visible()
-        # 95 % is 1.96 standard deviations: of 10 µN m in base dry, of 0.01 µN m s/rad in viscous friction.
-        beside = page.locator("section", has=page.get_by_role("heading", name="beside the siblings"))
-        expect(beside).to_contain_text("wheel_1 (this)")
-        for text in ("1.600 ± 0.020", "5.300 ± 0.020", "6.600 ± 0.020", "nominal 5.1 µN m s/rad to 5.5 µN m s/rad"):
-            expect(beside).to_contain_text(text)
-        beside.get_by_role("link", name="wheel_2").first.click()
-        expect(page.locator("h1")).to_have_text("sat / wheel_2")
-        expect(page.get_by_text("wheel_2 (this)").first).to_be_visible()
+    wait_for(received, "the samples")
+    page.goto(f"{dashboard.address}#/wheel/sat/wheel_1")
+    drawn(page, "friction [mN m] over speed")
+    drawn(page, "friction [mN m] over bearing temperature")
+    expect(page.get_by_text("Over 15 to 25 °C friction changes by 0.02 mN m per K.")).to_be_visible()
+    # 95 % is 1.96 standard deviations: of 10 µN m in base dry, of 0.01 µN m s/rad in viscous friction.
+    beside = page.locator("section", has=page.get_by_role("heading", name="beside the siblings"))
+    expect(beside).to_contain_text("wheel_1 (this)")
+    for text in ("1.600 ± 0.020", "5.300 ± 0.020", "6.600 ± 0.020", "nominal 5.1 µN m s/rad to 5.5 µN m s/rad"):
+        expect(beside).to_contain_text(text)
+    beside.get_by_role("link", name="wheel_2").first.click()
+    expect(page.locator("h1")).to_have_text("sat / wheel_2")
+    expect(page.get_by_text("wheel_2 (this)").first).to_be_visible()
 
 
-def test_a_chosen_theme_stays_and_no_view_has_a_finding(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_chosen_theme_stays_and_no_view_has_a_finding(
+    chromium: Any, session: zenoh.Session, failing_fleet: Running
+) -> None:
     from axe_playwright_python.sync_playwright import Axe
 
     with (
-        failing_fleet(session, tmp_path) as running,
         reporting(session, "wheel_2"),
         opened(chromium, complaint="404", color_scheme="light") as page,
     ):
-        page.goto(running.address)
+        page.goto(failing_fleet.address)
         switch = page.get_by_role("button", name="Theme")
         theme = page.locator("html")
         expect(theme).to_have_attribute("data-theme", "light")
@@ -139,7 +138,7 @@ def test_a_chosen_theme_stays_and_no_view_has_a_finding(chromium: Any, session: 
             page.reload()
             expect(theme).to_have_attribute("data-theme", chosen)
             for view in VIEWS:
-                page.goto(running.address + view)
+                page.goto(failing_fleet.address + view)
                 expect(page.locator("h1, h2").first).to_be_visible()
                 page.wait_for_timeout(300)
                 found = Axe().run(page).response["violations"]
@@ -148,28 +147,24 @@ def test_a_chosen_theme_stays_and_no_view_has_a_finding(chromium: Any, session: 
         expect(switch).to_have_text("Theme: system")
 
 
-def test_a_key_opens_the_list_of_keys(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium) as page:
-        page.goto(running.address)
-        expect(page.locator("#connection")).to_have_text("● connected")
-        page.keyboard.press("?")
-        keys = page.get_by_role("dialog", name="Keys")
-        expect(keys).to_contain_text("search wheels")
-        page.keyboard.press("a")  # belongs to the list now
-        expect(page.locator("h1")).to_have_text("Fleet")
-        page.keyboard.press("Escape")
-        expect(keys).to_be_hidden()
-        page.get_by_role("button", name="Keys").click()
-        keys.get_by_role("button", name="Close").click()
-        expect(keys).to_be_hidden()
+def test_a_key_opens_the_list_of_keys(dashboard: Running, page: Any) -> None:
+    page.goto(dashboard.address)
+    expect(page.locator("#connection")).to_have_text("● connected")
+    page.keyboard.press("?")
+    keys = page.get_by_role("dialog", name="Keys")
+    expect(keys).to_contain_text("search wheels")
+    page.keyboard.press("a")  # belongs to the list now
+    expect(page.locator("h1")).to_have_text("Fleet")
+    page.keyboard.press("Escape")
+    expect(keys).to_be_hidden()
+    page.get_by_role("button", name="Keys").click()
+    keys.get_by_role("button", name="Close").click()
+    expect(keys).to_be_hidden()
 
 
-def test_paper_is_light_and_has_nothing_to_press(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
-    with (
-        failing_fleet(session, tmp_path) as running,
-        opened(chromium, width=700, color_scheme="dark") as page,
-    ):
-        page.goto(f"{running.address}#/wheel/sat/wheel_2")
+def test_paper_is_light_and_has_nothing_to_press(chromium: Any, session: zenoh.Session, failing_fleet: Running) -> None:
+    with opened(chromium, width=700, color_scheme="dark") as page:
+        page.goto(f"{failing_fleet.address}#/wheel/sat/wheel_2")
         expect(chart(page, "friction [mN m] over time")).to_be_visible()
         page.evaluate("dispatchEvent(new Event('beforeprint'))")
         page.emulate_media(media="print", color_scheme="dark")

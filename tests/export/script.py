@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rwa_monitor.export.formats import FORMATS
+from rwa_monitor.export import FORMATS
 from rwa_monitor.export.model import friction_model
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation import record

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.export.basilisk import NO_STRIBECK, fit, law, on_sweep
-from rwa_monitor.export.cost import rms, sweep
+from rwa_monitor.export.c_source import rms, sweep
 from rwa_monitor.export.model import friction_model
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, build, to_block
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel

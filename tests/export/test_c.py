@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.export.formats import FORMATS
+from rwa_monitor.export import FORMATS
 from rwa_monitor.export.model import friction_model
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects import catalogue

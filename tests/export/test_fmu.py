@@ -14,7 +14,7 @@ import pytest
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
 
-from rwa_monitor.export.formats import FORMATS
+from rwa_monitor.export import FORMATS
 from rwa_monitor.export.model import INPUTS, friction_model
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block

@@ -17,7 +17,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
-from benchmarks.page import put_out
+from benchmarks.page import page, put_out, table
 from tests.faults.history import LOSING, RECOVERABLE, WINDOW
 from tests.faults.trial import Outcome, losing, run_trial
 
@@ -132,33 +132,18 @@ def report(outcomes: list[Outcome], seed: int, took_s: float) -> str:
         ("samples sent, histories that must lose some", f"{sum(outcome.sent for outcome in less):,}"),
         ("samples lost of these", f"{sum(outcome.lost for outcome in less):,}"),
         ("messages that `status` reports as missing there", f"{sum(outcome.told for outcome in less)}"),
-        (
-            "from SIGTERM to the end of the monitor, median and largest [s]",
-            f"{median(stops_s):.2f}, {max(stops_s):.2f}",
-        ),
+        ("from SIGTERM to the end, median and largest [s]", f"{median(stops_s):.2f}, {max(stops_s):.2f}"),
     ]
-    lines = [
-        "# Fault campaign",
-        "",
-        *textwrap.wrap(
-            f"`make faults` (seed {seed}, histories {outcomes[0].number} to {outcomes[-1].number}, {took_s:.0f} s)."
-            + HOW,
-            120,
-        ),
-        "",
-        "| | |",
-        "|---|---|",
-        *(f"| {name} | {value} |" for name, value in rows),
-        "",
-        "| fault | histories | what happens |",
-        "|---|---|---|",
-        *(f"| {kind} | {kinds[kind]} | {ABOUT[kind]} |" for kind in (*RECOVERABLE, *LOSING)),
-        "",
-    ]
-    lines += [LIMITS]
-    for outcome in failed:
-        lines += [f"- history {outcome.number} ({', '.join(outcome.kinds)}): {outcome.problems[0][:200]}"]
-    return "\n".join(lines).rstrip() + "\n"
+    of = f"seed {seed}, histories {outcomes[0].number} to {outcomes[-1].number}, {took_s:.0f} s"
+    faults = [(kind, str(kinds[kind]), ABOUT[kind]) for kind in (*RECOVERABLE, *LOSING)]
+    broken = [f"- history {one.number} ({', '.join(one.kinds)}): {one.problems[0][:200]}" for one in failed]
+    return page(
+        "Fault campaign",
+        textwrap.fill(f"`make faults` ({of})." + HOW, 120),
+        table(("", ""), rows),
+        table(("fault", "histories", "what happens"), faults),
+        "\n".join((LIMITS.strip(), *broken)),
+    )
 
 
 if __name__ == "__main__":

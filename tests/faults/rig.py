@@ -31,12 +31,10 @@ from typing import Any, Final
 import zenoh
 from zenoh import ext
 
-from rwa_monitor.cli.console import stop_on_signals
-from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, open_session
-from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import messages_publisher
+from rwa_monitor.cli.options import stop_on_signals
+from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, messages_publisher, open_session
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
-from rwa_monitor.monitor.service import run
+from rwa_monitor.monitor.service import RunOptions, run
 from tests.faults.history import Put, wheel
 from tests.monitor.processes import PATIENCE_S, wait_for
 from tests.monitor.support import free_port, model

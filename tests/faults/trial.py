@@ -15,11 +15,10 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.messages import EncodedMessage, SamplesMessage, dump_json
+from rwa_monitor.messages import PERIOD_S, EncodedMessage, SamplesMessage, dump_json
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import table_writer
@@ -31,7 +30,7 @@ from tests.program import run
 
 # In these histories the monitor must be there from the beginning; in the others the bus may be first.
 NEEDS_MONITOR: Final = frozenset({"second_publisher", "disk_fails", *LOSING})
-FLUSHED_S: Final = FLUSH_PERIOD_S + 0.3
+FLUSHED_S: Final = PERIOD_S + 0.3
 QUIET_S: Final = 6.0  # nothing new for so long: what is lost is lost, and has been asked for in vain
 
 

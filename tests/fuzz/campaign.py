@@ -23,7 +23,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.page import made_at
+from benchmarks.page import made_at, table
 
 ROOT: Final = Path(__file__).parents[2]
 SEED: Final = 20_261_121
@@ -183,19 +183,12 @@ def page(folder: Path, seconds: int, tool: str) -> str:
     rows = []
     for path in sorted(folder.glob("*/results.json")):
         f = json.loads(path.read_text())
-        rows.append(
-            f"| `{path.parent.name}` | {f['executions']:,} | {f['seconds'] / 60:.1f} |"
-            f" {100 * f['taken'] / max(f['executions'], 1):.1f} % | {f['slowest_s']:.2f} | {len(f['findings'])} |"
-        )
+        share = f"{100 * f['taken'] / max(f['executions'], 1):.1f} %"
+        figures = f"{f['executions']:,}", f"{f['seconds'] / 60:.1f}", share, f"{f['slowest_s']:.2f}"
+        rows.append((f"`{path.parent.name}`", *figures, str(len(f["findings"]))))
     head = (ROOT / "docs" / "fuzzing.md").read_text(encoding="utf-8").split("<!-- figures -->")[0]
-    table = [
-        f"{tool}, at most {seconds} s for each target, seed {SEED}.",
-        "",
-        "| target | executions | minutes | taken | slowest [s] | findings |",
-        "|---|---|---|---|---|---|",
-        *rows,
-    ]
-    return f"{head}<!-- figures -->\n" + "\n".join(table) + "\n"
+    of = table(("target", "executions", "minutes", "taken", "slowest [s]", "findings"), rows)
+    return f"{head}<!-- figures -->\n{tool}, at most {seconds} s for each target, seed {SEED}.\n\n{of}\n"
 
 
 def main() -> int:

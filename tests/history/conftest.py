@@ -14,6 +14,7 @@ from uuid import uuid4
 
 import pytest
 
+from rwa_monitor.history.store import History
 from tests.monitor.support import free_port
 
 PATIENCE_S = 60
@@ -75,3 +76,9 @@ def new_database(postgresql: str) -> str:
 def place(request: pytest.FixtureRequest, tmp_path: Path) -> Path | str:
     """Return where a history can be: a SQLite file, and the URL of a PostgreSQL database."""
     return tmp_path / "h.sqlite3" if request.param == "sqlite" else str(request.getfixturevalue("new_database"))
+
+
+@pytest.fixture
+def history(place: Path | str) -> Iterator[History]:
+    with History(place) as opened:
+        yield opened

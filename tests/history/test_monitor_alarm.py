@@ -38,14 +38,13 @@ def test_the_alarm_goes_the_way_of_every_other(place: Path | str) -> None:
         assert history.monitors() == {("sat", "wheel_1"): False}
 
 
-def test_one_that_is_not_acknowledged_stays_and_comes_again(place: Path | str) -> None:
-    with History(place) as history:
-        history.add(diagnosis(0))
-        history.take_monitors([REPORTING])
-        history.take_monitors([SILENT])
-        (alarm,) = history.take_monitors([REPORTING])
-        assert (alarm.phase, alarm.level, alarm.closed_ns) == ("returned", "normal", None)
-        later = MonitorState("sat", "wheel_1", silent=True, reason="Again.")  # its clock is not known: as it was
-        (alarm,) = history.take_monitors([later])
-        assert (alarm.phase, alarm.reason, alarm.changed_ns) == ("active", "Again.", START_NS)
-        assert [line.event for line in alarm.trail] == ["raised", "returned", "relapsed"]
+def test_one_that_is_not_acknowledged_stays_and_comes_again(history: History) -> None:
+    history.add(diagnosis(0))
+    history.take_monitors([REPORTING])
+    history.take_monitors([SILENT])
+    (alarm,) = history.take_monitors([REPORTING])
+    assert (alarm.phase, alarm.level, alarm.closed_ns) == ("returned", "normal", None)
+    later = MonitorState("sat", "wheel_1", silent=True, reason="Again.")  # its clock is not known: as it was
+    (alarm,) = history.take_monitors([later])
+    assert (alarm.phase, alarm.reason, alarm.changed_ns) == ("active", "Again.", START_NS)
+    assert [line.event for line in alarm.trail] == ["raised", "returned", "relapsed"]

@@ -34,11 +34,10 @@ def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) 
         assert history.windows("sat", "wheel_1") == [diagnosis(0), diagnosis(1)]  # nothing of the wheel is removed
 
 
-def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(place: Path | str) -> None:
-    with History(place) as history:
-        history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
-        with pytest.raises(InputError, match="alarms to acknowledge first: viscous"):
-            history.retired.change("sat", "wheel_1", "Ann", retire=True)
-        history.acknowledge(1, "Ann")
+def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(history: History) -> None:
+    history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
+    with pytest.raises(InputError, match="alarms to acknowledge first: viscous"):
         history.retired.change("sat", "wheel_1", "Ann", retire=True)
-        assert len(history.open_alarms("sat", "wheel_1")) == 1  # it stays as it is
+    history.acknowledge(1, "Ann")
+    history.retired.change("sat", "wheel_1", "Ann", retire=True)
+    assert len(history.open_alarms("sat", "wheel_1")) == 1  # it stays as it is

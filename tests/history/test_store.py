@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import MODEL_ALARM, Level, advice
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.store import DAY_NS, History
+from rwa_monitor.history.store import History
+from rwa_monitor.samples import SECONDS_PER_DAY
 from tests.history.support import WINDOW_NS, diagnosis, discrepancy
 
 
-def test_a_window_taken_in_again_makes_no_double_and_no_alarm(place: Path | str) -> None:
+def test_a_window_taken_in_again_makes_no_double_and_no_alarm(history: History) -> None:
     windows = [diagnosis(0), diagnosis(1, severity=1.0), diagnosis(2, severity=1.0)]
-    with History(place) as history:
-        assert history.add(*windows)[0] == 3
-        before = history.alarms()
-        assert history.add(*windows) == (0, [])
-        assert history.windows("sat", "wheel_1") == windows
-        assert history.alarms() == before
-        assert [line.event for line in before[0].trail] == ["raised"]
-        assert len(history.estimates("sat", "wheel_1")) == 3
+    assert history.add(*windows)[0] == 3
+    before = history.alarms()
+    assert history.add(*windows) == (0, [])
+    assert history.windows("sat", "wheel_1") == windows
+    assert history.alarms() == before
+    assert [line.event for line in before[0].trail] == ["raised"]
+    assert len(history.estimates("sat", "wheel_1")) == 3
 
 
 def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str) -> None:
@@ -76,22 +76,21 @@ def test_no_database_is_refused_in_one_line(tmp_path: Path) -> None:
         History(tmp_path / "h.sqlite3")
 
 
-def test_estimates_are_kept_longer_than_diagnoses(place: Path | str, monkeypatch: pytest.MonkeyPatch) -> None:
-    a_window = WINDOW_NS / DAY_NS
+def test_estimates_are_kept_longer_than_diagnoses(history: History, monkeypatch: pytest.MonkeyPatch) -> None:
+    a_window = WINDOW_NS * 1e-9 / SECONDS_PER_DAY
     monkeypatch.setattr("rwa_monitor.history.store.DIAGNOSES_DAYS", 2.5 * a_window)
     monkeypatch.setattr("rwa_monitor.history.store.ESTIMATES_DAYS", 10.5 * a_window)
     windows = [diagnosis(n) for n in range(50)]
-    with History(place) as history:
-        for window in windows:
-            history.add(window)
-        assert history.prune() == 47 + 39
-        assert len(history.windows("sat", "wheel_1")) == 3
-        kept = history.estimates("sat", "wheel_1")
-        assert [one.window_end_ns for one in kept] == [window.window_end_ns for window in windows[-11:]]
-        assert history.prune() == 0
-        # An old recording that is imported again does not bring back what was let go.
-        assert history.add(*windows) == (0, [])
-        assert history.estimates("sat", "wheel_1") == kept
+    for window in windows:
+        history.add(window)
+    assert history.prune() == 47 + 39
+    assert len(history.windows("sat", "wheel_1")) == 3
+    kept = history.estimates("sat", "wheel_1")
+    assert [one.window_end_ns for one in kept] == [window.window_end_ns for window in windows[-11:]]
+    assert history.prune() == 0
+    # An old recording that is imported again does not bring back what was let go.
+    assert history.add(*windows) == (0, [])
+    assert history.estimates("sat", "wheel_1") == kept
 
 
 @settings(max_examples=30)
@@ -116,23 +115,21 @@ def test_a_database_that_is_removed_is_reported(tmp_path: Path) -> None:
         assert history.add(diagnosis(1)) == (1, [])
 
 
-def test_taking_a_window_returns_which_alarms_it_changed(place: Path | str) -> None:
-    with History(place) as history:
-        phases = [[(alarm.name, alarm.phase) for alarm in history.add(diagnosis(n, severity=1.0))[1]] for n in range(3)]
-        assert phases == [[], [("viscous", "active")], []]
-        history.acknowledge(1, "Ann")
-        assert [alarm.phase for alarm in history.open_alarms("sat", "wheel_1")] == ["acknowledged"]
-        ended = [alarm for n in range(3, 7) for alarm in history.add(diagnosis(n))[1]]
-        assert ended[-1].closed_ns is not None
-        assert history.open_alarms("sat", "wheel_1") == []
+def test_taking_a_window_returns_which_alarms_it_changed(history: History) -> None:
+    phases = [[(alarm.name, alarm.phase) for alarm in history.add(diagnosis(n, severity=1.0))[1]] for n in range(3)]
+    assert phases == [[], [("viscous", "active")], []]
+    history.acknowledge(1, "Ann")
+    assert [alarm.phase for alarm in history.open_alarms("sat", "wheel_1")] == ["acknowledged"]
+    ended = [alarm for n in range(3, 7) for alarm in history.add(diagnosis(n))[1]]
+    assert ended[-1].closed_ns is not None
+    assert history.open_alarms("sat", "wheel_1") == []
 
 
-def test_the_latest_discrepancy_report_of_a_wheel_is_kept(place: Path | str) -> None:
-    with History(place) as history:
-        assert history.discrepancy("sat", "wheel_1") is None
-        assert history.add_discrepancy(discrepancy(2))
-        assert not history.add_discrepancy(discrepancy(1))
-        assert history.discrepancy("sat", "wheel_1") == discrepancy(2).to_json()
+def test_the_latest_discrepancy_report_of_a_wheel_is_kept(history: History) -> None:
+    assert history.discrepancy("sat", "wheel_1") is None
+    assert history.add_discrepancy(discrepancy(2))
+    assert not history.add_discrepancy(discrepancy(1))
+    assert history.discrepancy("sat", "wheel_1") == discrepancy(2).to_json()
 
 
 def test_an_alarm_is_shelved_for_a_while_and_comes_back_when_it_gets_worse(place: Path | str) -> None:

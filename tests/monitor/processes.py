@@ -13,8 +13,7 @@ from typing import Any
 
 import zenoh
 
-from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.service import run
+from rwa_monitor.monitor.service import RunOptions, run
 from tests.program import command
 
 PATIENCE_S = 200.0  # for what takes a second or two, but longer where all cores are busy

@@ -16,11 +16,11 @@ import zenoh
 from benchmarks.references import reference_wheel
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.bus import SamplesPublisher, send
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, outputs_of
 from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.publisher import SamplesPublisher, send
 from rwa_monitor.monitor.recording.reader import read_chain
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate

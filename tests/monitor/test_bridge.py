@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.monitor.bridge import HOLD_S, Bridge, UdpAddress, listening, run_bridge
+from rwa_monitor.messages import PERIOD_S, SamplesMessage
+from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.samples import CHANNELS, Samples, concatenate
 from rwa_monitor.simulation.record import simulate
@@ -67,9 +67,9 @@ def test_samples_go_out_in_batches_or_when_they_have_waited(bridge: Bridge, kept
     bridge.tick(100.0)
     for packet in packets_of(made.samples(19), FIRST_APID):
         bridge.take(packet)
-    bridge.tick(99.9 + HOLD_S)
+    bridge.tick(99.9 + PERIOD_S)
     assert [len(batch) for batch in one.batches] == [8, 8]
-    bridge.tick(100.0 + HOLD_S)
+    bridge.tick(100.0 + PERIOD_S)
     assert [len(batch) for batch in one.batches] == [8, 8, 3]
     bridge.take(next(packets_of(made.samples(1), FIRST_APID + 1)))
     assert two.batches == []

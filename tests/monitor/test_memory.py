@@ -11,13 +11,13 @@ from functools import _lru_cache_wrapper
 from pathlib import Path
 from threading import Event
 
-from rwa_monitor.messages import samples_json
-from rwa_monitor.monitor.bus import BusOptions, MonitorBus, open_session
+from rwa_monitor.messages import PERIOD_S, samples_json
+from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, MonitorBus, open_session
 from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.monitor import MAX_WHEELS, TICK_S, Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.reader import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
-from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.replay import RecoveredState, recover_state
+from rwa_monitor.monitor.service import MAX_WHEELS, Clock, Monitor, RunOptions
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import model, telemetry, wheel
 
@@ -55,7 +55,7 @@ class Driven:
                 payload = samples_json(replace(part, time_ns=part.time_ns + shift_ns), "p", number)
                 self.monitor.receive(f"rwa/sat/wheel_{place}/samples", payload)
                 self.sent_bytes += len(payload)
-            self.now_s += FLUSH_PERIOD_S
+            self.now_s += PERIOD_S
             self.monitor.tick()
 
 
@@ -94,7 +94,7 @@ def peak_of_a_new_file(folder: Path, wheels: int) -> tuple[int, int]:
 def bring_over(driver: Driven, wheels: int) -> None:
     """Let a recording that is old enough be ended, and all wheels be brought over into the next one."""
     for _ in range(wheels + 1):
-        driver.now_s += TICK_S
+        driver.now_s += IDLE_WAIT_S
         driver.monitor.tick()
 
 

@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Diagnosis, EncodedMessage
+from rwa_monitor.messages import MAX_WHEELS, Diagnosis, EncodedMessage
 from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import file_sha256, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked, recover
 from tests.monitor.recordings import TOPICS
 
 Checkpoints = dict[str, Callable[[], bytes]]
@@ -73,7 +72,7 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
 
 
 def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder_module, "MOVED_BYTES", 1)
+    monkeypatch.setattr(recorder_module, "PIECE_BYTES", 1)
     writing = recorder(tmp_path)
     wheels = {f"sat/{number}": lambda: b"{}" for number in range(8)}
     writing.begin(wheels, now_s=0.0)
@@ -131,12 +130,12 @@ def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_p
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
     writing.begin({}, now_s=0.0)
-    for number in range(1_200):
+    for number in range(MAX_WHEELS + 200):
         writing.refused(f"rwa/x/{number}/samples", b"?")
     writing.close(1.0)
     (path,) = recordings_of(tmp_path)
     topics = {message.topic for message in read_recording(path).messages}
-    assert len(topics) == 1_001
+    assert len(topics) == MAX_WHEELS + 1
     assert "rwa/refused" in topics
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.recording import reader as recording_module
-from rwa_monitor.monitor.recording.copies import recover
 from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.recorder import recover
 from rwa_monitor.monitor.replay import replay
 from tests.monitor.recordings import write_file
 from tests.program import run

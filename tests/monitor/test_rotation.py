@@ -20,18 +20,17 @@ import pytest
 from benchmarks.references import SilentBus
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.reader import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
-from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.state_recovery import recover_state
+from rwa_monitor.monitor.replay import recover_state, replay
+from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 BATCH: Final = 128  # samples of a message
 SLOTS: Final = 3 * WINDOW
-TICK_S: Final = 0.06  # of the monitor's clock, between two messages
+TICK_S: Final = 0.12  # of the monitor's clock, between two messages
 
 
 @cache
@@ -101,7 +100,7 @@ class Run:
 @pytest.fixture
 def start(monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Run]]:
     """Return what starts a monitor that brings one wheel over at a time; all of them end with the test."""
-    monkeypatch.setattr(recorder_module, "MOVED_BYTES", 1)
+    monkeypatch.setattr(recorder_module, "PIECE_BYTES", 1)
     runs: list[Run] = []
 
     class Started(Run):

@@ -16,10 +16,10 @@ import pytest
 import zenoh
 
 from rwa_monitor.messages import Discrepancy, samples_json
-from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import Searches, SearchJob, search
-from rwa_monitor.monitor.setup import WheelSet
+from rwa_monitor.monitor.service import RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.simulation.motion import SpeedProfile
@@ -67,7 +67,7 @@ def log_lines() -> list[str]:
 
 @pytest.fixture
 def searches(tmp_path: Path, log_lines: list[str]) -> Iterator[Searches]:
-    made = Searches(WheelSet(small_wheel()), tmp_path, log_lines.append)
+    made = Searches(Setup(small_wheel()), tmp_path, log_lines.append)
     yield made
     made.close()
 

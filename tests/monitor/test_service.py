@@ -21,12 +21,11 @@ import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.messages import SamplesMessage, samples_json
-from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.ingest.backfill import Arrival, arrival_of
-from rwa_monitor.monitor.monitor import RunOptions
-from rwa_monitor.monitor.publisher import SamplesPublisher, replay_to_bus
+from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
+from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
 from rwa_monitor.monitor.recording.reader import read_chain
-from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.replay import replay, replay_to_bus
+from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.version import SOFTWARE
@@ -136,14 +135,15 @@ def test_what_is_damaged_on_its_way_is_asked_for_again(
 ) -> None:
     samples, damaged = telemetry(2 * WINDOW + 1), {1, 4, 5, 9}
 
-    def arrives(sample: zenoh.Sample) -> Arrival:
-        """Give a message the beginning of another one for its end, as Zenoh 1.10 does now and then."""
-        arrival = arrival_of(sample)
-        if arrival.number not in damaged:
-            return arrival
-        return arrival._replace(payload=arrival.payload[:-300] + b"\x91" + arrival.payload[:299])
+    put = Inbox.put
 
-    monkeypatch.setattr("rwa_monitor.monitor.bus.arrival_of", arrives)
+    def arrives(inbox: Inbox, arrival: Arrival) -> None:
+        """Give a message the beginning of another one for its end, as Zenoh 1.10 does now and then."""
+        if arrival.number in damaged:
+            arrival = arrival._replace(payload=arrival.payload[:-300] + b"\x91" + arrival.payload[:299])
+        put(inbox, arrival)
+
+    monkeypatch.setattr(Inbox, "put", arrives)
     with monitor(session, options(record=tmp_path)):
         publisher = SamplesPublisher(session, KEY)
         for start in range(0, len(samples), 100):

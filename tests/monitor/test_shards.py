@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from rwa_monitor.api import Monitor
-from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.publisher import SamplesPublisher
+from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table

@@ -16,7 +16,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import Trouble
-from rwa_monitor.monitor.ingest.stored import MAX_KEPT_WINDOWS
+from rwa_monitor.monitor.ingest.stored import MAX_WINDOWS
 from rwa_monitor.samples import Samples
 from tests.monitor.support import (
     WINDOW,
@@ -143,7 +143,7 @@ def test_the_live_window_goes_on_from_the_state_of_a_dump(live_first: int) -> No
 
 
 def test_what_is_older_than_all_that_is_kept_is_late_and_reported() -> None:
-    long = telemetry((MAX_KEPT_WINDOWS + 3) * 128)
+    long = telemetry((MAX_WINDOWS + 3) * 128)
     core = WheelCore(wheel(128), model())
     events = feed(core, [("stored", long[256:]), ("stored", long[:256])])
     assert core.counts.late == 256

@@ -13,11 +13,10 @@ import zenoh
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, Status, samples_json
-from rwa_monitor.monitor.bus import MonitorBus
+from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
 from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
-from rwa_monitor.monitor.publisher import SamplesPublisher, replay_to_bus
-from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.replay import replay, replay_to_bus
+from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
 from tests.monitor.processes import Listener, monitor, wait_for

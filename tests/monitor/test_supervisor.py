@@ -18,9 +18,8 @@ import zenoh
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.recorder import locked
-from rwa_monitor.monitor.service import Supervisor, run
+from rwa_monitor.monitor.service import RunOptions, Supervisor, run
 from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import KEY, free_port, model, telemetry, wheel
 from tests.program import command

@@ -12,11 +12,11 @@ from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.reader import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
-from rwa_monitor.monitor.setup import WheelSet
+from rwa_monitor.monitor.service import RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.configuration import read_wheel_folder
 from rwa_monitor.wheel.wheel import Wheel
@@ -88,7 +88,7 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
 
 
 def test_a_search_is_repeated_with_the_wheels_own_constants() -> None:
-    wheels = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
+    wheels = Setup(wheel(), {OWN: wheel(WINDOW // 2)})
     jobs = [job_of(discrepancy(0, name), [], wheels) for name in ("wheel_1", "wheel_2")]
     assert [job.constants for job in jobs] == [wheel(), wheel(WINDOW // 2)]
 

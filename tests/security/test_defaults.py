@@ -19,7 +19,9 @@ import pytest
 import rwa_monitor
 from rwa_monitor.cli.options import warn_if_alone
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.bus import MAX_CONFIG_BYTES, MAX_CONFIG_DEPTH, BusOptions, open_session, session_config
+from rwa_monitor.monitor.bus import BusOptions, open_session, session_config
+from rwa_monitor.telemetry.files import MAX_DEPTH
+from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from tests.monitor.processes import wait_for
 from tests.program import command
 
@@ -132,10 +134,10 @@ def test_a_configuration_loads_no_plug_in(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "[" * (MAX_CONFIG_DEPTH + 1),
+        "[" * (MAX_DEPTH + 1),
         "{a:" * 100_000,
-        "/* [ */ '{' " + "[{" * MAX_CONFIG_DEPTH,
-        " " * MAX_CONFIG_BYTES + "{}",
+        "/* [ */ '{' " + "[{" * MAX_DEPTH,
+        " " * MAX_CONTENT_BYTES + "{}",
     ],
 )
 def test_a_configuration_too_deep_or_too_long_is_refused_before_it_is_parsed(text: str, tmp_path: Path) -> None:

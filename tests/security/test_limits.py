@@ -27,11 +27,15 @@ from rwa_monitor.monitor.recording.reader import (
     MAX_WORK_BYTES,
     read_recording,
 )
-from rwa_monitor.telemetry.columns import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
+from rwa_monitor.telemetry.files import PIECE_BYTES
 from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
-from rwa_monitor.telemetry.parquet_table import MAX_PARQUET_BYTES
-from rwa_monitor.telemetry.table import MAX_CSV_BYTES, MAX_HEADER_BYTES, read_table
+from rwa_monitor.telemetry.table import (
+    MAX_COLUMNS,
+    MAX_ROWS,
+    MAX_TABLE_BYTES,
+    read_table,
+)
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
 from tests.program import run
 
@@ -41,10 +45,10 @@ READERS: dict[str, tuple[Callable[[Path], object], int]] = {
     "scenario.toml": (read_scenario, MAX_CONTENT_BYTES),
     "model.json": (read_model, MAX_CONTENT_BYTES),
     "labels.csv": (read_labels, MAX_LABELS_BYTES),
-    "table.csv": (read_table, MAX_CSV_BYTES),
-    "table.parquet": (read_table, MAX_PARQUET_BYTES),
+    "table.csv": (read_table, MAX_TABLE_BYTES),
+    "table.parquet": (read_table, MAX_TABLE_BYTES),
     "recording.mcap": (read_recording, MAX_FILE_BYTES),
-    "zenoh.json5": (lambda path: session_config(BusOptions(config=path)), 1_000_000),
+    "zenoh.json5": (lambda path: session_config(BusOptions(config=path)), MAX_CONTENT_BYTES),
 }
 MAGIC = {".parquet": b"PAR1", ".mcap": MCAP0_MAGIC}
 
@@ -101,7 +105,7 @@ def test_a_message_of_too_many_samples_is_refused() -> None:
         ("model.json", "[" * DEEP),
         ("model.json", '{"anomalies":' + "[" * DEEP),
         ("model.json", json.dumps({"x" * 900_000: 1})),
-        ("table.csv", "x" * (MAX_HEADER_BYTES + 1)),
+        ("table.csv", "x" * (PIECE_BYTES + 1)),
         ("table.csv", ",".join("a" * (MAX_COLUMNS + 1)) + "\n1"),
         ("table.csv", "time_ns,speed_rad_s,friction_torque_Nm\n" + ",,\n" * 10),
         ("table.csv", "time_ns,speed_rad_s,friction_torque_Nm\n" + "1" * 1_000_000 + ",1,1\n"),

@@ -15,7 +15,7 @@ from rwa_monitor.messages import EncodedMessage, SamplesMessage, samples_json, s
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recording.recorder import RecordingWriter
-from rwa_monitor.monitor.state_recovery import run_recording
+from rwa_monitor.monitor.replay import run_recording
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.telemetry.labels import read_labels
 from tests.monitor.support import model, telemetry, wheel

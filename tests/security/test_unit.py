@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rwa_monitor.cli.console import WRONG_USE
+from rwa_monitor.cli.options import WRONG_USE
 
 UNIT = Path(__file__).parents[2] / "docker" / "rwa-monitor.service"
 

@@ -22,9 +22,8 @@ from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from rwa_monitor.monitor.telemetry_files import READERS, read_telemetry
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.ccsds_packets import definition_of
-from rwa_monitor.telemetry.parquet_table import write_parquet
 from rwa_monitor.telemetry.reader import Decoding, joined, only_wheel, read_decoding
-from rwa_monitor.telemetry.table import FileFormat, file_format, write_csv
+from rwa_monitor.telemetry.table import FileFormat, file_format, write_csv, write_parquet
 from tests.monitor.support import KEY, telemetry, wheel
 from tests.telemetry import bags
 from tests.telemetry.packet_writer import write_packets
@@ -38,7 +37,7 @@ def written_csv(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
 
 
 def written_parquet(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
-    write_parquet(samples, folder / "t.parquet")
+    write_parquet(dict(samples.channels()), folder / "t.parquet")
     return folder / "t.parquet", Decoding()
 
 

@@ -14,8 +14,9 @@ from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry.mcap_chunk import MAX_CHUNK_BYTES
 from rwa_monitor.telemetry.reader import Decoding, joined, only_wheel
-from rwa_monitor.telemetry.ros2_bag import MAX_CHUNK_BYTES, read_bag
+from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.table import file_format
 from tests.monitor.support import telemetry
 from tests.telemetry import bags
@@ -192,7 +193,7 @@ class Raw:
 
 X_MAP = bags.SHORT_MAP.rsplit("speed_rad_s", 1)[0] + 'speed_rad_s = { topic = "/x", field = "data", time = "log" }\n'
 NESTED = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1} a\nA{n + 1} b" for n in range(30)) + f"\n{NEXT}x_msgs/A30"
-CHAIN = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1}[1] a" for n in range(33)) + f"\n{NEXT}x_msgs/A33"
+CHAIN = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1}[1] a" for n in range(65)) + f"\n{NEXT}x_msgs/A65"
 WRAPPED = f"{NEXT}x_msgs/B\nC c\n{NEXT}x_msgs/C\n"
 BAD_CHANNELS = {
     "JSON": (Raw(encoding="json"), "holds json by ros2msg; cdr by ros2msg is wanted"),
@@ -200,16 +201,16 @@ BAD_CHANNELS = {
     "no type": (Raw(schema="float64\n"), "x_msgs/msg/X is no message type"),
     "a name that is none": (Raw(schema="float64 1data\n"), "is no message type"),
     "a type that is not there": (Raw(schema="float64 data\nOther o\n"), "x_msgs/Other is not in its definition"),
-    "a type in itself": (Raw(schema="X x\nfloat64 data\n"), "deeper than 32 levels"),
-    "types in types": (Raw(schema=f"float64 data\nA0[1] a\n{CHAIN}\nfloat64 x\n"), "deeper than 32 levels"),
+    "a type in itself": (Raw(schema="X x\nfloat64 data\n"), "deeper than 64 levels"),
+    "types in types": (Raw(schema=f"float64 data\nA0[1] a\n{CHAIN}\nfloat64 x\n"), "deeper than 64 levels"),
     "objects of few bytes": (Raw(schema=f"B[] b\nfloat64 data\n{WRAPPED}bool[0] x\n", data=MILLIONS), MORE_VALUES),
     "so many of them": (Raw(schema=f"float64 data\nB[99999999] b\n{WRAPPED}bool[0] x\n"), MORE_VALUES),
     "in each other": (Raw(schema=f"float64 data\nA0 a\n{NESTED}\nbool[0] x\n"), MORE_VALUES),
     "no bytes left": (Raw(schema=f"float64 data\nB[] b\n{WRAPPED}\n", data=DATA + MILLIONS[4:]), MORE_VALUES),
     "a type without a name": (Raw(schema=f"float64 data\n{NEXT[:-1]}\nx_msgs/A\nuint8 x\n"), "is no field"),
-    "bracket after bracket": (Raw(schema=f"float64 data\n{'uint8[ ' * 9_000}\n"), "is no field"),
+    "bracket after bracket": (Raw(schema=f"float64 data\n{'uint8[ ' * 37_000}\n"), "is no field"),
     "a number in another way": (Raw(schema="bool[+1] x\nfloat64 data\n"), "is no field"),
-    "a long schema": (Raw(schema="float64 data\n" + "#" * 70_000), "its schema has more than 65,536 bytes"),
+    "a long schema": (Raw(schema="float64 data\n" + "#" * 270_000), "its schema has more than 262,144 bytes"),
     "cut data": (Raw(data=b"\x00\x01\x00\x00" + b"1234"), "holds no sample"),
     "no data": (Raw(data=b""), "holds no sample"),
     "a long promise": (Raw("float64[] x\nfloat64 data\n", data=b"\0\1\0\0" + b"\xff" * 4), "holds no sample"),
@@ -314,13 +315,13 @@ MANY: dict[str, Any] = {
         "more than 1,000 records",
     ),
     "channels": (
-        "MAX_CHANNELS",
+        "MAX_COLUMNS",
         100,
         lambda: a_schema(1) + b"".join(a_channel(n) for n in range(1, 201)),
         "more than 100 channels of the map's topics",
     ),
     "schemas": (
-        "MAX_SCHEMAS_BYTES",
+        "MAX_CHUNK_BYTES",
         10_000,
         lambda: b"".join(a_schema(n, bytes(1_000)) for n in range(1, 21)),
         "more than 10,000 bytes of schemas",
@@ -337,6 +338,6 @@ def test_more_than_a_bag_has_in_a_few_bytes_is_refused(
 
 
 def test_a_schema_that_comes_again_is_kept_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rwa_monitor.telemetry.ros2_bag.MAX_SCHEMAS_BYTES", 10_000)
+    monkeypatch.setattr("rwa_monitor.telemetry.ros2_bag.MAX_CHUNK_BYTES", 10_000)
     again = b"".join(a_schema(9, bytes(1_000)) for _ in range(20))
     assert read(with_chunk(tmp_path, again), X_MAP).speed_rad_s.tolist() == [1.5]

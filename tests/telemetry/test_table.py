@@ -15,8 +15,7 @@ from hypothesis.extra import numpy as hnp
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import TABLE_CHANNELS, FloatArray, Samples
-from rwa_monitor.telemetry.parquet_table import write_columns
-from rwa_monitor.telemetry.table import file_format, read_table, table_writer
+from rwa_monitor.telemetry.table import file_format, read_table, table_writer, write_parquet
 
 # Each example writes its own file in the one folder, so sharing that folder between examples is harmless.
 in_one_folder = settings(
@@ -153,7 +152,7 @@ def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> N
     assert in_degrees.ignored_columns == ()
     np.testing.assert_allclose(in_degrees.samples.angle_rad, angle, rtol=1e-15)
     path = tmp_path / "table.parquet"
-    write_columns(
+    write_parquet(
         {"time_ns": in_degrees.samples.time_ns, "speed_rad_s": np.ones(5), "angle_deg": np.degrees(angle)}, path
     )
     np.testing.assert_array_equal(read_table(path).samples.angle_rad, in_degrees.samples.angle_rad)
@@ -167,7 +166,7 @@ def test_pulse_times_are_the_same_in_seconds_and_nanoseconds(tmp_path: Path, ste
     expected = read_table(whole, 2).samples
     seconds = csv_file(tmp_path, "pulse_time_s\n" + "".join(f"{Decimal(int(time)).scaleb(-9)}\n" for time in times))
     path = tmp_path / "table.parquet"
-    write_columns({"pulse_time_ns": times}, path)
+    write_parquet({"pulse_time_ns": times}, path)
     for other in (read_table(seconds, 2).samples, read_table(path, 2).samples):
         np.testing.assert_array_equal(other.time_ns, expected.time_ns)
         np.testing.assert_array_equal(other.speed_rad_s, expected.speed_rad_s)
@@ -235,18 +234,6 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("content", "place", "reason"), REFUSED.values(), ids=REFUSED)
-def test_a_bad_csv_is_refused_with_place_and_reason(
-    tmp_path: Path, content: str | bytes, place: str, reason: str
-) -> None:
-    path = csv_file(tmp_path, content)
-    with pytest.raises(InputError) as caught:
-        read_table(path)
-    assert (caught.value.source, caught.value.place) == (str(path), place)
-    assert reason in caught.value.reason
-    assert "\n" not in str(caught.value)
-
-
 PARQUET_REFUSED = {
     "text": ({"time_s": [0.0], "speed_rad_s": ["fast"]}, "column speed_rad_s", "holds string, not numbers"),
     "no rows": ({"time_s": pa.array([], pa.float64()), "speed_rad_s": pa.array([], pa.float64())}, "", "no rows"),
@@ -263,16 +250,24 @@ PARQUET_REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("columns", "place", "reason"), PARQUET_REFUSED.values(), ids=PARQUET_REFUSED)
-def test_a_bad_parquet_is_refused_with_place_and_reason(
-    tmp_path: Path, columns: dict[str, list[object]] | pa.Table, place: str, reason: str
+@pytest.mark.parametrize(
+    ("content", "place", "reason"),
+    [*REFUSED.values(), *PARQUET_REFUSED.values()],
+    ids=[*REFUSED, *(f"parquet: {name}" for name in PARQUET_REFUSED)],
+)
+def test_a_bad_table_is_refused_with_place_and_reason(
+    tmp_path: Path, content: str | bytes | dict[str, list[object]] | pa.Table, place: str, reason: str
 ) -> None:
-    path = tmp_path / "table.parquet"
-    pq.write_table(columns if isinstance(columns, pa.Table) else pa.table(columns), path)
+    if isinstance(content, str | bytes):
+        path = csv_file(tmp_path, content)
+    else:
+        path = tmp_path / "table.parquet"
+        pq.write_table(content if isinstance(content, pa.Table) else pa.table(content), path)
     with pytest.raises(InputError) as caught:
         read_table(path)
     assert (caught.value.source, caught.value.place) == (str(path), place)
     assert reason in caught.value.reason
+    assert "\n" not in str(caught.value)
 
 
 def test_a_folder_is_refused_with_what_is_in_it(tmp_path: Path) -> None:

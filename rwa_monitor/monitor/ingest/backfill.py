@@ -24,16 +24,14 @@ from typing import Any, Final, NamedTuple
 
 import zenoh
 
-from rwa_monitor.messages import MAX_MESSAGE_BYTES
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_WHEELS
 
-TIMEOUT_S: Final = 2.0  # for an answer
+TIMEOUT_S: Final = 2.0  # for an answer, or for room in the inbox: publishers give up a connection that is stuck for 5 s
 # When to ask again where something is still missing, after the answer before [s]: outages end. Then it is lost.
 PAUSES_S: Final = (0.2, 0.5, 1.0, 2.0)
 MAX_ASKED: Final = 32  # publishers whose answers are awaited at a time: as many histories may come at once
 INBOX_MESSAGES: Final = 65_536
 INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
-PATIENCE_S: Final = 2.0  # for room in the inbox; publishers give up a connection that is stuck for 5 s
-MAX_SOURCES: Final = 10_000  # publishers that are kept; one that was dropped is only queried again
 
 
 class Arrival(NamedTuple):
@@ -71,7 +69,7 @@ class Inbox:
     """
 
     def __init__(
-        self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES, patience_s: float = PATIENCE_S
+        self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES, patience_s: float = TIMEOUT_S
     ) -> None:
         self.max_messages = max_messages
         self.max_bytes = max_bytes
@@ -83,10 +81,16 @@ class Inbox:
         self._bytes = 0
         self._room = Condition()  # held for a few operations only
         self._patient = True
+        self._open = True  # callbacks go on after undeclare(): they check this
 
     def __len__(self) -> int:
         """Count the messages that wait."""
         return len(self._messages)
+
+    def receive(self, sample: zenoh.Sample) -> None:
+        """Take what came, in threads beside Zenoh's: append, and nothing else; nothing once it is closed."""
+        if self._open and sample.kind == zenoh.SampleKind.PUT:
+            self.put(arrival_of(sample))
 
     def put(self, message: Arrival) -> None:
         """Append a message; when full, wait for room, or drop and count it after a while."""
@@ -98,7 +102,7 @@ class Inbox:
             ):
                 self._patient = False
                 self.dropped += 1
-                if source and (source in self._lost or len(self._lost) < MAX_SOURCES):
+                if source and (source in self._lost or len(self._lost) < MAX_WHEELS):
                     self._lost[source] = message._replace(payload=b"")
             else:
                 self._messages.append(message)
@@ -123,7 +127,8 @@ class Inbox:
             return lost
 
     def close(self) -> None:
-        """End all waiting."""
+        """End all waiting, and take nothing more."""
+        self._open = False
         with self._room:
             self.patience_s = 0.0
             self._room.notify_all()
@@ -244,7 +249,7 @@ class Backfill:
         source, number = unread.source, unread.number
         if unread.again:
             self._no_use[source] = None
-            if len(self._no_use) > MAX_SOURCES:
+            if len(self._no_use) > MAX_WHEELS:
                 self._no_use.popitem(last=False)
         if not source or source in self._no_use:
             return False
@@ -265,7 +270,7 @@ class Backfill:
         self._ready.append(arrival)
         if arrival.source:
             self._next[arrival.source] = max(self._next.pop(arrival.source, 0), arrival.number + 1)
-            if len(self._next) > MAX_SOURCES:
+            if len(self._next) > MAX_WHEELS:  # one that was dropped is only asked again
                 self._next.popitem(last=False)
 
     def _hold(self, gap: _Gap, arrival: Arrival) -> None:

@@ -80,8 +80,7 @@ class Batch(NamedTuple):
     passed: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Trouble:
+class Trouble(NamedTuple):
     """What an operator should read about a wheel's telemetry.
 
     Attributes
@@ -94,6 +93,9 @@ class Trouble:
 
     kind: str
     text: str
+
+
+Ready = Iterator[Batch | Trouble]  # messages, in order, and what happened
 
 
 @dataclass(slots=True)
@@ -118,7 +120,7 @@ class Sequencer:
     replaced: list[str] = field(default_factory=list)
     latest_ns: ClockNs | None = None  # median time of the current publisher's latest message, before any clock step
 
-    def put(self, batch: Batch, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
+    def put(self, batch: Batch, frontier_ns: int | None) -> Ready:
         """Take a message; yield the messages that are ready now, in order, and what happened.
 
         Parameters
@@ -139,7 +141,7 @@ class Sequencer:
         else:
             yield from self._other_publisher(batch, frontier_ns)
 
-    def flush(self, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
+    def flush(self, frontier_ns: int | None) -> Ready:
         """Release everything that waits, in order: nothing more will come."""
         yield from self._release(len(self.held))
         if self.takeover_uncertain:
@@ -158,7 +160,7 @@ class Sequencer:
         # A publisher whose first message overtook others has small numbers; one that we join late has any.
         self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
 
-    def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
+    def _other_publisher(self, batch: Batch, frontier_ns: int | None) -> Ready:
         if self.takeover and self.takeover[0].publisher != batch.publisher:
             yield from self._reject_takeover()
         if not self.takeover:
@@ -188,7 +190,7 @@ class Sequencer:
         text = f"two live publishers on one wheel: {counted(count, 'sample')} of {refused!r} rejected"
         yield Trouble("publisher conflict", f"{text}, {self.current!r} goes on")
 
-    def _take_over(self, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
+    def _take_over(self, frontier_ns: int | None) -> Ready:
         batches, self.takeover, self.takeover_uncertain = self.takeover, [], False
         if self.current is not None:
             self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
@@ -199,7 +201,7 @@ class Sequencer:
         for batch in batches:
             yield from self._in_order(batch, frontier_ns)
 
-    def _in_order(self, batch: Batch, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
+    def _in_order(self, batch: Batch, frontier_ns: int | None) -> Ready:
         """Take a message of the current publisher, in its turn or not."""
         self.largest = max(self.largest, len(batch.samples))
         if batch.number is None or self.expected is None:
@@ -220,7 +222,7 @@ class Sequencer:
             middle_ns = int(np.partition(time_ns, rank)[rank])
             self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
 
-    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> Iterator[Batch | Trouble]:
+    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> Ready:
         """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
         times = batch.samples.time_ns
         known_ns = [time_ns for time_ns in (frontier_ns, self.latest_ns) if time_ns is not None]
@@ -241,7 +243,7 @@ class Sequencer:
         self.counts.queued -= len(batch.samples)
         self.counts.duplicate += len(batch.samples)
 
-    def _release(self, at_least: int) -> Iterator[Batch | Trouble]:
+    def _release(self, at_least: int) -> Ready:
         """Release what is next in order, and at least so many of those that wait, over the gaps before them."""
         released = 0
         while self.held:

@@ -26,8 +26,6 @@ _channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of
 MAX_MAGNITUDE: Final = 1e6
 # Slots written to the ring buffer, and samples looked at, in one go.
 PIECE_SLOTS: Final = 4_096
-# Where the next sample with another time is looked for first.
-NEAR_ROWS: Final = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +264,7 @@ class SlotAssignment:
 
 def _next_time(time_ns: IntArray, start: int) -> int:
     """Return the next row with another time than row `start`, n where there is none."""
-    for stop in (start + NEAR_ROWS, time_ns.size):
+    for stop in (start + PIECE_SLOTS, time_ns.size):  # near first
         other = np.flatnonzero(time_ns[start + 1 : stop] != time_ns[start])
         if other.size:
             return start + 1 + int(other[0])

@@ -22,7 +22,7 @@ from rwa_monitor.switching.carried_state import CarriedState
 
 # Kept of a wheel that has dumps: 24 hours at 8 Hz, 12 MB where friction is given, 6 MB for each further channel.
 KEPT_SLOTS: Final = 691_200
-MAX_KEPT_WINDOWS: Final = 64  # of short ones: each that comes late has those after it diagnosed again
+MAX_WINDOWS: Final = 64  # of a wheel, kept or open at once: one that comes late has those after it diagnosed again
 LEFT_SHARE: Final = 8  # samples for other windows, as a part of a window, after which a dump has gone on elsewhere
 
 
@@ -89,7 +89,7 @@ class StoredTelemetry:
     @property
     def kept(self) -> int:
         """Windows before the newest one that are kept."""
-        return min(-(-KEPT_SLOTS // self.window_slots), MAX_KEPT_WINDOWS)
+        return min(-(-KEPT_SLOTS // self.window_slots), MAX_WINDOWS)
 
     def fits(self, period_ns: int, window_slots: int, channels: Sequence[str]) -> bool:
         """Return whether it can be of a core with such a wheel."""
@@ -219,5 +219,5 @@ class StoredTelemetry:
     def note(self, end_ns: int, state: CarriedState) -> None:
         """Keep the state after a window, live or stored."""
         self.states[end_ns] = state
-        while len(self.states) > 2 * MAX_KEPT_WINDOWS:
+        while len(self.states) > 2 * MAX_WINDOWS:
             del self.states[min(self.states)]

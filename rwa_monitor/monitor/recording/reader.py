@@ -18,43 +18,42 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from errno import EIO
 from hashlib import file_digest
-from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
 
-import zstandard
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import EncodedMessage, Message, SamplesMessage
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage, Message, SamplesMessage
+from rwa_monitor.monitor.checkpoint import MAX_CHECKPOINT_BYTES
 from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
+from rwa_monitor.telemetry.mcap_chunk import (
+    MAX_CHUNK_BYTES,
+    MESSAGE,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    records_in,
+    stream_of,
+    unpacked,
+)
 from rwa_monitor.words import counted
 
 Parsed = TypeVar("Parsed", bound=Message)
 RECORDING_SUFFIX: Final = ".mcap"
-MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
-MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
 MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what they begin with
 # Of a monitor's own: they hold a checkpoint of each wheel, 1.7 MB where a window of 80,000 slots is nearly full,
 # and 4,096 wheels are the most.
 MAX_FLEET_FILE_BYTES: Final = 24 * 2**30
 MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records of a file and of what only looks like one
-MAX_WORK_SHARE: Final = 3  # or so many for each byte of a larger file
-# Where nothing is kept of what is unpacked; telemetry that hardly changes is packed to a twentieth.
-MAX_PASSING_WORK_SHARE: Final = 64
+# Or so many for each byte of a larger file, of which nothing is kept; telemetry that hardly changes is packed to a
+# twentieth.
+MAX_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
-MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
-_HEAD_BYTES: Final = 9  # opcode and length
-_FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4 + len(MCAP0_MAGIC)
-_COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
 _CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
-_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
-_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
-_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
+_FOOTER: Final = struct.Struct("<BQQQI8s")  # these, where the summary begins, and its offsets, checksum, the magic
 _ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
 CHANNELS_ATTACHMENT: Final = "channels.json"
 SETTINGS_ATTACHMENT: Final = "settings.json"
@@ -97,7 +96,7 @@ class Recording:
         messages in file order.
     """
 
-    def __init__(self, path: Path, limit: int = MAX_FLEET_FILE_BYTES, work_share: int = MAX_PASSING_WORK_SHARE) -> None:
+    def __init__(self, path: Path, limit: int = MAX_FLEET_FILE_BYTES, work_share: int = MAX_WORK_SHARE) -> None:
         self.path = path
         self.finished = False
         self.problems: list[str] = []
@@ -128,8 +127,8 @@ class Recording:
         """Return the settings attached by the recorder; raises InputError where there are none."""
         text = self.text(SETTINGS_ATTACHMENT)
         try:
-            if len(text) > MAX_JSON_BYTES:
-                raise ValueError(f"larger than {MAX_JSON_BYTES} bytes")
+            if len(text) > MAX_MESSAGE_BYTES:
+                raise ValueError(f"larger than {MAX_MESSAGE_BYTES} bytes")
             content = json.loads(text)
             if not isinstance(content, dict):
                 raise ValueError("no object")
@@ -199,17 +198,17 @@ class Recording:
 
     def _record_end(self, position: int) -> int | None:
         """Return where the record at `position` ends, None where no record can be."""
-        if position + _HEAD_BYTES > self._size:
+        if position + RECORD_HEAD.size > self._size:
             return None
-        length = int.from_bytes(self._read(position + 1, position + _HEAD_BYTES), "little")
-        stop = position + _HEAD_BYTES + length
-        return stop if length <= MAX_RECORD_BYTES and stop <= self._size else None
+        length = int.from_bytes(self._read(position + 1, position + RECORD_HEAD.size), "little")
+        stop = position + RECORD_HEAD.size + length
+        return stop if length <= MAX_CHECKPOINT_BYTES and stop <= self._size else None
 
     def _take_record(self, position: int, stop: int) -> bool:
         """Take in one record; False where it is damaged."""
         self._begin_work(stop - position)
         record = self._read(position, stop)
-        opcode, content = record[0], record[_HEAD_BYTES:]
+        opcode, content = record[0], record[RECORD_HEAD.size :]
         if opcode == Opcode.DATA_END:
             self.finished = self._is_end(stop)
             return self.finished
@@ -221,45 +220,34 @@ class Recording:
 
     def _unpack(self, content: bytes) -> bytes:
         """Return the data of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
-        chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-        if not _is_acceptable(chunk):
-            raise ValueError("a size or checksum that is none")
-        self._begin_work(chunk.uncompressed_size)
-        data: bytes = zstandard.decompress(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
-        if zlib.crc32(data) != chunk.uncompressed_crc:
-            raise ValueError("another checksum")
-        return data
+        chunk = Chunk.read(stream_of(content))
+        if not chunk.uncompressed_crc:
+            raise ValueError("no checksum")
+        self._begin_work(min(chunk.uncompressed_size, MAX_CHUNK_BYTES))  # more is not unpacked
+        return unpacked(chunk)
 
     def _take_records(self, data: bytes) -> None:
         """Take in the records of a chunk; raises as `_unpack`."""
-        position, end = 0, len(data)
-        while position < end:
+        for opcode, record in records_in(data):
             self._records += 1
             if self._records > MAX_RECORDS:
                 raise InputError(display_name(self.path), f"has more than {MAX_RECORDS:,} records")
-            opcode, length = _RECORD_HEAD.unpack_from(data, position)
-            start, position = position + _HEAD_BYTES, position + _HEAD_BYTES + length
-            if position > end:
-                raise ValueError("a record that reaches beyond its chunk")
-            if opcode == _MESSAGE:
-                self._take_message(data, start, position)
+            if opcode == MESSAGE:
+                self._take_message(record)
             elif opcode == Opcode.SCHEMA:
-                schema = Schema.read(ReadDataStream(BytesIO(data[start:position])))
+                schema = Schema.read(stream_of(record))
                 self._schemas[schema.id] = schema.name
             elif opcode == Opcode.CHANNEL:
-                channel = Channel.read(ReadDataStream(BytesIO(data[start:position])))
+                channel = Channel.read(stream_of(record))
                 self._channels[channel.id] = (channel.topic, self._schemas.get(channel.schema_id, ""))
 
-    def _take_message(self, data: bytes, start: int, stop: int) -> None:
-        if stop - start < _MESSAGE_HEAD.size:
-            raise ValueError("a message without its head")
-        channel, _, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+    def _take_message(self, record: bytes) -> None:
+        channel, _, log_time, publish_time = MESSAGE_HEAD.unpack_from(record)
         if channel not in self._channels:
             self._lost_messages += 1
             return
-        content = data[start + _MESSAGE_HEAD.size : stop]
         topic, schema = self._channels[channel]
-        self._found.append(EncodedMessage(topic, schema, content, log_time, publish_time))
+        self._found.append(EncodedMessage(topic, schema, record[MESSAGE_HEAD.size :], log_time, publish_time))
 
     def _begin_work(self, size: int) -> None:
         """Add to the work done on the file; raises InputError where it is too much."""
@@ -272,9 +260,9 @@ class Recording:
         """Take in an attachment; raises whatever the parsers do if it is damaged."""
         if zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
             raise ValueError("another checksum")
-        attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+        attachment = Attachment.read(stream_of(content))
         if attachment.name == CHANNELS_ATTACHMENT:
-            if len(attachment.data) > MAX_JSON_BYTES:
+            if len(attachment.data) > MAX_MESSAGE_BYTES:
                 raise ValueError("more channels than any recording has")
             for key, (topic, schema) in json.loads(attachment.data).items():
                 self._channels.setdefault(int(key), (str(topic), str(schema)))
@@ -282,13 +270,16 @@ class Recording:
 
     def _is_end(self, stop: int) -> bool:
         """Return whether the data ends here: the footer names where the summary begins, which only repeats them."""
-        footer = self._read(max(0, self._size - _FOOTER_BYTES), self._size)
-        return footer.endswith(MCAP0_MAGIC) and int.from_bytes(footer[_HEAD_BYTES : _HEAD_BYTES + 8], "little") == stop
+        footer = self._read(max(0, self._size - _FOOTER.size), self._size)
+        if len(footer) < _FOOTER.size:
+            return False
+        _, _, summary, _, _, magic = _FOOTER.unpack(footer)
+        return bool(summary == stop and magic == MCAP0_MAGIC)
 
     def _next_chunk(self, position: int) -> int:
         """Return where the next whole chunk begins, the file's end where there is none."""
-        while (found := self._find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
-            start = found - _COMPRESSION_OFFSET
+        while (found := self._find(_ZSTD_NAME, position + _CHUNK_HEAD.size)) >= 0:
+            start = found - _CHUNK_HEAD.size
             stop = self._record_end(start)
             if stop is not None and self._is_chunk(start, stop):
                 return start
@@ -298,12 +289,12 @@ class Recording:
     def _is_chunk(self, start: int, stop: int) -> bool:
         """Return whether a whole chunk lies between two positions; looks at its head before it copies anything."""
         opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self._read(start, start + _CHUNK_HEAD.size))
-        data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
+        data = start + _CHUNK_HEAD.size + len(_ZSTD_NAME) + 8
         length = int.from_bytes(self._read(data - 8, data), "little")
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
             return False
         self._begin_work(stop - start)
-        return _is_sound(lambda: self._unpack(self._read(start + _HEAD_BYTES, stop)))
+        return _is_sound(lambda: self._unpack(self._read(start + RECORD_HEAD.size, stop)))
 
 
 def _is_sound(parse: Callable[[], object]) -> bool:
@@ -332,15 +323,6 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
     return False
 
 
-def _is_acceptable(chunk: Chunk) -> bool:
-    """Return whether a chunk has a checksum, and a size that may be unpacked."""
-    if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
-        return False
-    if chunk.compression == "zstd":
-        return bool(zstandard.get_frame_parameters(chunk.data).content_size == chunk.uncompressed_size)
-    return chunk.compression == ""
-
-
 # ---- files and folders of recordings ---------------------------------------------------------------------------------
 
 
@@ -359,7 +341,7 @@ def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
     InputError
         As `Recording.parts`.
     """
-    recording = Recording(path, limit, MAX_WORK_SHARE)
+    recording = Recording(path, limit, 0)  # all of it is kept
     for part in recording.parts():
         if isinstance(part, EncodedMessage):
             recording.messages.append(part)
@@ -443,14 +425,14 @@ def time_span(path: Path) -> tuple[int, int] | None:
         with path.open("rb") as file:
             for _ in range(MAX_RECORDS):
                 file.seek(position)
-                head = file.read(_RECORD_HEAD.size + _CHUNK_SPAN.size)
-                if len(head) < _RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
+                head = file.read(RECORD_HEAD.size + _CHUNK_SPAN.size)
+                if len(head) < RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
                     break
-                opcode, length = _RECORD_HEAD.unpack_from(head)
-                start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, _RECORD_HEAD.size)
+                opcode, length = RECORD_HEAD.unpack_from(head)
+                start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, RECORD_HEAD.size)
                 if opcode == Opcode.CHUNK and end_ns:
                     first_ns, last_ns = first_ns or start_ns or end_ns, max(last_ns, end_ns)
-                position += _RECORD_HEAD.size + length
+                position += RECORD_HEAD.size + length
     except OSError as error:
         raise unreadable(path, error) from error
     return None if first_ns is None else (first_ns, last_ns)

@@ -36,7 +36,15 @@ from typing import IO, Any, Final, NamedTuple, cast
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, EncodedMessage, dump_json
+from rwa_monitor.messages import (
+    LOG_PERIOD_S,
+    MAX_MESSAGE_BYTES,
+    MAX_WHEELS,
+    MESSAGES,
+    PERIOD_S,
+    EncodedMessage,
+    dump_json,
+)
 from rwa_monitor.monitor.recording.reader import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
@@ -44,22 +52,21 @@ from rwa_monitor.monitor.recording.reader import (
     RECORDING_SUFFIX,
     SETTINGS_ATTACHMENT,
     SOME_CHECKPOINTS,
+    Recording,
     file_sha256,
+    read_recording,
+    recordings_of,
 )
-from rwa_monitor.telemetry.files import make_folder
+from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
+from rwa_monitor.samples import SECONDS_PER_DAY
+from rwa_monitor.telemetry.files import PIECE_BYTES, make_folder, refusing
 from rwa_monitor.version import SOFTWARE
 
 RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
-MAX_FILE_AGE_S: Final = 24 * 3600.0
+MAX_FILE_AGE_S: Final = SECONDS_PER_DAY
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
-SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
-MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
 BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
-FLUSH_PERIOD_S: Final = 1.0
-RETRY_PERIOD_S: Final = 1.0  # after the disk failed; twice as long after each failure that follows
-MAX_RETRY_PERIOD_S: Final = 32.0
-MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go on one topic
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
@@ -134,8 +141,9 @@ class Recorder:
         self._begun_s = 0.0
         self._synced_s = 0.0
         self._retry_s = float("-inf")
-        self._retry_period_s = RETRY_PERIOD_S
+        self._retry_period_s = PERIOD_S
         self._refused_topics: set[str] = set()
+        self._schemas_bytes = len(dump_json(message_schemas()))  # in every file
 
     @property
     def path(self) -> Path | None:
@@ -162,7 +170,7 @@ class Recorder:
             self._fail(error, now_s)
             return
         self.error = ""
-        self._retry_period_s = RETRY_PERIOD_S
+        self._retry_period_s = PERIOD_S
         self._begun_s = self._synced_s = now_s
         self._predecessor = None
 
@@ -201,7 +209,8 @@ class Recorder:
 
     def refused(self, key: str, payload: bytes) -> None:
         """Record a message that was refused, as it came (the first 8 MiB of it)."""
-        if key not in self._refused_topics and len(self._refused_topics) >= MAX_REFUSED_TOPICS:
+        # What comes on more keys than a process has wheels goes on one topic.
+        if key not in self._refused_topics and len(self._refused_topics) >= MAX_WHEELS:
             key = "rwa"
         self._refused_topics.add(key)
         self.write(EncodedMessage(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES]))
@@ -238,7 +247,7 @@ class Recorder:
         # Checkpoints of many wheels may be larger than a file should be; then they are at most half of it.
         written, begin = self._writer.size, self._writer.size_at_begin
         full = written > max(self._max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
-        if now_s - self._synced_s >= FLUSH_PERIOD_S:
+        if now_s - self._synced_s >= PERIOD_S:
             self.sync(now_s)
         if self._ending is not None:
             if not busy or now_s - self._moved_s >= BUSY_MOVE_S:
@@ -272,7 +281,8 @@ class Recorder:
             # A state must not come to the disk before all that it was made of, nor its outputs be lost.
             self._ending.sync()
             moved = 0
-            while self._left and moved < min(MOVED_BYTES, self._max_file_bytes):
+            # Or one checkpoint: a full window of 80,000 slots has 1.7 MB, and takes 6 ms.
+            while self._left and moved < min(PIECE_BYTES, self._max_file_bytes):
                 name, make = self._left.popitem()
                 data = make()
                 moved += len(data)
@@ -334,7 +344,7 @@ class Recorder:
 
     def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
         """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
-        needed = max(self._max_file_bytes, 2 * (begin + SCHEMAS_BYTES)) + Sink.GATHERED_BYTES
+        needed = max(self._max_file_bytes, 2 * (begin + self._schemas_bytes)) + Sink.GATHERED_BYTES
         self._make_room(needed - written)
         self._check_free(more)
 
@@ -361,7 +371,7 @@ class Recorder:
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
         self._retry_s = now_s + self._retry_period_s
-        self._retry_period_s = min(2.0 * self._retry_period_s, MAX_RETRY_PERIOD_S)
+        self._retry_period_s = min(2.0 * self._retry_period_s, LOG_PERIOD_S)
         self.abandon()
 
 
@@ -387,10 +397,8 @@ def locked(folder: Path) -> Iterator[None]:
         If the folder cannot be made or written, or another monitor holds it.
     """
     make_folder(folder, "--record")
-    try:
+    with refusing(folder, "cannot be written", "--record"):
         file = (folder / LOCK_NAME).open("ab")
-    except OSError as error:
-        raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -596,3 +604,125 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+# ---- recordings written again ----------------------------------------------------------------------------------------
+
+
+RECOVERED_ATTACHMENT: Final = "recovered.json"
+LAYOUT_SUFFIX: Final = ".layout.json"
+PUBLISHED: Final = frozenset(message.schema_name() for message in MESSAGES)
+
+
+@contextmanager
+def _new_file(target: Path) -> Iterator[IO[bytes]]:
+    """Give a new file to write to; raises InputError if it exists or cannot be written."""
+    try:
+        with target.open("xb") as file:
+            yield file
+    except InputError:
+        target.unlink()  # it has no end yet
+        raise
+    except FileExistsError as error:
+        raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
+    except OSError as error:
+        raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
+
+
+# ---- what a damaged recording still holds: every whole chunk, and only true messages ---------------------------------
+
+
+class Recovery(NamedTuple):
+    """What was saved and what was lost.
+
+    Attributes
+    ----------
+    messages
+        Messages saved.
+    lost
+        One line per part that could not be read; empty when the file was whole (exit code 0, otherwise 3).
+    """
+
+    messages: int
+    lost: tuple[str, ...]
+
+
+def recover(source: Path, target: Path) -> Recovery:
+    """Copy what `source` still holds into a whole recording `target`.
+
+    Times, topics and bytes of messages and attachments stay as they are, and so does their order; of a large file only
+    a piece is in memory. The new file holds in an attachment what it was made from and what was lost.
+
+    Raises
+    ------
+    InputError
+        If `source` is no MCAP file at all, or `target` exists or cannot be written.
+    """
+    recording, messages = Recording(source), 0
+    with _new_file(target) as file:
+        writer = TopicWriter(file, message_schemas(), PROFILE)
+        for part in recording.parts():
+            if isinstance(part, EncodedMessage):
+                writer.write(part)
+                messages += 1
+            elif part.name != CHANNELS_ATTACHMENT:
+                writer.attach(part.name, part.data)
+        lost = list(recording.problems)
+        if not recording.finished and not lost:
+            lost.append("the file was not closed in order: what came after its last flush is lost")
+        lost = [f"{source}: {line}" for line in lost]
+        writer.attach(RECOVERED_ATTACHMENT, dump_json({"source": source.name, "lost": lost}))
+        writer.finish()
+        file.flush()
+        os.fsync(file.fileno())
+    return Recovery(messages, tuple(lost))
+
+
+# ---- recordings for Foxglove -----------------------------------------------------------------------------------------
+
+
+class FoxgloveFile(NamedTuple):
+    """What was written: the layout's path, the number of messages, and a line for each part that could not be read."""
+
+    layout: Path
+    messages: int
+    problems: tuple[str, ...]
+
+
+def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
+    """Write recordings (files, or folders of them) as one MCAP file for Foxglove, the layout beside it.
+
+    The recordings are left as they are. What Foxglove has no use for is left out: refused messages and carried states.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, holds a message that is none of ours, or the target exists or cannot be written.
+    """
+    layout_path = target.with_name(target.stem + LAYOUT_SUFFIX)
+    for path in (target, layout_path):
+        if path.exists():
+            raise InputError(str(path), "exists already; nothing is overwritten", "--output")
+    files = [file for path in paths for file in recordings_of(path)]
+    translator, seen = Translator(), Seen()
+    messages, problems = 0, list[str]()
+    with _new_file(target) as stream:
+        writer = TopicWriter(
+            stream, schemas(), chunk_bytes=Sink.GATHERED_BYTES
+        )  # read at once, not while a monitor writes
+        for file in files:
+            recording = read_recording(file)
+            problems += [f"{file}: {problem}" for problem in recording.problems]
+            views = [
+                view
+                for message in recording.messages
+                if message.schema in PUBLISHED
+                for view in translator.translate(message.topic, message.payload)
+            ]
+            for view in sorted(views, key=lambda view: view.time_ns):
+                writer.write(view._replace(publish_ns=view.time_ns))
+            seen.add(views)
+            messages += len(views)
+        writer.finish()
+        layout_path.write_bytes(layout(seen))
+    return FoxgloveFile(layout_path, messages, tuple(problems))
