@@ -20,24 +20,17 @@ from scipy import special
 
 from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshold_for, threshold_of_run_length
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
-from rwa_monitor.changepoints.noise import (
-    NORMAL_MEDIAN,
-    estimate_noise,
-    gaussian_outlier,
-    largest_outlier,
-    median_size,
-    outlier_chance,
-)
+from rwa_monitor.changepoints.noise import estimate_noise, gaussian_outlier, largest_outlier, outlier_chance
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
-from rwa_monitor.kernels.evidence import ALL_DONE, FIRST_CHUNK, KEPT_STATISTIC, SMALLEST_WEIGHT, Window
-from rwa_monitor.kernels.noise import NOISE_BLOCK, SMALLEST_STD
-from rwa_monitor.kernels.wglr import CHUNK
+from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
+from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
 from rwa_monitor.wheel.wheel import Wheel
 
-SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [slots] (errata 5)
+SCALES: Final = tuple(1 << k for k in range(MAX_SCALE.bit_length()))  # half-widths [slots] (errata 5)
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
 # Samples around an outlier add this to it at most, at some slot and scale: set on Student-t noise with 4 degrees of
@@ -124,6 +117,10 @@ class WindowSettings(NamedTuple):
         Angle by which the wheel turns in one slot at x = 1 [rad].
     block_hop, stretch_hop
         Slots from one block of the noise, and one stretch of the structure, to the next.
+    dead_band
+        Below it samples are not used, normalised.
+    speed_noises
+        The same in standard deviations of the speed's noise, where it is not stated.
     start_std
         Standard deviation of the noise expected before any data, normalised.
     prior_mean, prior_std
@@ -144,6 +141,8 @@ class WindowSettings(NamedTuple):
     angle_per_x: float
     block_hop: int
     stretch_hop: int
+    dead_band: float
+    speed_noises: float
     start_std: float
     prior_mean: float
     prior_std: float
@@ -209,14 +208,17 @@ class WindowAccumulator:
         # Without any idea of the slope, two neighbouring samples show nothing of a jump.
         prior = self.slope_prior
         self._scales: IntArray = np.array(SCALES if prior else SCALES[1:], dtype=np.int64)
-        asked, outlier = wheel.window.run_length, gaussian_outlier(outlier_chance(self.slots))
+        asked, stated = wheel.window.run_length, wheel.window.dead_band_rad_s
+        outlier = gaussian_outlier(outlier_chance(self.slots))
         self.settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
             angle_per_x=self._structure.angle_per_x,
             # Short windows let the blocks of the noise estimate overlap.
-            block_hop=NOISE_BLOCK if self.slots <= 128 * NOISE_BLOCK else 4 * NOISE_BLOCK,
+            block_hop=BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK,
             stretch_hop=self._structure.hop,
+            dead_band=math.nan if stated is None else stated / wheel.speed_unit_rad_s,
+            speed_noises=SPEED_NOISES,
             start_std=math.nan if self._start_std is None else self._start_std,
             prior_mean=prior.mean if prior else math.nan,
             prior_std=prior.std if prior else math.nan,
@@ -351,8 +353,9 @@ class WindowAccumulator:
     ) -> list[ConfirmedCandidate]:
         """Take new slots and detect in all that are there; return the jumps that became certain."""
         events: list[ConfirmedCandidate] = []
-        while True:
-            count, self._done, reported, why = self._window.gather(
+        heavy = True
+        while heavy:
+            count, self._done, reported, heavy = self._window.gather(
                 speed_rad_s, torque_Nm, good, viscous_speed_rad_s, self.filled, self._done, last
             )
             self.good += count
@@ -360,30 +363,10 @@ class WindowAccumulator:
             self._sums.slots = self._done
             if reported:
                 events += self._announced()
-            if why == ALL_DONE:
-                return events
-            if why == FIRST_CHUNK:
-                self._window.begin(*self._first_learned(min(self.filled, CHUNK)))
-            else:
+            if heavy:
                 self._window.set_outlier(*self._outliers(self._window.variances, self._window.quantiles))
             speed_rad_s, torque_Nm, good, viscous_speed_rad_s = _NO_VALUES, _NO_VALUES, _NO_SLOTS, _NO_VALUES
-
-    def _first_learned(self, stop: int) -> tuple[float, float, float]:
-        """Mark the used of the slots [0, stop); return the weight of the slope's prior, dead band and certain speed."""
-        x, z, motion, good = self._x[:stop], self._z[:stop], self._motion[:stop], self._good[:stop]
-        # The second difference of a smooth speed is noise, of √6 times its standard deviation.
-        certain = SPEED_NOISES * median_size(np.diff(motion[good], 2)) / (NORMAL_MEDIAN * math.sqrt(6.0))
-        unit, stated, prior = self.wheel.speed_unit_rad_s, self.wheel.window.dead_band_rad_s, self.slope_prior
-        band = certain if stated is None else stated / unit
-        used = self._sums.arrays.used[:stop]
-        used[:] = good & (motion >= band) & (motion > 0.0)
-        if prior is None:
-            return SMALLEST_WEIGHT, band, certain
-        std = self._start_std
-        if std is None:
-            std = median_size(np.diff((z - prior.mean * x)[used])) / (NORMAL_MEDIAN * math.sqrt(2.0))
-        std = max(std, SMALLEST_STD)
-        return std * std / (prior.std * prior.std), band, certain
+        return events
 
     def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> tuple[float, float]:
         """Return the largest outlier by chance, and the size from which one is reported at once."""

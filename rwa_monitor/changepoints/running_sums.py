@@ -103,7 +103,7 @@ class RunningSums:
         return int(self.running[0])
 
     def extend(self, stop: int) -> None:
-        """Add all slots up to `stop`: a multiple of CENTRE_BLOCK, or the last slot of all.
+        """Add all slots up to `stop`: a multiple of BLOCK, or the last slot of all.
 
         Then the sums do not depend on the steps in which they are extended.
         """

@@ -75,7 +75,6 @@ using vector = std::vector<T, Pooled<T>>;
 #else
 using std::vector;
 #endif
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
 template <typename T, std::size_t N>
 struct Array {

@@ -13,16 +13,16 @@ UNATTRIBUTED: Final[int]
 _FlatPath = tuple[IntArray, IntArray, IntArray, IntArray]
 
 def find_paths(
-    scores: Scores, paths: int, margin: float, budget: int, quick_budget: int, kept: int
+    scores: Scores, paths: int, margin: float, budget: int, quick_budget: int
 ) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
     """Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all.
 
     Parameters
     ----------
     scores, paths, margin, budget
-        As for `assignment.search`; the margin with what rounding may take from it.
-    quick_budget, kept
-        Width of the narrow beam, and entries kept per state by the other.
+        As for `assignment.search`.
+    quick_budget
+        Width of the narrow beam.
 
     Returns
     -------

@@ -10,7 +10,6 @@ constexpr double OUTLIER_SHARE = 3e-3;  // of the segments: too short for their 
 constexpr double BROAD_SHARE = 0.03;    // of the sojourns, as far from the others as a decade
 constexpr double BROAD_SIGMA = 2.3;
 constexpr double NEVER = 1e-300;  // a probability whose logarithm is finite
-constexpr double TWO_PI = 2.0 * 3.141592653589793;
 constexpr int64_t MOST_SYSTEMS = 3;
 constexpr int64_t PARTS = 1 + MOST_SYSTEMS;  // of a level: the base, then what each system adds
 
@@ -46,7 +45,7 @@ double sum(const Values& values) {
 double log_density(int64_t slots, double mu, double sigma) {
     const double x = log(slots) - mu, u = x / sigma, v = x / BROAD_SIGMA;
     const double near = exp(-0.5 * (u * u)) / sigma, far = exp(-0.5 * (v * v)) / BROAD_SIGMA;
-    return log(((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far) / sqrt(TWO_PI) + NEVER) -
+    return log(((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far) / sqrt((2.0 * M_PI)) + NEVER) -
            log(slots);
 }
 
@@ -58,7 +57,7 @@ double log_survival(int64_t slots, double mu, double sigma) {
 }
 
 double log_gauss(double deviation, double variance) {
-    return -0.5 * (deviation * deviation / variance + log(TWO_PI * variance));
+    return -0.5 * (deviation * deviation / variance + log((2.0 * M_PI) * variance));
 }
 
 // A path that is followed: where each system is, since which slot, and whether that is in the record; the Kalman state
@@ -189,7 +188,7 @@ void ways_on(
                 log_gauss(record.level[j] - expected, spread + record.variance[j]) + log(1.0 - OUTLIER_SHARE);
             for (bool outlier : {false, true}) {
                 const double value = track.score + worth + (outlier ? outlier_score : plain);
-                if (value > -INFINITE) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
+                if (value > -INFINITY) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
             }
         }
     }

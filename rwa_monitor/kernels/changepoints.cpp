@@ -139,7 +139,7 @@ int64_t refine_in_colour(
     const double alone = 1.0 - correlation * correlation;  // weight of a sample whose neighbour is masked
     const int64_t first = max(low + 1, k - reach), last = min(high - 1, k + reach);
     int64_t best = k;
-    double cost = 0.0, best_cost = INFINITE;
+    double cost = 0.0, best_cost = INFINITY;
     for (int64_t at = first; at <= last; ++at) {
         if (!sums.used[at]) continue;
         if (cost < best_cost) {
@@ -206,7 +206,7 @@ Columns choose(
         peaks.push_back({peak_index[i], peak_scale[i], peak_statistic[i], 0.0});
     }
     sort_in_turn(peaks);
-    NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
+    NewIntegers index = kept_apart(peaks), exclude(index.size(), BLOCK / 4);
     for (int round = 1;; ++round) {
         const double slope = std::get<0>(slope_within(slots, index, exclude, sums, variance, prior_mean, prior_std));
         vector<Candidate> accepted = accept(peaks, slots, slope, sums, required);

@@ -3,7 +3,6 @@
 
 namespace rwa {
 namespace {
-constexpr double PIVOT_ROUNDING = 0x1p-52;  // of a pivot, relative to the diagonal
 constexpr double LEAST_PIVOT = 1e-60;       // of a coefficient that a wheel file leaves no room for
 
 // A sojourn whose friction is not 0 by law: its system, mean and standard deviation of its friction law.
@@ -62,7 +61,7 @@ VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double
     for (int64_t j = 0, end = 0; j < size; ++j) {
         while (end < size && block[end] <= j) ++end;
         // A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits.
-        const double pivot = max({matrix(j, j), PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT});
+        const double pivot = max({matrix(j, j), std::numeric_limits<double>::epsilon() * diagonal[j], LEAST_PIVOT});
         log_pivot[j] = log(pivot);
         log_determinant += log_pivot[j];
         const double root = matrix(j, j) = sqrt(pivot);

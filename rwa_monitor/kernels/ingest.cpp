@@ -5,7 +5,7 @@ namespace {
 
 constexpr int64_t HANGING_SLOTS = 24;     // a value repeated so often in a row: with noise, a chance of 6e-8
 constexpr int64_t OUTSTANDING_SLOTS = 3;  // slots that may stand out together, each by the utmost of a wheel
-constexpr int HANGS = 1, STANDS_OUT = 2;
+enum { HANGS = 1, STANDS_OUT };
 // A channel is restless while its second differences change their sign in more than this share of the recent slots:
 // they do so in 73 % with white noise, in 67 % with a random walk, hardly ever in smooth motion without noise.
 constexpr double RESTLESS = 0.5;

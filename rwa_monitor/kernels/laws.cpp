@@ -8,7 +8,7 @@ namespace {
 constexpr double SOFT_SHARE = 1e-3;     // of the broad law in every duration law
 constexpr double MISSED_SHARE = 1e-2;   // probability that a jump leaves no candidate: a short sojourn, or in a gap
 constexpr double CARRIED_TRUST = 0.95;  // that the last configuration given by an earlier window is right
-constexpr int DOWN = 0, UP = 1;
+enum { DOWN, UP };
 
 // See duration_likelihoods.Chain.
 struct Chain {

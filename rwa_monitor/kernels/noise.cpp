@@ -9,25 +9,23 @@ constexpr double KEPT = 0.75, KEPT_MEAN = 0.36852405098355656;
 constexpr double JUMPED = 12.0, JUMPED_RATE = 0.0005320055051392492, MOST_JUMPED = 0.3;
 constexpr double BORROWED = 30.0;    // worth of the next narrower scale's variance, in independent contrasts
 constexpr double LEAST_PAIRS = 8.0;  // of 64, at every lag of a block
-constexpr int64_t LENGTH = NOISE_BLOCK + LAGS;
+constexpr int64_t LENGTH = BLOCK + LAGS;
 
 // Lower edge and width of each bin of the statistic's histogram [torque²].
 struct Bins {
     array<double, BINS> edges{}, widths{};
-};
-constexpr Bins statistic_bins() {
-    Bins bins;
-    double octave = 1.0;
-    for (int64_t i = 0; i > LOWEST_EXPONENT; --i) octave /= 2.0;
-    for (int64_t i = 0; i < BINS; ++i) {
-        const int64_t within = i % BINS_PER_OCTAVE;
-        if (i > 0 && within == 0) octave *= 2.0;
-        bins.widths[i] = octave / BINS_PER_OCTAVE;
-        bins.edges[i] = octave + within * bins.widths[i];
+
+    constexpr Bins() {
+        double octave = 1.0 / (int64_t{1} << -LOWEST_EXPONENT);
+        for (int64_t i = 0; i < BINS; ++i) {
+            if (i > 0 && i % BINS_PER_OCTAVE == 0) octave *= 2.0;
+            widths[i] = octave / BINS_PER_OCTAVE;
+            edges[i] = octave + i % BINS_PER_OCTAVE * widths[i];
+        }
     }
-    return bins;
-}
-constexpr Bins STATISTIC_BINS = statistic_bins();
+    double middle(int64_t bin) const { return edges[bin] + 0.5 * widths[bin]; }
+};
+constexpr Bins STATISTIC_BINS;
 
 // A scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's.
 double lean(double measured, double borrowed, double independent) {
@@ -49,7 +47,7 @@ double trimmed_variance(Integers counts, int64_t total) {
         before[place] = seen;
         weight_before[place] = weighted;
         seen += counts[place];
-        weighted += counts[place] * (edges[place] + 0.5 * widths[place]);
+        weighted += counts[place] * STATISTIC_BINS.middle(place);
     }
     for (int round = 0; round < 4; ++round) {
         const double kept = KEPT * (1.0 - jumped) * total;
@@ -106,7 +104,7 @@ VECTORISED void remainders(
 VECTORISED void differences(
     const double* __restrict e, const double* __restrict good, double* __restrict sums, double* __restrict pairs) {
     double sum[LAGS] = {}, pair[LAGS] = {};
-    for (int64_t i = 0; i < NOISE_BLOCK; ++i) {
+    for (int64_t i = 0; i < BLOCK; ++i) {
         if (!(good[i] > 0.0)) continue;
         const double *__restrict later = e + i + 1, *__restrict counted = good + i + 1;
         for (int64_t lag = 0; lag < LAGS; ++lag) {
@@ -158,7 +156,7 @@ tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     for (int64_t b = 0; b < blocks; ++b) {
         const double* row = &pairs(b, 0);
         const double count = sum_of_lags(row);
-        if (count == LAGS * NOISE_BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
+        if (count == LAGS * BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
             score[b] = sum_of_lags(&sums(b, 0)) / count;
         }
         if (isfinite(score[b])) full.push_back(score[b]);
@@ -207,7 +205,6 @@ constexpr double LATTICE = 0.5;                    // of the median that the var
 constexpr double GAUSSIAN_RATIO = 17.32;  // 99.5 % quantile over the median of squared Gaussian differences
 constexpr double LIGHT_TAIL = 1.05;  // a ratio this close to it is Gaussian: its standard error is 1.5 %
 
-double bin_middle(int64_t bin) { return STATISTIC_BINS.edges[bin] + 0.5 * STATISTIC_BINS.widths[bin]; }
 }  // namespace
 
 Quantiles quantiles_of(Integers counts) {
@@ -222,7 +219,7 @@ Quantiles quantiles_of(Integers counts) {
             break;
         }
     }
-    return {total, bin_middle(middle), bin_middle(end)};
+    return {total, STATISTIC_BINS.middle(middle), STATISTIC_BINS.middle(end)};
 }
 
 // Whether the tails are heavier than a Gaussian's: from quantiles of the statistic at scale 1, and the robust variance
@@ -255,7 +252,7 @@ Noise learn_noise(
     return {levels, counts, variances, quantiles_of(histogram.row(0))};
 }
 
-STAGE(noise, LAGS, NOISE_BLOCK, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,
+STAGE(noise, LAGS, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,
       scale_variances, block_differences, quiet_levels, contrast_variances, CHI_MEDIAN, GAUSSIAN_RATIO, quantiles_of,
       are_heavy)
 

@@ -17,7 +17,7 @@ Sums moments(int64_t start, int64_t stop, const SumArrays& arrays) {
     const int64_t begin = first - arrays.used.data;
     if (begin >= stop) return;
     NewFloats x, z;
-    for (int64_t k = begin; k < min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK); ++k) {
+    for (int64_t k = begin; k < min(stop, begin - begin % BLOCK + BLOCK); ++k) {
         if (!arrays.used[k]) continue;
         x.push_back(arrays.x[k]);
         z.push_back(arrays.z[k]);
@@ -83,7 +83,7 @@ tuple<double, double> slope_within(
         sxx += weight;
         sxz += weight * prior_mean;
     }
-    if (sxx == 0.0) return {0.0, INFINITE};
+    if (sxx == 0.0) return {0.0, INFINITY};
     return {sxz / sxx, sqrt(variance / sxx)};
 }
 
@@ -129,6 +129,6 @@ NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, in
     return products;
 }
 
-STAGE(running_sums, STRIDE, CENTRE_BLOCK, extend_sums, range_moments, slope_within, cut, lagged_products)
+STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, cut, lagged_products)
 
 }  // namespace rwa

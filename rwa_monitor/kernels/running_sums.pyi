@@ -7,7 +7,6 @@ from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
 STRIDE: Final[int]
-CENTRE_BLOCK: Final[int]
 
 def extend_sums(arrays: SumArrays, running: FloatArray, start: int, stop: int) -> None:
     """Add the slots [start, stop) to the running sums and keep them at every checkpoint passed, in place.

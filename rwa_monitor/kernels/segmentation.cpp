@@ -71,7 +71,7 @@ void move_jumps(const FloatMatrix& running, const Floats& factors, Edges& edges)
     for (int64_t i = 1; i <= edges.count(); ++i) {
         const int64_t before = at[i - 1], after = at[i + 1];
         const int64_t last = min(at[i] + REFINE, after - 1);
-        double best = -INFINITE, at_best = sums[i];
+        double best = -INFINITY, at_best = sums[i];
         int64_t place = at[i];
         for (int64_t k = max(at[i] - REFINE, before + 1); k <= last; ++k) {
             const double until = sum_until(running, factors, k);
@@ -107,7 +107,7 @@ bool drop_jumps(Edges& edges, double penalty) {
 struct Jump {
     int64_t at, before;
 };
-constexpr int64_t NO_JUMP = -1, UNKNOWN = -2;
+enum : int64_t { UNKNOWN = -2, NO_JUMP };
 
 // The step from sample k - 1 to k: μ' and μ cost (value + φ μ' - μ)² / v, value = z_k - φ z_{k-1}, beside
 // min((μ - μ')² / q, penalty).
@@ -145,8 +145,8 @@ Crossings crossings(const Parabola& p, const Parabola& q) {
     const double apart = q.centre - p.centre, up = q.least - p.least, bend = q.bend - p.bend;
     const double square = p.bend * q.bend * apart * apart - bend * up;
     if (!(square > 0.0)) {
-        if (bend < 0.0) return {-INFINITE, -INFINITE};
-        return {bend == 0.0 && up < 0.0 ? -INFINITE : INFINITE, INFINITE};
+        if (bend < 0.0) return {-INFINITY, -INFINITY};
+        return {bend == 0.0 && up < 0.0 ? -INFINITY : INFINITY, INFINITY};
     }
     // The roots of bend x² - 2 b x + c, x = μ - p.centre, without cancellation.
     const double root = sqrt(square), b = q.bend * apart, c = b * apart + up;
@@ -168,13 +168,13 @@ void lay(Parabolas& envelope, Parabola next, double low, double high) {
         if (next.edge > max(last.edge, low)) break;
         limit = last.edge;
     }
-    if (envelope.empty()) next.edge = -INFINITE;
+    if (envelope.empty()) next.edge = -INFINITY;
     envelope.push_back(next);
 }
 
 // The lower envelope of parabolas in order, exact wherever it is below the constant.
 void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabolas& out) {
-    double low = INFINITE, high = -INFINITE;
+    double low = INFINITY, high = -INFINITY;
     for (const Parabola& p : parabolas) {
         const double half = sqrt(max(constant.least - p.least, 0.0) / p.bend);
         low = min(low, p.centre - half);
@@ -191,9 +191,9 @@ void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabo
 void least_of(const Parabolas& first, const Parabolas& second, const Parabola& constant, Parabolas& out) {
     out.clear();
     const auto end_of = [](const Parabolas& parts, std::size_t i) {
-        return i + 1 < parts.size() ? parts[i + 1].edge : INFINITE;
+        return i + 1 < parts.size() ? parts[i + 1].edge : INFINITY;
     };
-    double from = -INFINITE;
+    double from = -INFINITY;
     for (std::size_t i = 0, j = 0; i < first.size() && j < second.size();) {
         const Parabola &p = first[i], &q = second[j];
         const double p_end = end_of(first, i), q_end = end_of(second, j), to = min(p_end, q_end);
@@ -220,7 +220,7 @@ const Parabola& least_in(const Parabolas& parts) {
 std::optional<NewIntegers> decafs_within(
     const Floats& z, const Floats& phi, const Floats& v, double q, double penalty, double room) {
     vector<Jump> jumps;
-    Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITE, NO_JUMP}}, moved, walk, jump;
+    Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITY, NO_JUMP}}, moved, walk, jump;
     const auto history = [&](int64_t at, int64_t before) {
         jumps.push_back({at, before});
         return static_cast<int64_t>(jumps.size()) - 1;
@@ -232,7 +232,7 @@ std::optional<NewIntegers> decafs_within(
         moved.clear();
         for (const Parabola& p : cost) moved.push_back(walked(p, step));
         const double top = min(least_in(moved).least, best.least + penalty) + room;
-        const Parabola constant{0.0, 0.0, top, -INFINITE, history(k, UNKNOWN)};
+        const Parabola constant{0.0, 0.0, top, -INFINITY, history(k, UNKNOWN)};
         envelope_below(constant, moved, walk);
         if (slope_of(step) * step.phi < 0.0) reverse(cost.begin(), cost.end());
         if (step.phi * step.phi == 0.0) cost = {best};  // all are alike
@@ -261,7 +261,7 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
     NewIntegers last(z.size() + 1), found;
     for (int64_t t = 1; t <= z.size(); ++t) {
         const double value = z[t - 1], w = weight[t - 1];
-        double least = INFINITE;
+        double least = INFINITY;
         for (std::size_t i = 0; i < cost.size(); ++i) {
             Parabola& p = cost[i];
             const double apart = value - p.centre, share = w / (p.bend + w);
@@ -321,7 +321,7 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
     NewFloats best(count + 1, -penalty), costs(count + 1);
     NewIntegers previous(count + 1), alive{0}, found;
     for (int64_t j = 1; j <= count; ++j) {
-        double least = INFINITE;
+        double least = INFINITY;
         for (std::size_t k = 0; k < alive.size(); ++k) {
             const int64_t i = alive[k];
             const auto between = [&](int64_t row) { return sums(row, j) - sums(row, i); };

@@ -46,7 +46,7 @@ tuple<double, double> shared_slope(
 tuple<NewFloats, NewFloats> jumps_of(
     FloatCube pairs, Integers nodes, double slope, double information, double variance) {
     const int64_t count = pairs.shape[1] - 2;
-    NewFloats jump(count), spread = NewFloats(count, INFINITE);
+    NewFloats jump(count), spread = NewFloats(count, INFINITY);
     const double scatter = LEVEL_SCATTER * LEVEL_SCATTER * variance;
     int64_t place = 1;  // of the first accepted node at or after the candidate
     for (int64_t at = 1; at <= count; ++at) {
@@ -96,7 +96,7 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
         const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
         const int64_t low = max(left + (at - left) / 2, at - reach[i]);  // exclusive unless it is `at`
         const int64_t high = min(at + (right - at) / 2, at + reach[i]);
-        double best = -INFINITE;
+        double best = -INFINITY;
         refined[i] = at;
         for (int64_t trial = min(low + 1, at); trial <= high; ++trial) {
             const Sums here = prefix_moments(trial, sums);

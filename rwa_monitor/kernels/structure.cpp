@@ -3,7 +3,6 @@
 
 namespace rwa {
 namespace {
-constexpr int64_t BLOCK = 64;  // slots of a block: a multiple of STRIDE, so that its statistics read no sample
 // Stretches in which the friction is compared with the angle: long enough that a ripple of half the noise's standard
 // deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
 // coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
@@ -19,9 +18,8 @@ constexpr double LARGEST_GAP = 0.1;  // of the nominal speed
 // each stretch shows a harmonic at the same turns: of slower ones, jumps would add up to a ripple.
 constexpr double SLOWEST_TURNS = 4.0 / STRETCH;
 
-constexpr double PI = 3.141592653589793;
 // A quarter of a turn in two parts, of which the first has so few digits that any whole multiple of it is exact.
-constexpr double QUARTER_HIGH = static_cast<float>(0.5 * PI), QUARTER_LOW = 0.5 * PI - QUARTER_HIGH;
+constexpr double QUARTER_HIGH = static_cast<float>(0.5 * M_PI), QUARTER_LOW = 0.5 * M_PI - QUARTER_HIGH;
 
 // (-1)ⁿ/(2n + 1)! and (-1)ⁿ/(2n)!, the highest power first; the next ones are below 1e-16 at an eighth of a turn.
 constexpr double SINE_TERMS[] = {-1.0 / 1307674368000.0, 1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0,
@@ -36,7 +34,7 @@ constexpr double COSINE_TERMS[] = {1.0 / 20922789888000.0, -1.0 / 87178291200.0,
 VECTORISED void rotations(
     const double* __restrict angle, int64_t n, double* __restrict cosine, double* __restrict sine) {
     for (int64_t k = 0; k < n; ++k) {
-        const double quarters = rint(angle[k] * (2.0 / PI));
+        const double quarters = rint(angle[k] * (2.0 / M_PI));
         const double r = (angle[k] - quarters * QUARTER_HIGH) - quarters * QUARTER_LOW;
         const double y = r * r;
         double near_sine = SINE_TERMS[0], near_cosine = COSINE_TERMS[0];
@@ -64,10 +62,9 @@ inline void add_up_columns(const double* square, double* sums) {
 // 2|Σ e exp(ihθ)|² / Σ e² of each harmonic h, e the friction of a stretch less a straight line in time; harmonics
 // slower than SLOWEST_TURNS are left as they are.
 VECTORISED void ripple_power(const double* x, const double* z, double angle_per_x, double* power, int64_t harmonics) {
-    constexpr double MIDDLE = 0.5 * (STRETCH - 1);
     double mean = 0.0, tilt = 0.0, spread = 0.0;
     for (int64_t k = 0; k < STRETCH; ++k) {
-        const double time = k - MIDDLE;
+        const double time = k - 0.5 * (STRETCH - 1);
         mean += z[k];
         tilt += time * z[k];
         spread += time * time;
@@ -80,7 +77,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
     rotations(angle, STRETCH, c, s);
     double energy = 0.0;
     for (int64_t k = 0; k < STRETCH; ++k) {
-        const double e = z[k] - mean - tilt * (k - MIDDLE);
+        const double e = z[k] - mean - tilt * (k - 0.5 * (STRETCH - 1));
         energy += e * e;
         real[k] = e * c[k];
         imaginary[k] = e * s[k];
@@ -94,7 +91,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k];
             real[k] = turned;
         }
-        const double turns = (h + 1) * angle[STRETCH - 1] / (2.0 * PI * (STRETCH - 1));
+        const double turns = (h + 1) * angle[STRETCH - 1] / (2.0 * M_PI * (STRETCH - 1));
         if (abs(turns - rint(turns)) < SLOWEST_TURNS) continue;
         double r = 0.0, i = 0.0;
         for (int64_t column = 0; column < SIDE; ++column) {

@@ -13,7 +13,7 @@ constexpr double CLEAR_STDS = 3.0;       // by which that share must be above no
 
 // How much of a shape a speed holds beside a polynomial, its standard deviation, that of what is left.
 struct Share {
-    double share = 0.0, std = INFINITE, left_over = 0.0;
+    double share = 0.0, std = INFINITY, left_over = 0.0;
 };
 
 // Fill in `result` where the parabola through the samples that are left determines the slope well enough.

@@ -5,7 +5,7 @@
 
 namespace rwa {
 namespace {
-constexpr int64_t STRETCH = 512;   // slots that are evaluated in one go at most; a multiple of STEP
+constexpr int64_t STRETCH = CHUNK / 2;  // slots that are evaluated in one go at most; a multiple of BLOCK
 constexpr std::size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
@@ -162,11 +162,11 @@ void Detector::confirm(int64_t stop, Floats sure) {
 void Detector::prune(Floats variances) {
     NewFloats strength;
     for (const ScannedPeak& peak : peaks) {
-        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITE);
+        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITY);
     }
     for (const auto& of_scale : open) {
         for (int64_t last : of_scale) {
-            if (last >= 0) strength[last] = INFINITE;
+            if (last >= 0) strength[last] = INFINITY;
         }
     }
     NewIntegers kept(peaks.size()), place(peaks.size(), -1);
@@ -206,8 +206,8 @@ void Detector::scan(
             evaluated[s].above = exceeds(statistic, count, settings.floors[s]);  // in few stretches
             if (counting) count_bins(&histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
-        for (int64_t step = begin; step < end; step += STEP) {
-            const int64_t step_end = min(step + STEP, end);
+        for (int64_t step = begin; step < end; step += BLOCK) {
+            const int64_t step_end = min(step + BLOCK, end);
             for (int64_t s = 0; s < count_scales; ++s) {
                 if (!evaluated[s].above) continue;
                 const int64_t w = scales[s], right = max(step + 1, evaluated[s].first_right);
@@ -251,7 +251,7 @@ tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, 
 
 #ifndef RWA_ONBOARD
 void bind_wglr(nanobind::module_& module) {
-    EXPORT(CHUNK, STEP, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
+    EXPORT(CHUNK, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
     nanobind::class_<Detector>(module, "Detector")
         .def(nanobind::init<Integers>())
         .def("scan", &Detector::scan);

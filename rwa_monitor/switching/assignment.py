@@ -21,8 +21,7 @@ that bound survive, and the result is marked as pruned.
 Without the last sum the search would be exact. The sizes bring closure into it: a system that returns to rest undoes
 what it added before. A system's friction is a function of its state where it has two configurations, and the search is
 exact; with more it depends on the path too, and is nearly always right because the few best entries of each state are
-kept, each with its own friction (the tests count). The loops are in `kernels/assignment_search.cpp`, the bounds in
-`assignment_bounds.cpp` beside it.
+kept, each with its own friction (the tests count). The loops are in `kernels/assignment.cpp`.
 """
 
 from __future__ import annotations
@@ -58,9 +57,7 @@ from rwa_monitor.wheel.wheel import Wheel
 UNATTRIBUTED_PER_WINDOW: Final = 0.03  # jumps expected per window that no switching system makes
 UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
 KEPT_PATHS: Final = 16
-KEPT_PER_STATE: Final = 4
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
-ROUNDING: Final = 1e-6  # bounds and scores add up the same terms in different orders [log-likelihood]
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is of no interest (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
 MAX_ROUNDS: Final = 4
@@ -297,8 +294,7 @@ def search(scores: Scores, *, paths: int, margin: float, budget: int) -> SearchR
     budget
         Extensions kept per candidate at most.
     """
-    kept = KEPT_PER_STATE if paths > 1 else 1
-    score, starts, taken, states, pruned = find_paths(scores, paths, margin + ROUNDING, budget, QUICK_BUDGET, kept)
+    score, starts, taken, states, pruned = find_paths(scores, paths, margin, budget, QUICK_BUDGET)
     found = map(Path, score.tolist(), starts, taken)
     return SearchResult(tuple(path for path in found if path.score >= score[0] - margin), states, pruned)
 

@@ -10,12 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.changepoints.running_sums import RunningSums
-from rwa_monitor.kernels.running_sums import CENTRE_BLOCK, STRIDE
+from rwa_monitor.kernels.running_sums import STRIDE
+from rwa_monitor.kernels.structure import BLOCK
 
 FIELDS = ("n", "x", "z", "xx", "xz", "zz")
 
 
-def _sums(x, z, used, step=CENTRE_BLOCK):
+def _sums(x, z, used, step=BLOCK):
     sums = RunningSums(x, z, used)
     for stop in range(step, x.size, step):
         sums.extend(stop)
@@ -73,7 +74,7 @@ def test_sums_do_not_depend_on_the_steps_of_extension(seed, steps):
     in_steps = RunningSums(x, z, used)
     stop = 0
     for step in steps:
-        stop = min(stop + step * CENTRE_BLOCK, 1000)
+        stop = min(stop + step * BLOCK, 1000)
         in_steps.extend(stop)
     in_steps.extend(1000)
     assert in_steps.arrays.checkpoints.tobytes() == at_once.arrays.checkpoints.tobytes()
