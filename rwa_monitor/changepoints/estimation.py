@@ -13,7 +13,7 @@ import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence
-from rwa_monitor.kernels.running_sums import cut, slope_within
+from rwa_monitor.kernels.running_sums import slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -152,8 +152,15 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
         Slots of a block; with a multiple of the running sums' stride no sample is read. The rest of the window that
         fills no block is left out.
     """
-    blocks, count = evidence.slots // size, estimate.index.size + 1
-    n, x, friction, residual, interval, usable = cut(
-        size, blocks, estimate.index, estimate.viscous, evidence.sums.arrays
-    )
-    return Blocks(size, n, x, friction, residual, interval, usable.view(np.bool_), count)
+    index, count = estimate.index, estimate.index.size + 1
+    edges = size * np.arange(evidence.slots // size + 1)
+    sums = evidence.sums.between(edges[:-1], edges[1:])
+    n = np.maximum(sums.n, 1.0)
+    friction = (sums.z - estimate.viscous * sums.x) / n
+    interval = np.searchsorted(index, edges[:-1], side="right")
+    usable = (sums.n >= size // 2) & (interval == np.searchsorted(index, edges[1:]))
+    # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike in
+    # all blocks.
+    total, level = (np.bincount(interval, usable * n * values, count) for values in (np.ones(n.size), friction))
+    residual = friction - (level / np.maximum(total, 1.0))[interval]
+    return Blocks(size, n, sums.x / n, friction, residual, interval, usable, count)

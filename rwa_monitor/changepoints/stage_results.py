@@ -159,44 +159,18 @@ class Estimate:
     excess_rmse: float
 
 
-@dataclass(frozen=True, slots=True)
-class SwitchingPath:
-    """Who jumped when: all that the friction model needs of an assignment.
+class SwitchingPath(NamedTuple):
+    """Who jumped when: all that the friction model needs of an assignment, as kernels take it.
 
     Attributes
     ----------
     configurations, starts
-        For each system: int64 (sojourns,), configuration and first slot of each sojourn; the first starts at 0.
-    unattributed
-        int64, slots of the jumps that no system made.
-    """
-
-    configurations: tuple[IntArray, ...]
-    starts: tuple[IntArray, ...]
-    unattributed: IntArray
-
-    def flat(self) -> FlatPath:
-        """Return the same, all systems in one array."""
-        none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
-        return FlatPath(
-            np.concatenate((none, *self.configurations)),
-            np.concatenate((none, *self.starts)),
-            np.array([configurations.size for configurations in self.configurations], dtype=np.int64),
-            self.unattributed,
-        )
-
-
-class FlatPath(NamedTuple):
-    """A switching path as kernels take it.
-
-    Attributes
-    ----------
-    configurations, starts
-        int64 (all sojourns,), of all systems one after the other.
+        int64 (all sojourns,), configuration and first slot of each sojourn, system after system; the first of each
+        system starts at 0.
     sojourns
         int64 (systems,), how many of these each has.
     unattributed
-        As in `SwitchingPath`.
+        int64, slots of the jumps that no system made.
     """
 
     configurations: IntArray
@@ -204,14 +178,23 @@ class FlatPath(NamedTuple):
     sojourns: IntArray
     unattributed: IntArray
 
+    @classmethod
+    def of(
+        cls, configurations: tuple[IntArray, ...], starts: tuple[IntArray, ...], unattributed: IntArray
+    ) -> SwitchingPath:
+        """Return the path of sojourns by system."""
+        none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
+        sojourns = np.array([one.size for one in starts], dtype=np.int64)
+        return cls(np.concatenate((none, *configurations)), np.concatenate((none, *starts)), sojourns, unattributed)
+
+    def visited(self) -> bytes:
+        """Return a key of what it is but for when the systems jumped: of their configurations and the other jumps."""
+        return b"|".join(part.tobytes() for part in (self.configurations, self.sojourns, self.unattributed))
+
     def split(self, values: IntArray) -> tuple[IntArray, ...]:
         """Return values (all sojourns,) system by system."""
         ends = itertools.accumulate(self.sojourns.tolist(), initial=0)
         return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
-
-    def by_system(self) -> SwitchingPath:
-        """Return the same, system by system."""
-        return SwitchingPath(self.split(self.configurations), self.split(self.starts), self.unattributed)
 
 
 @dataclass(frozen=True, slots=True)

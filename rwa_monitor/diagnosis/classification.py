@@ -41,6 +41,7 @@ from scipy import special
 
 from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, stray_probabilities, system_evidence
+from rwa_monitor.kernels.noise import SMALLEST_STD
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before, rate_after_change
 
@@ -51,8 +52,6 @@ SHOWING_STD: Final = 0.25
 # From this probability that a value is still the one measured earlier, a window that does not show it leans on it: it
 # was seen within the last ten windows.
 LEANING_HELD: Final = 0.8
-SMALLEST_PROBABILITY: Final = 1e-12
-SMALLEST_STD: Final = 1e-9  # normalised: keeps densities finite where there is no noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +81,7 @@ class Coefficient:
         """Return the log density of measuring `value` ± `std`, (n,) each, if nominal (row 0) or anomalous (row 1)."""
         if self.before is None:
             return log_densities(self.levels, value, std)
-        prior = min(max(self.prior, SMALLEST_PROBABILITY), 1.0 - SMALLEST_PROBABILITY)
+        prior = _clipped(self.prior)
         return np.asarray(np.logaddexp(*self.log_parts(value, std)) - np.log(np.array([[1.0 - prior], [prior]])))
 
     def log_parts(self, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -244,7 +243,7 @@ def assigned_configurations(features: Features) -> tuple[IntArray, ...]:
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    return Judgement(tuple(_not_judged(name) for name in names), features, {}, assigned_configurations(features))
+    return Judgement(tuple(map(_not_judged, names)), features, {}, assigned_configurations(features))
 
 
 def _not_judged(name: str) -> Judged:
@@ -469,7 +468,7 @@ def _shown_before(
             shown[a] = value.prior
         elif name in carried.probability:
             shown[a] = probability_before(carried.probability[name], rate)
-    return {a: min(max(p, LEAST_PRIOR), 1.0 - LEAST_PRIOR) for a, p in shown.items()}
+    return {a: _clipped(p) for a, p in shown.items()}
 
 
 def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
@@ -493,7 +492,12 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
 
 
 def _logit(probability: float) -> float:
-    return float(special.logit(min(max(probability, 1e-9), 1.0 - 1e-9)))
+    return float(special.logit(_clipped(probability)))
+
+
+def _clipped(probability: float) -> float:
+    """Return a probability that rules nothing out for ever."""
+    return min(max(probability, LEAST_PRIOR), 1.0 - LEAST_PRIOR)
 
 
 # ---- the offset that a system which never rests shares with the base (errata 10) -------------------------------------

@@ -145,9 +145,9 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
                 features,
                 base_dry=one.components.base_dry,
                 base_dry_std=one.components.base_dry_std,
-                systems=_systems(one.components, one.path.configurations, assignment, wheel),
+                systems=_systems(one.components, one.path.split(one.path.configurations), assignment, wheel),
             ),
-            same_jumps=all(map(np.array_equal, one.path.starts, assignment.starts)),
+            same_jumps=all(map(np.array_equal, one.path.split(one.path.starts), assignment.starts)),
         )
         for one in components.by_path
     )

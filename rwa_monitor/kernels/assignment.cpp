@@ -635,7 +635,7 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
     return total + staying;
 }
 
-// A path of the search as a switching path, see stage_results.FlatPath.
+// A path of the search as a switching path, see stage_results.SwitchingPath.
 struct NewPath {
     NewIntegers configurations, starts, sojourns, unattributed;
     FIELDS(configurations, starts, sojourns, unattributed)

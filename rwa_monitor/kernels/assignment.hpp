@@ -12,8 +12,8 @@ NewMatrix chain_of(FloatCube pairs, Integers nodes);
 
 // ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----
 
-// See stage_results.FlatPath.
-struct FlatPath {
+// See stage_results.SwitchingPath.
+struct SwitchingPath {
     Integers configurations, starts, sojourns, unattributed;
     FIELDS(configurations, starts, sojourns, unattributed)
 };
@@ -28,7 +28,7 @@ struct Cases {
 
 // The log evidence of `solve_cases` alone, without the posterior.
 double evidence_of_cases(
-    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
+    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter);
 
 }  // namespace rwa

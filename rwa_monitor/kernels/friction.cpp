@@ -20,7 +20,7 @@ struct Model {
     int64_t unknowns() const { return levels.shape[1] + 1; }
 };
 
-Model lay_out(const FlatPath& path, Integers borders, FloatCube table) {
+Model lay_out(const SwitchingPath& path, Integers borders, FloatCube table) {
     const auto [configurations, starts, sojourns, unattributed] = path;
     Model model;
     model.column.assign(configurations.size(), -1);
@@ -232,7 +232,7 @@ double normalise(NewFloats& scores) {
 
 // Log evidence, mean, standard deviation, covariance of the mixture of all cases' posteriors; the model's column.
 tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
-    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
+    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
     const Model model = lay_out(path, borders, table);
     const int64_t count = cases.choice.shape[0], unknowns = model.unknowns();
@@ -272,7 +272,7 @@ tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
 }  // namespace
 
 double evidence_of_cases(
-    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
+    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
     const Model model = lay_out(path, borders, table);
     const Prior prior = prior_of_states(cases, model);

@@ -87,33 +87,6 @@ tuple<double, double> slope_within(
     return {sxz / sxx, sqrt(variance / sxx)};
 }
 
-// n, x, friction, residual, interval and usable of `Blocks`; `index` are the changepoints.
-auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumArrays& arrays) {
-    NewFloats n(blocks), x = n, friction = n, residual = n;
-    NewIntegers interval(blocks);
-    Table<std::uint8_t, 1> usable({blocks});
-    vector<Sums> own(index.size() + 1);  // of the usable blocks of each interval: n, and Σz the friction
-    int64_t place = 0;
-    Sums begin = prefix_moments(0, arrays);
-    for (int64_t b = 0; b < blocks; ++b) {
-        // The first block that begins at or after each changepoint begins its interval.
-        while (place < index.size() && index[place] <= b * size) ++place;
-        const Sums end = prefix_moments((b + 1) * size, arrays), block = moments_between(begin, end, arrays.centre);
-        begin = end;
-        n[b] = max(block.n, 1.0);
-        x[b] = block.x / n[b];
-        friction[b] = (block.z - slope * block.x) / n[b];
-        interval[b] = place;
-        usable[b] = block.n >= size / 2 && (place == index.size() || index[place] >= (b + 1) * size);
-        if (usable[b]) own[place].n += block.n, own[place].z += block.n * friction[b];
-    }
-    // The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
-    // in all blocks.
-    for (int64_t b = 0; b < blocks; ++b) residual[b] = friction[b] - own[interval[b]].z / max(own[interval[b]].n, 1.0);
-    return make_tuple(
-        std::move(n), std::move(x), std::move(friction), std::move(residual), std::move(interval), std::move(usable));
-}
-
 // The sums of products of values that lie `first` places apart and more, in the order of their intervals and within one:
 // (intervals, lags).
 NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, int64_t first, int64_t lags) {
@@ -129,6 +102,6 @@ NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, in
     return products;
 }
 
-STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, cut, lagged_products)
+STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, lagged_products)
 
 }  // namespace rwa

@@ -5,62 +5,6 @@
 namespace rwa {
 namespace {
 constexpr double PREFERENCE = 1e-6;     // log-likelihood of a slot nearer to the detected one: decides ties in gaps
-constexpr double LEVEL_SCATTER = 0.15;  // of levels that should be equal, in standard deviations of a sample's noise
-
-vector<Sums> prefixes(Integers nodes, const SumArrays& sums) {
-    vector<Sums> prefix;
-    for (const int64_t slot : nodes) prefix.push_back(prefix_moments(slot, sums));
-    return prefix;
-}
-
-// The sufficient statistics between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
-NewCube pair_moments(Integers nodes, const SumArrays& sums) {
-    const int64_t count = nodes.size();
-    NewCube table({6, count, count});
-    const auto prefix = prefixes(nodes, sums);
-    for (int64_t i = 0; i < count; ++i) {
-        for (int64_t j = i + 1; j < count; ++j) {
-            moments_between(prefix[i], prefix[j], sums.centre).write(&table(0, i, j), count * count);
-        }
-    }
-    return table;
-}
-
-// The slope that the segments between consecutive nodes share beside their own levels, and its information (inverse
-// variance), with a Gaussian prior.
-tuple<double, double> shared_slope(
-    FloatCube pairs, Integers nodes, double variance, double prior_mean, double prior_std) {
-    const double weight = variance / (prior_std * prior_std);
-    double sxx = weight, sxz = weight * prior_mean;
-    for (int64_t i = 0; i + 1 < nodes.size(); ++i) {
-        const auto sum = [&](int64_t k) { return pairs(k, nodes[i], nodes[i + 1]); };
-        const double n = max(sum(0), 1.0);
-        sxx += sum(3) - sum(1) * sum(1) / n;
-        sxz += sum(4) - sum(1) * sum(2) / n;
-    }
-    return {sxz / sxx, sxx / variance};
-}
-
-// Size and variance of the jump at each candidate, between the accepted nodes beside it; 0 and inf beside a segment
-// without samples. The variance holds that of both means, of their slope, and of levels that are not quite constant.
-tuple<NewFloats, NewFloats> jumps_of(
-    FloatCube pairs, Integers nodes, double slope, double information, double variance) {
-    const int64_t count = pairs.shape[1] - 2;
-    NewFloats jump(count), spread = NewFloats(count, INFINITY);
-    const double scatter = LEVEL_SCATTER * LEVEL_SCATTER * variance;
-    int64_t place = 1;  // of the first accepted node at or after the candidate
-    for (int64_t at = 1; at <= count; ++at) {
-        if (nodes[place] < at) ++place;
-        const int64_t before = nodes[place - 1], after = nodes[nodes[place] == at ? place + 1 : place];
-        const double left = pairs(0, before, at), right = pairs(0, at, after);
-        if (left == 0.0 || right == 0.0) continue;
-        const double speed = pairs(1, at, after) / right - pairs(1, before, at) / left;
-        const double friction = pairs(2, at, after) / right - pairs(2, before, at) / left;
-        jump[at - 1] = friction - slope * speed;
-        spread[at - 1] = variance * (1.0 / left + 1.0 / right) + speed * speed / information + 2.0 * scatter;
-    }
-    return {jump, spread};
-}
 
 // Σ (z - level - slope x)² of a segment about its own level.
 double squared_error(const Sums& sum, double slope) {
@@ -91,7 +35,8 @@ NewMatrix fit_table(FloatCube pairs, double slope, double variance, double range
 NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double variance, const SumArrays& sums) {
     const int64_t count = nodes.size() - 2;
     NewIntegers refined(count);
-    const auto prefix = prefixes(nodes, sums);
+    vector<Sums> prefix;
+    for (const int64_t slot : nodes) prefix.push_back(prefix_moments(slot, sums));
     for (int64_t i = 0; i < count; ++i) {
         const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
         const int64_t low = max(left + (at - left) / 2, at - reach[i]);  // exclusive unless it is `at`
@@ -118,6 +63,6 @@ NewMatrix chain_of(FloatCube pairs, Integers nodes) {
     return chain;
 }
 
-STAGE(segments, PREFERENCE, LEVEL_SCATTER, pair_moments, shared_slope, jumps_of, fit_table, refine_nodes)
+STAGE(segments, PREFERENCE, fit_table, refine_nodes)
 
 }  // namespace rwa

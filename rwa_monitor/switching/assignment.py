@@ -41,7 +41,6 @@ from rwa_monitor.changepoints.stage_results import (
     Assignment,
     Estimate,
     Evidence,
-    FlatPath,
     SwitchingPath,
 )
 from rwa_monitor.kernels.assignment import REJECT, STEPS, add_agreement, find_paths, weigh
@@ -159,7 +158,7 @@ class _Inputs:
 class _Ranked(NamedTuple):
     """A path of the search as a switching path, with its full log-likelihood; see `kernels.assignment.weigh`."""
 
-    path: FlatPath
+    path: SwitchingPath
     system: IntArray
     direction: IntArray
     borders: IntArray
@@ -309,7 +308,7 @@ def _rank(inputs: _Inputs, scores: Scores, paths: tuple[Path, ...], level: Level
     ranked = []
     for _, start, taken in paths:
         weighed = weigh(scores, start, taken, level.at, level.pairs, slots, table, cases, variance, scatter)
-        ranked.append(_Ranked(FlatPath(*weighed[0]), *weighed[1:]))
+        ranked.append(_Ranked(SwitchingPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 
 
@@ -326,7 +325,8 @@ def _result(
     jump[accepted] = levels.level[1:] - levels.level[:-1]
     std[accepted] = levels.jump_std
     sure = _confidence(ranked, index)
-    path = best.path.by_system()
+    path = best.path
+    starts = path.split(path.starts)
     double, alone = best.system[:, 1] != REJECTED, best.system[:, 0] == UNATTRIBUTED
     direction = best.direction.copy()
     direction[alone, 0] = np.sign(jump[alone])
@@ -337,10 +337,10 @@ def _result(
     size, size_std = jump[place // 2], std[place // 2]
     if place.size > double.size:
         scatter = segments.level_scatter(inputs.variance)
-        posterior = solve(best.path, best.borders, best.statistics, inputs.priors, inputs.variance, scatter)
+        posterior = solve(path, best.borders, best.statistics, inputs.priors, inputs.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
             who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
-            size[entry], size_std[entry] = _own_jump(posterior, path, who, slot)
+            size[entry], size_std[entry] = _own_jump(posterior, starts, who, slot)
     assignment = Assignment(
         index=index[place // 2],
         system=best.system.ravel()[place],
@@ -348,8 +348,8 @@ def _result(
         jump=size,
         jump_std=size_std,
         confidence=sure.ravel()[place],
-        configurations=path.configurations,
-        starts=path.starts,
+        configurations=path.split(path.configurations),
+        starts=starts,
         log_score=best.score,
         states=states,
         pruned=pruned,
@@ -360,14 +360,12 @@ def _result(
 
 def _alternatives(ranked: list[_Ranked], index: IntArray) -> tuple[Alternative, ...]:
     """Return the likeliest path of each sequence of configurations, with the weight of all that share it."""
-    alike: dict[tuple[bytes, ...], list[_Ranked]] = {}
+    alike: dict[bytes, list[_Ranked]] = {}
     for one in ranked:
-        path = one.path
-        same = tuple(part.tobytes() for part in (path.configurations, path.sojourns, path.unattributed))
-        alike.setdefault(same, []).append(one)
+        alike.setdefault(one.path.visited(), []).append(one)
     return tuple(
         Alternative(
-            path=best.path.by_system(),
+            path=best.path,
             index=index[best.system[:, 0] != REJECTED],
             log_durations=float(np.logaddexp.reduce([best.score, *(one.score for one in others)])) - best.log_evidence,
             log_score=best.score,
@@ -390,9 +388,9 @@ def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
     return np.minimum(sure, 1.0)
 
 
-def _own_jump(posterior: Posterior, path: SwitchingPath, who: int, slot: int) -> tuple[float, float]:
+def _own_jump(posterior: Posterior, starts: tuple[IntArray, ...], who: int, slot: int) -> tuple[float, float]:
     """Return one system's share of a jump that two made at once, from the friction of its sojourns."""
-    after = int(np.searchsorted(path.starts[who], slot, side="right")) - 1
+    after = int(np.searchsorted(starts[who], slot, side="right")) - 1
     size, variance = 0.0, 0.0
     for sojourn, sign in ((after - 1, -1.0), (after, 1.0)):
         column = int(posterior.column[who][sojourn])

@@ -61,7 +61,7 @@ def split(
         Normalised. Jumps that no system made are part of the base: it is the mean over the window's samples. Where the
         wheel names no system at all, they show that there is one; then any share of the level may be its friction.
     """
-    path = SwitchingPath(
+    path = SwitchingPath.of(
         assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED]
     )
     jumps = estimate.index
@@ -76,7 +76,7 @@ def split(
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
     scatter = level_scatter(variance)
     estimates = [
-        _estimate(one, solve(one.flat(), borders, segments.table, priors, variance, scatter), borders, segments.n, log)
+        _estimate(one, solve(one, borders, segments.table, priors, variance, scatter), borders, segments.n, log)
         for one, log in zip(paths, durations_of, strict=True)
     ]
     scores = [one.log_weight for one in estimates]
@@ -98,14 +98,11 @@ def split(
 def _raised(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
     """Return the path, and those in which systems are some configurations higher or lower throughout."""
     options = []
-    for system, configurations in zip(wheel.fss, path.configurations, strict=True):
-        visited = configurations.tolist()
-        low, high = -min(visited), system.configurations - 1 - max(visited)
+    for system, visited in zip(wheel.fss, path.split(path.configurations), strict=True):
+        low, high = -int(visited.min()), system.configurations - 1 - int(visited.max())
         options.append([0, *(offset for offset in range(low, high + 1) if offset)])
-    if all(len(offsets) == 1 for offsets in options):
-        return [path]
     return [
-        replace(path, configurations=tuple(q + d for q, d in zip(path.configurations, offset, strict=True)))
+        path._replace(configurations=path.configurations + np.repeat(np.array(offset, dtype=np.int64), path.sojourns))
         for offset in islice(product(*options), MOST_OFFSETS)
     ]
 
@@ -122,8 +119,10 @@ def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried:
     first_sojourns = onsets(wheel.fss, carried)
     return [
         sum(
-            log_probability(system, path.configurations[s], path.starts[s], slots, first_sojourns[s])
-            for s, system in enumerate(wheel.fss)
+            log_probability(*of_system, slots, first)
+            for *of_system, first in zip(
+                wheel.fss, path.split(path.configurations), path.split(path.starts), first_sojourns, strict=True
+            )
         )
         for path in paths
     ]
@@ -168,20 +167,16 @@ def _alternatives(
     assigned = (
         assignment.alternatives[0] if assignment.alternatives else Alternative(paths[0], index, durations[0], scores[0])
     )
-    found = {_configurations(alternative.path): alternative for alternative in assignment.alternatives}
+    found = {alternative.path.visited(): alternative for alternative in assignment.alternatives}
     for path, score, duration in zip(paths, scores, durations, strict=True):
         raised = Alternative(
             path, index, assigned.log_durations + duration - durations[0], assigned.log_score + score - scores[0]
         )
-        found.setdefault(_configurations(path), raised)
+        found.setdefault(path.visited(), raised)
     likely = [
         alternative for alternative in found.values() if alternative.log_score >= assigned.log_score + LEAST_SCORE
     ]
     return sorted(likely, key=lambda alternative: -alternative.log_score)[:MOST_PATHS]
-
-
-def _configurations(path: SwitchingPath) -> tuple[bytes, ...]:
-    return (*(q.tobytes() for q in path.configurations), path.unattributed.tobytes())
 
 
 def _conditional_estimates(
@@ -198,7 +193,7 @@ def _conditional_estimates(
     for one in alternatives:
         borders = _borders(one.index, evidence.slots)
         segments = evidence.sums.between(borders[:-1], borders[1:])
-        posterior = measure(one.path.flat(), borders, segments.table, priors, variance, level_scatter(variance))
+        posterior = measure(one.path, borders, segments.table, priors, variance, level_scatter(variance))
         estimates.append(_estimate(one.path, posterior, borders, segments.n, one.log_durations))
     return tuple(estimates)
 

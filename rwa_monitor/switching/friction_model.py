@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
-from rwa_monitor.changepoints.stage_results import FlatPath
+from rwa_monitor.changepoints.stage_results import SwitchingPath
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
@@ -74,7 +74,7 @@ class Posterior:
 
 
 def solve(
-    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
+    path: SwitchingPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one path.
 
@@ -97,7 +97,7 @@ def solve(
     return _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
 
 
-def _posterior(path: FlatPath, solved: tuple[float, FloatArray, FloatArray, FloatArray, IntArray]) -> Posterior:
+def _posterior(path: SwitchingPath, solved: tuple[float, FloatArray, FloatArray, FloatArray, IntArray]) -> Posterior:
     evidence, mean, std, covariance, column = solved
     return Posterior(evidence, mean, std, covariance, path.split(column))
 
@@ -109,7 +109,7 @@ def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
 
 
 def measure(
-    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
+    path: SwitchingPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one path without friction laws: base and sojourns by the samples alone.
 
