@@ -159,8 +159,8 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
     friction = (sums.z - estimate.viscous * sums.x) / n
     interval = np.searchsorted(index, edges[:-1], side="right")
     usable = (sums.n >= size // 2) & (interval == np.searchsorted(index, edges[1:]))
-    # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike in
-    # all blocks.
+    # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
+    # in all blocks.
     total, level = (np.bincount(interval, usable * n * values, count) for values in (np.ones(n.size), friction))
     residual = friction - (level / np.maximum(total, 1.0))[interval]
     return Blocks(size, n, sums.x / n, friction, residual, interval, usable, count)

@@ -18,8 +18,6 @@ from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, cut, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Base, Fault, FrictionNoise, Scenario, Sensors, Temperature
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Histogram, Lognormal, Uniform, Weibull
-from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K
 from rwa_monitor.wheel.wheel import EffectBlock, FrictionRange, SwitchingSystem, Wheel, built_in_wheel
 
 # Severities: the factor of each anomaly on what is nominal (dry and viscous coefficients, friction of a system).
@@ -61,7 +59,6 @@ SEASON_K: Final = 15.0
 ACTIVATION_K: Final = (1700.0, 6900.0)
 SENSOR_LAG_S: Final = (300.0, 1200.0)  # s, tens of minutes at most for a wheel of a few kilograms
 MEAN_DEGC: Final = 20.0
-SEASONS: Final = 31  # temperatures of a year, at which its recordings were made
 # `flown`: noise as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to
 # 0.98 after the law that was found, spread up to three times larger at speed, 3.5 to 12 degrees of freedom), taken to
 # the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No record at hand is long
@@ -125,8 +122,6 @@ class Recipe:
         Draws what happens to a wheel; gets its number, by which statuses alternate, and the windows of its life.
     windows
         Windows in the life of one wheel; each is a record of its own.
-    seen
-        What of a simulated window is handed out.
     """
 
     name: str
@@ -134,7 +129,6 @@ class Recipe:
     wheel: Callable[[np.random.Generator], Wheel]
     scenario: DrawScenario
     windows: int = 1
-    seen: Callable[[LabelledWindow], LabelledWindow] = lambda window: window
 
 
 def generate(recipe: str | Recipe, count: int, seed: int, *, windows: int | None = None) -> Iterator[LabelledWindow]:
@@ -186,7 +180,7 @@ def wheel_windows(
     scenario = recipe.scenario(wheel, number, life, rng)
     record = simulate(scenario, wheel, rng)
     if life == 1:
-        yield recipe.seen(LabelledWindow(wheel.name, wheel, scenario, record))
+        yield LabelledWindow(wheel.name, wheel, scenario, record)
         return
     samples, anomalies = wheel.window.samples, scenario.anomalies
     for window in range(life):
@@ -197,7 +191,7 @@ def wheel_windows(
         labels = dict.fromkeys(wheel.anomalies, False)
         labels |= {name: bool(anomaly.share_at(middle_s) >= LABEL_SHARE) for name, anomaly in anomalies.items()}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
-        yield recipe.seen(LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece))
+        yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece)
 
 
 # ---- wheels ----------------------------------------------------------------------------------------------------------
@@ -276,28 +270,6 @@ def _heated_wheel(rng: np.random.Generator) -> Wheel:
     return wheel.model_copy(update={"effect": (law,)})
 
 
-def _without_temperature(window: LabelledWindow) -> LabelledWindow:
-    """Return a window whose temperature nobody measured, with the wheel file that recordings of all seasons show."""
-    wheel = window.wheel
-    (law,) = viscous_effects(wheel)
-    assert wheel.nominal is not None
-    year_K = MEAN_DEGC + np.linspace(-SEASON_K, SEASON_K, SEASONS) + ZERO_CELSIUS_K
-    factor = np.exp(law.values["activation_temperature_K"] * (1.0 / year_K - 1.0 / REFERENCE_K))
-    mean = float(np.mean(factor))
-    nominal = wheel.nominal.model_copy(
-        update={
-            "viscous_Nm_s_rad": mean * wheel.nominal.viscous_Nm_s_rad,
-            "viscous_spread": float(np.std(factor)) / mean,
-        }
-    )
-    samples = replace(window.telemetry.samples, bearing_temperature_degC=None)
-    return replace(
-        window,
-        wheel=wheel.model_copy(update={"effect": (), "nominal": nominal}),
-        telemetry=replace(window.telemetry, samples=samples),
-    )
-
-
 # ---- scenarios -------------------------------------------------------------------------------------------------------
 
 
@@ -364,15 +336,11 @@ def _hard(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> 
     )
 
 
-def _orbit(swing_K: float, season_K: float) -> DrawScenario:
-    """Return the scenario of `mild` on a wheel whose bearing warms and cools in an orbit and over the year."""
-
-    def scenario(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
-        mild = _one_anomaly(MILD_SEVERITIES)(wheel, number, windows, rng)
-        mean_degC = MEAN_DEGC + season_K * rng.uniform(-1.0, 1.0)
-        return mild.model_copy(update={"temperature": Temperature(mean_degC=mean_degC, swing_K=swing_K)})
-
-    return scenario
+def _orbit(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+    """The same as `mild`, on a wheel whose bearing warms and cools in an orbit and over the year."""
+    mild = _one_anomaly(MILD_SEVERITIES)(wheel, number, windows, rng)
+    mean_degC = MEAN_DEGC + SEASON_K * rng.uniform(-1.0, 1.0)
+    return mild.model_copy(update={"temperature": Temperature(mean_degC=mean_degC, swing_K=ORBIT_SWING_K)})
 
 
 def _gaps(wheel: Wheel, windows: int, rng: np.random.Generator) -> tuple[Fault, ...]:
@@ -448,20 +416,7 @@ RECIPES: Final[Mapping[str, Recipe]] = {
             "orbit",
             "as mild, viscosity −2…−8 %/K, ±3 K an orbit and ±15 K over the year, bearing lagging its sensor",
             _heated_wheel,
-            _orbit(ORBIT_SWING_K, SEASON_K),
-        ),
-        Recipe(
-            "orbit_blind",
-            "as orbit, without a temperature: viscous friction is judged by its spread over the year",
-            _heated_wheel,
-            _orbit(ORBIT_SWING_K, SEASON_K),
-            seen=_without_temperature,
-        ),
-        Recipe(
-            "orbit_still",
-            "the wheels of orbit at one temperature of their surroundings",
-            _heated_wheel,
-            _orbit(0.0, 0.0),
+            _orbit,
         ),
         Recipe(
             "fleet",

@@ -119,8 +119,8 @@ def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried:
     first_sojourns = onsets(wheel.fss, carried)
     return [
         sum(
-            log_probability(*of_system, slots, first)
-            for *of_system, first in zip(
+            log_probability(system, configurations, starts, slots, first)
+            for system, configurations, starts, first in zip(
                 wheel.fss, path.split(path.configurations), path.split(path.starts), first_sojourns, strict=True
             )
         )
