@@ -28,7 +28,6 @@ from rwa_monitor.samples import FloatArray, IntArray
 # Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
 # candidate must also stand between its final neighbours: simulated windows without a jump show this many.
 TESTS_PER_SLOT: Final = 0.25
-LONG_GAP: Final = MAX_SCALE // 2  # slots without a used sample: too few left on either side
 _BOUNDS: Final = (2.0, 12.0, 10_001)  # standard deviations: run lengths of 10 to 1e30 samples
 _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
 
@@ -119,7 +118,7 @@ def peaks_behind_gaps(sums: RunningSums) -> Candidates:
     index, scale = [], []
     for first, stop in zip(begin.tolist(), end.tolist(), strict=True):
         there = np.flatnonzero(arrays.used[stop : min(stop + STRIDE, slots)])
-        if first > 0 and stop - first >= LONG_GAP and there.size:
+        if first > 0 and stop - first >= MAX_SCALE // 2 and there.size:
             index.append(stop + int(there[0]))
             scale.append(stop - first + MAX_SCALE)
     found = np.array(index, dtype=np.int64)

@@ -20,7 +20,13 @@ from scipy import special
 
 from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshold_for, threshold_of_run_length
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
-from rwa_monitor.changepoints.noise import estimate_noise, gaussian_outlier, largest_outlier, outlier_chance
+from rwa_monitor.changepoints.noise import (
+    FALSE_POSITIVE,
+    estimate_noise,
+    gaussian_outlier,
+    largest_outlier,
+    outlier_chance,
+)
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
@@ -28,7 +34,7 @@ from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.kernels.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import SPEED_NOISES, Wheel
 
 SCALES: Final = tuple(1 << k for k in range(MAX_SCALE.bit_length()))  # half-widths [slots] (errata 5)
 
@@ -36,10 +42,8 @@ PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scal
 # Samples around an outlier add this to it at most, at some slot and scale: set on Student-t noise with 4 degrees of
 # freedom, of which the run length is then what is asked for (docs/false_alarms.md).
 BESIDE_OUTLIER: Final = 2.7
-FALSE_CONFIRMED: Final = 1e-9  # probability that a test reports a false jump at once, as in the paper
 UNKNOWN_TAIL: Final = 2.0  # the factor to which a tail is known, where no run length is asked for
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
-SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: sure signs of ω beyond
 UNKNOWN_K: Final = 1.0  # K: with a larger error a temperature counts as unknown, viscosity as off by 2 to 8 %
 _NO_VALUES: Final[FloatArray] = np.empty(0)
 _NO_SLOTS: Final[BoolArray] = np.empty(0, dtype=np.bool_)
@@ -227,7 +231,7 @@ class WindowAccumulator:
             sure_outlier=UNKNOWN_TAIL * outlier if asked is None else 0.0,
             sure_margin=0.0 if asked is None else BESIDE_OUTLIER,
             sure_statistic=(
-                threshold_for(FALSE_CONFIRMED, 1.0)
+                threshold_for(FALSE_POSITIVE, 1.0)
                 if asked is None
                 else threshold_of_run_length(asked, tuple(self._scales.tolist()))
             ),

@@ -147,6 +147,7 @@ def ar_coefficient(noise: NoiseEstimate) -> float:
 # ---- outliers --------------------------------------------------------------------------------------------------------
 
 
+FALSE_POSITIVE: Final = 1e-9  # probability that a sample is reported as a jump at once and is none (paper, section V-A)
 OUTLIERS: Final = 0.2  # outliers by chance in a window that are bearable; each looks like two jumps
 
 # Differences of two Student-t variables: 99.5 % quantile of the square over its median, against the degrees of
@@ -188,4 +189,4 @@ def gaussian_outlier(chance: float) -> float:
 
 def outlier_chance(samples: int) -> float:
     """Return the probability with which one of so many samples is an outlier, OUTLIERS of all."""
-    return max(OUTLIERS / max(samples, 2), 1e-9)
+    return max(OUTLIERS / max(samples, 2), FALSE_POSITIVE)

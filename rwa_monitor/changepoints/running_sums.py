@@ -18,8 +18,6 @@ from rwa_monitor.kernels.structure import BLOCK, STRETCH
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 
-STATISTICS: Final = 6  # n, x, z, xx, xz, zz
-
 
 class SufficientStatistics(NamedTuple):
     """Sums over the used samples of ranges of slots, float64 of the shape of the ranges.
@@ -91,11 +89,11 @@ class RunningSums:
     """
 
     def __init__(self, x: FloatArray, z: FloatArray, used: BoolArray) -> None:
-        checkpoints = np.empty((x.size // STRIDE + 1, STATISTICS))
+        checkpoints = np.empty((x.size // STRIDE + 1, 6))
         checkpoints[0] = 0.0
         self.arrays = SumArrays(checkpoints, x, z, used, centre=np.zeros(2))
         self.slots = 0
-        self.running: FloatArray = np.zeros(STATISTICS)
+        self.running: FloatArray = np.zeros(6)
 
     @property
     def count(self) -> int:
@@ -124,10 +122,10 @@ class RunningSums:
             If a slot lies outside the window.
         """
         starts, stops = np.asarray(start, dtype=np.int64), np.asarray(stop, dtype=np.int64)
-        out = np.empty((STATISTICS, starts.size))
+        out = np.empty((6, starts.size))
         if not range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out):
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
-        table = out.reshape(STATISTICS, *starts.shape)
+        table = out.reshape(6, *starts.shape)
         n, x, z, xx, xz, zz = table
         return SufficientStatistics(n, x, z, xx, xz, zz, table)
 
@@ -138,8 +136,6 @@ class RunningSums:
 # dead band's samples, and how much of the friction repeats with the wheel's angle in some short stretches.
 
 
-ZERO_RUNS: Final = 5  # zeros in a row, the first and the second reading after them, zero runs and plateaus so far
-NEAR_ZERO: Final = 4  # n, Σx, Σz, Σz² of the dead band's samples of a block
 STRETCHES: Final = 20
 HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its double
 
@@ -178,7 +174,7 @@ class StructureArrays(NamedTuple):
     near_zero
         As in `Structure`.
     zeros
-        float64 (5,), see `ZERO_RUNS`.
+        float64 (5,): zeros in a row, the first and the second reading after them, zero runs and plateaus so far.
     ripple
         As in `Structure`; NaN for a stretch that is not complete or holds a masked slot.
     """
@@ -215,8 +211,8 @@ class StructureSums:
         self.arrays = StructureArrays(
             signs=np.zeros(blocks, dtype=np.int64),
             counts=np.zeros(blocks, dtype=np.int64),
-            near_zero=np.zeros((NEAR_ZERO, blocks)),
-            zeros=np.zeros(ZERO_RUNS),
+            near_zero=np.zeros((4, blocks)),
+            zeros=np.zeros(5),
             ripple=np.full((max(0, (slots - STRETCH) // self.hop + 1), HARMONICS), np.nan),
         )
 

@@ -67,7 +67,6 @@ SMALLEST_SPREAD: Final = 1e-9  # of a sum of squares: of less, rounding is a par
 # Healthy windows have at most 1.2 standard deviations more jumps than expected (their durations are more regular than a
 # Poisson process, whose spread is used).
 EXCESS_SIGMAS: Final = 3.0
-SYSTEMATIC_SHARE: Final = 0.5  # of all jumps unattributed: more than accidents of an assignment
 CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign names an effect
 
 PERSISTENCE_LAGS: Final = range(2, 9)
@@ -82,7 +81,6 @@ PERSISTS: Final = (60.0, 0.18)
 
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
 FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
-CROSSING_SHARE: Final = 0.5  # of all crossings
 FEWEST_NEAR_ZERO: Final = 4.0  # samples of a crossing
 
 SIDE_BLOCKS: Final = 4  # on either side of a crossing
@@ -241,7 +239,7 @@ def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None
         return Adequacy("speed_dead_zone", finding)
     ratio, excess = near_zero_deviations(evidence, estimate)
     disagreeing = int((ratio > NEAR_ZERO_RATIO).sum())
-    if disagreeing < max(FEWEST_CROSSINGS, CROSSING_SHARE * ratio.size):
+    if disagreeing < FEWEST_CROSSINGS or 2 * disagreeing < ratio.size:
         return None
     # Drag that lags the sign is missing just after a reversal; boundary lubrication adds drag on both sides of it.
     suspect = "presliding" if excess[ratio > NEAR_ZERO_RATIO].sum() < 0.0 else "stribeck"
@@ -329,8 +327,8 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
         finding = f"there are {jumps} jumps where the switching systems make about {expected:.0f}"
     else:
         return None
-    # Jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
-    return Adequacy("extra_switching_system" if unattributed > SYSTEMATIC_SHARE * jumps else None, finding)
+    # Most jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
+    return Adequacy("extra_switching_system" if 2 * unattributed > jumps else None, finding)
 
 
 def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:

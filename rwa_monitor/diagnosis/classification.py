@@ -43,6 +43,7 @@ from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, stray_probabilities, system_evidence
 from rwa_monitor.kernels.noise import SMALLEST_STD
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.switching.assignment import softmax
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before, rate_after_change
 
 # A value shows nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
@@ -285,7 +286,7 @@ def classify(
     log_likelihood = np.array([one.log_weight + found[0] for one, found in zip(conditional, weighed, strict=True)])
     prior = _prior(combinations, models, names, model, carried, history)
     log_prior = np.log(prior)
-    by_path = _softmax(log_prior + log_likelihood)
+    by_path = softmax(log_prior + log_likelihood)
     posterior = by_path.sum(axis=0)
     likeliest = max(
         (s for s, one in enumerate(conditional) if one.same_jumps), key=lambda s: float(by_path[s].sum()), default=None
@@ -344,12 +345,6 @@ def _all_combinations(anomalies: int) -> BoolArray:
 def shares_of(combinations: BoolArray, weights: FloatArray) -> list[float]:
     """Return the sum of the weights (combinations,) of all combinations that hold each anomaly."""
     return [float(np.sum(weights[there])) for there in combinations.T]
-
-
-def _softmax(scores: FloatArray) -> FloatArray:
-    """Return exp(scores) over their sum; scipy's does the same behind a dispatch that costs more than it."""
-    weights = np.exp(scores - scores.max())
-    return np.asarray(weights / weights.sum())
 
 
 def _repeats(features: Features, a: int) -> bool:
@@ -450,7 +445,7 @@ def _learned_prior(
         before = float(prior[combinations[:, a]].sum())
         rates.append(before if rate is None else rate)
         log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
-    return _softmax(log_prior), tuple(rates)
+    return softmax(log_prior), tuple(rates)
 
 
 def _shown_before(

@@ -33,13 +33,12 @@ from scipy import special
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.duration_likelihoods import broad_pmf
-from rwa_monitor.switching.jump_attribution import Sojourn
+from rwa_monitor.switching.jump_attribution import SIGMAS, Sojourn
 from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
 
 NODES: Final = 41  # of each parameter over its posterior
 REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; sojourns that were cut only lengthen it
 SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from what comes in bursts to what is nearly a clock
-SIGMAS: Final = (0.05, 2.0)  # of a log-normal law, likewise
 SCALES: Final = float(np.log(1e6))  # width of the prior of a scale's logarithm: from a slot to a day and a half at 8 Hz
 # Of the sojourns that are none: a visit of a few slots is not seen, and the rests before and after it pass for one.
 STRAY_SHARE: Final = 0.02

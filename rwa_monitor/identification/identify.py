@@ -43,9 +43,10 @@ MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show t
 # Of a mean duration, one standard deviation. The law written holds it, so that it misleads no diagnosis; but a law that
 # is known less well hardly shows anything.
 LARGEST_LAW_ERROR: Final = 0.3
-# Of the friction at rest, that of a jump below which it is none of a switching system: a third of what healthy base dry
-# friction spreads by. A slope that differs between recordings makes such jumps.
-SMALLEST_JUMP: Final = 0.02
+# A third of what healthy base dry friction spreads by. Of the friction at rest, a jump below it is none of a switching
+# system (a slope that differs between recordings makes such jumps), a drift below it none; of all friction, a torque
+# below it does no harm to what is learned.
+HARMLESS: Final = 0.02
 TYPICAL_WITHIN: Final = 2.5  # standard deviations of a configuration's friction; a uniform law's reach 1.7
 
 
@@ -176,7 +177,7 @@ def _segments(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[Segme
         if end > begin:
             inside = (jumps[(jumps > begin) & (jumps < end)] - begin).tolist()
             found.append((rest[begin:end], problem.slot[begin:end], inside))
-    smallest = SMALLEST_JUMP * abs(min(float(_levels(values, inside)[0].min()) for values, _, inside in found))
+    smallest = HARMLESS * abs(min(float(_levels(values, inside)[0].min()) for values, _, inside in found))
     variance = problem.noise.long_run_variance
     records = []
     for values, slot, inside in found:
@@ -360,9 +361,6 @@ def _rounded(value: float, digits: int) -> float:
 # healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
 LARGEST_ERROR: Final = 0.025
 DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which nothing is made of it
-# Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
-# most of it away from what is seen between jumps.
-LARGEST_DRIFT: Final = 0.02
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
 MOST_ODD: Final = 0.1  # of the segments, that fit no system: more are no accident
 SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
@@ -400,7 +398,8 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
 def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> str:
     """Report whether friction drifts between jumps, where a healthy wheel's stays: "" if not.
 
-    The common slope in time of what levels and viscous friction leave, each interval taken by itself.
+    The common slope in time of what levels and viscous friction leave, each interval taken by itself. Drift that is
+    large also makes jumps, which take most of it away from what is seen between jumps.
     """
     cuts = np.unique(np.concatenate([problem.starts, jumps])).astype(np.int64)
     interval = np.repeat(np.arange(cuts.size - 1), np.diff(cuts))
@@ -413,7 +412,7 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
     per_slot = float(time @ residual) / spread
     over_all = per_slot * sum(record.used.size for record in problem.records)
     certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
-    if not certain or abs(over_all) < LARGEST_DRIFT * base:
+    if not certain or abs(over_all) < HARMLESS * base:
         return ""
     return (
         f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
@@ -497,7 +496,6 @@ def _in_words(counts: tuple[int, ...]) -> str:
 
 
 VISIBLE_AT: Final = 10.0  # standard deviations of a torque left in friction, its noise taken to be white
-SHARE_OF_FRICTION: Final = 0.02  # of all friction (rms): less does no harm to what is learned
 
 
 def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> str:
@@ -549,7 +547,7 @@ def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) ->
     first = segment_starts(problem, fitted.jumps)
     design = remove_levels(np.column_stack([column, problem.speed]), first)
     value, std = first_slope(design, remove_levels(problem.z, first))
-    large = abs(value) * size >= SHARE_OF_FRICTION * float(np.sqrt(np.mean(problem.z**2)))
+    large = abs(value) * size >= HARMLESS * float(np.sqrt(np.mean(problem.z**2)))
     return value, std, large and abs(value) >= VISIBLE_AT * std
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.changepoints.estimation import nominal_viscous
-from rwa_monitor.changepoints.noise import chi_variance
+from rwa_monitor.changepoints.noise import FALSE_POSITIVE, chi_variance
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.kernels.evidence import SMALLEST_WEIGHT
 from rwa_monitor.kernels.noise import SMALLEST_STD, lean
@@ -22,7 +22,6 @@ from rwa_monitor.wheel.wheel import Wheel
 
 SCALE: Final = 20  # w [samples]: the worked example of section V-A, see docs/paper.md, "Half-width"
 WEIGHT: Final = 1e-4  # W_b, in the paper's units (errata 3)
-FALSE_POSITIVE: Final = 1e-9  # probability of one at a sample
 THRESHOLD: Final = float(special.chdtri(1, FALSE_POSITIVE))  # GLR_thr / σ²
 
 

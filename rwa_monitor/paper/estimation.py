@@ -12,12 +12,11 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.noise import mean_variance_factor
+from rwa_monitor.changepoints.noise import FALSE_POSITIVE, mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Estimate, NoiseEstimate
-from rwa_monitor.paper.detection import FALSE_POSITIVE, SCALE, Signal
+from rwa_monitor.paper.detection import SCALE, Signal
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-MOST_OF_INTERVAL: Final = 4  # but no more than one in so many samples of an interval, at each end of it
 LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and shows no f_v
 
 
@@ -85,6 +84,8 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
 def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:
     """Return the used samples outside Δk_error around each changepoint; of an interval that has no other, all of them.
 
+    At each end of an interval no more than a quarter of it is left out.
+
     Parameters
     ----------
     used, interval
@@ -97,8 +98,8 @@ def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> Bo
     far = used.copy()
     edges = np.concatenate(([0], index, [used.size]))
     for first, at, end in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):
-        left = min(error, (at - first) // MOST_OF_INTERVAL)
-        right = min(error, (end - at) // MOST_OF_INTERVAL)
+        left = min(error, (at - first) // 4)
+        right = min(error, (end - at) // 4)
         far[at - left : at + right] = False
     left_over = np.bincount(interval[far], minlength=index.size + 1)
     return np.where(left_over[interval] > 0, far, used)

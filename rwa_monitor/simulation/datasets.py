@@ -45,7 +45,6 @@ HARD_AR_COEFFICIENT: Final = 0.5
 HARD_GAPS: Final = (1, 4)  # gaps a window, both included
 HARD_GAP_S: Final = (1.0, 60.0)  # s: a lost packet to a short outage
 HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly; each of its combinations occurs
-DERIVED_SPEED_NOISE_RAD_S: Final = 0.01
 FLEET_WINDOWS: Final = 24  # windows in the life of one wheel
 FLEET_ONSET: Final = (0.1, 0.5)  # share of that life after which its anomaly begins to grow
 FLEET_SEVERITIES: Final = {name: 1.0 + 1.5 * (mild - 1.0) for name, mild in MILD_SEVERITIES.items()}  # at its end
@@ -408,9 +407,7 @@ RECIPES: Final[Mapping[str, Recipe]] = {
             "derived",
             "as mild, with friction only from noisy speed and current",
             _example_wheel,
-            _one_anomaly(
-                MILD_SEVERITIES, friction_given=False, sensors=Sensors(speed_noise_rad_s=DERIVED_SPEED_NOISE_RAD_S)
-            ),
+            _one_anomaly(MILD_SEVERITIES, friction_given=False),
         ),
         Recipe(
             "orbit",

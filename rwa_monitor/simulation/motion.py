@@ -31,7 +31,7 @@ ACTIVITY_TONES: Final = 8  # enough lines that the activity does not repeat with
 ROUNDED: Final = 0.2  # share of a move over which the acceleration rises, and falls
 CURRENT_RESERVE: Final = 0.8  # share of the maximum current that a planned acceleration may take
 SPEED_RESERVE: Final = 0.97  # share of the maximum speed that a profile may reach
-AT_REST: Final = 1.0e-12  # of the nominal speed
+ROUNDING: Final = 1.0e-12  # relative: what is left where sums that should cancel do
 UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, where no maximum current is known
 
 
@@ -108,7 +108,7 @@ def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: np.ran
     limit = wheel.limits.max_speed_rad_s
     plan.shrink_to(np.inf if limit is None else SPEED_RESERVE * limit / unit)
     # Moves that add up to nothing leave rounding errors; a wheel at rest has no direction.
-    plan.speed[np.abs(plan.speed) < AT_REST] = 0.0
+    plan.speed[np.abs(plan.speed) < ROUNDING] = 0.0
     return Motion(plan.speed * unit, plan.acceleration * unit)
 
 

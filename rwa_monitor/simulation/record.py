@@ -14,15 +14,16 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import SECONDS_PER_HOUR, BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.simulation.motion import ORBIT_S, Motion, simulate_motion, wheel_angle
+from rwa_monitor.simulation.motion import ORBIT_S, ROUNDING, Motion, simulate_motion, wheel_angle
 from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import SPEED_NOISES, Wheel
 
 # A jump counts as visible when an oracle, given its place, its neighbours and the slope, finds it at six standard
 # deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises
@@ -191,11 +192,8 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
 ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
 DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
 ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
-FALLBACK_DEAD_BAND: Final = 5.0  # speed noises: below, the measured sign of the speed is not the true one
-COUPLING_TOLERANCE: Final = 1.0e-12  # of the largest motor torque: where the loop friction ↔ motor torque has settled
 COUPLING_ROUNDS: Final = 100
 QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step
-LONG_RUN_SLOTS: Final = 64  # block from which the long-run noise is taken where a noise effect has shaped it
 
 
 def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Telemetry:
@@ -427,7 +425,7 @@ def couple(
         motor = plain + np.sum(torques, axis=0)
         change = float(np.max(np.abs(motor - channels.motor_torque_Nm)))
         channels = replace(channels, motor_torque_Nm=motor)
-        if change <= COUPLING_TOLERANCE * float(np.max(np.abs(motor))):
+        if change <= ROUNDING * float(np.max(np.abs(motor))):
             break
     else:
         raise InputError(
@@ -487,10 +485,10 @@ def _read_speed(effects: Sequence[Effect], true: FloatArray, measured: FloatArra
 
 def _long_run_std(noise: FloatArray) -> float:
     """Return the standard deviation of block means times the root of the block's length [N m]."""
-    blocks = noise[: noise.size - noise.size % LONG_RUN_SLOTS].reshape(-1, LONG_RUN_SLOTS)
+    blocks = noise[: noise.size - noise.size % BLOCK].reshape(-1, BLOCK)
     if len(blocks) < 2:
         return float(np.std(noise))
-    return float(np.sqrt(LONG_RUN_SLOTS) * np.std(np.mean(blocks, axis=1)))
+    return float(np.sqrt(BLOCK) * np.std(np.mean(blocks, axis=1)))
 
 
 def _measure(
@@ -603,7 +601,7 @@ def _apply_faults(
 def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray) -> BoolArray:
     """Return bool (n,), the slots from which a diagnosis can learn."""
     if (dead_band := wheel.window.dead_band_rad_s) is None:
-        dead_band = FALLBACK_DEAD_BAND * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
+        dead_band = SPEED_NOISES * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
     speed = np.where(faulty, np.nan, samples.speed_rad_s)
     used = ~faulty & (np.abs(speed) > dead_band)
     if not scenario.friction_given:

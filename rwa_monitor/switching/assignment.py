@@ -55,7 +55,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 UNATTRIBUTED_PER_WINDOW: Final = 0.03  # jumps expected per window that no switching system makes
 UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
-KEPT_PATHS: Final = 16
+KEPT_PATHS: Final = 16  # weighed beside each other
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is of no interest (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
@@ -380,12 +380,17 @@ def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
     The same system and direction at a candidate within SAME_JUMP slots is the same attribution.
     """
     best = ranked[0]
-    weights = np.exp(np.array([one.score for one in ranked]) - best.score)
-    weights /= weights.sum()
+    weights = softmax(np.array([one.score for one in ranked]))
     sure = np.zeros(best.system.shape)
     for weight, one in zip(weights, ranked, strict=True):
         add_agreement(index, SAME_JUMP, best.system, best.direction, one.system, one.direction, weight, sure)
     return np.minimum(sure, 1.0)
+
+
+def softmax(scores: FloatArray) -> FloatArray:
+    """Return exp(scores) over their sum; scipy's does the same behind a dispatch that costs more than it."""
+    weights = np.exp(scores - scores.max())
+    return np.asarray(weights / weights.sum())
 
 
 def _own_jump(posterior: Posterior, starts: tuple[IntArray, ...], who: int, slot: int) -> tuple[float, float]:

@@ -29,16 +29,15 @@ from rwa_monitor.changepoints.stage_results import (
     SwitchingPath,
 )
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.assignment import KEPT_PATHS, softmax
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Number, log_probability, onsets
 from rwa_monitor.switching.friction_model import Posterior, Priors, measure, priors_of, solve
 from rwa_monitor.switching.segments import effective_variance, level_scatter, typical_jump
 from rwa_monitor.wheel.wheel import Wheel
 
-MOST_OFFSETS: Final = 16  # paths weighed beside each other
 MOST_PATHS: Final = 8  # paths that are handed on
 LEAST_SCORE: Final = -8.0  # log-likelihood under broad friction laws: the learned ones make up for less than that
-MOST_AGAINST: Final = 30.0  # log-likelihood: beyond, an alternative is certain, and exp stays finite
 
 
 def split(
@@ -80,8 +79,7 @@ def split(
         for one, log in zip(paths, durations_of, strict=True)
     ]
     scores = [one.log_weight for one in estimates]
-    weights = np.exp(np.array([min(score - scores[0], MOST_AGAINST) for score in scores]))
-    weights /= weights.sum()
+    weights = softmax(np.array(scores))
     parts = [one.components for one in estimates]
     base_std = _spread(weights, [one.base_dry for one in parts], [one.base_dry_std for one in parts])
     return replace(
@@ -103,7 +101,7 @@ def _raised(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
         options.append([0, *(offset for offset in range(low, high + 1) if offset)])
     return [
         path._replace(configurations=path.configurations + np.repeat(np.array(offset, dtype=np.int64), path.sojourns))
-        for offset in islice(product(*options), MOST_OFFSETS)
+        for offset in islice(product(*options), KEPT_PATHS)
     ]
 
 

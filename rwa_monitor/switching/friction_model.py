@@ -145,7 +145,6 @@ def measure(
 VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
 CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows showed the viscous coefficient
 LEARNED_SPREAD: Final = 0.15  # of the friction of a system against what earlier windows of this very wheel showed
-UNKNOWN_SPREAD: Final = 1.0  # relative, where no friction law is known at all
 MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
 UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, over the unit of friction
 MOST_ANOMALIES: Final = 2  # at once, among base and systems
@@ -262,7 +261,7 @@ def _system_of(
     memories = [known.friction[q] if known and q < len(known.friction) else None for q in range(system.configurations)]
     laws = _stated_laws(system, 0.0 if system.friction else jump)
     if not any(memory is not None and memory.count >= MIN_LEARNED for memory in memories):
-        return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), laws
+        return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, 1.0),)), laws
     changed = ANOMALY_CASES[1]
     return (
         Case(1.0 - CHANGE_PER_WINDOW, 0.0, LEARNED_SPREAD),
@@ -279,9 +278,7 @@ def _system_of(
 def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...]:
     """Return a system's friction laws as the wheel states them; where it does not, in proportion to q."""
     if system.friction is None:
-        return FrictionLaw(0.0, 0.0), *(
-            FrictionLaw(q * jump, UNKNOWN_SPREAD * jump) for q in range(1, system.configurations)
-        )
+        return FrictionLaw(0.0, 0.0), *(FrictionLaw(q * jump, jump) for q in range(1, system.configurations))
     laws = []
     for given in system.friction:
         mid = 0.5 * (given.low + given.high)
@@ -289,18 +286,14 @@ def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...
     return tuple(laws)
 
 
-def _choices(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[int, ...]]:
-    """Return which state each part is in, in each case."""
-    numbered = product(*(range(len(part)) for part in (base, *anomaly)))
-    return [choice for choice in numbered if sum(i > 0 for i in choice) <= MOST_ANOMALIES]
-
-
 @lru_cache(maxsize=256)
 def case_table(
     base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return states, choice and log_prior of `friction_model.Cases`."""
-    parts, choices = (base, *anomaly), _choices(base, anomaly)
+    parts = (base, *anomaly)
+    numbered = product(*(range(len(part)) for part in parts))
+    choices = [choice for choice in numbered if np.count_nonzero(choice) <= MOST_ANOMALIES]
     states = [[part[i if i < len(part) else 0] for part in parts] for i in range(max(map(len, parts)))]
     return (
         np.array([[(part.mean, part.std) for part in state] for state in states], dtype=np.float64),

@@ -15,8 +15,7 @@ from rwa_monitor.changepoints.stage_results import Candidates, NoiseEstimate
 from rwa_monitor.kernels.segments import refine_nodes
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-MIN_REACH: Final = 4  # a position is refined by at least this many slots [slots]
-MAX_REACH: Final = 32  # and at most by this many [slots]
+REACH: Final = (4, 32)  # by how many slots a position is refined at least and at most
 LEVEL_SCATTER: Final = 0.15  # of levels that should be equal, in standard deviations of a sample's noise
 WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is open
 
@@ -146,7 +145,7 @@ def typical_jump(jump: FloatArray) -> float:
 
 def reach_of(candidates: Candidates) -> IntArray:
     """Return how far each candidate's position may be off [slots]: half the window that found it."""
-    return np.clip(candidates.scale // 2, MIN_REACH, MAX_REACH)
+    return np.clip(candidates.scale // 2, *REACH)
 
 
 def possible_signs(candidates: Candidates, level: Level) -> BoolArray:

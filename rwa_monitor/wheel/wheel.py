@@ -14,6 +14,7 @@ from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
 from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile
 
+SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise, where it is not stated
 MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
 
 Positive = Annotated[float, Field(gt=0)]

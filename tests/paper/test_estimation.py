@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rwa_monitor.changepoints.noise import FALSE_POSITIVE
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
-from rwa_monitor.paper.detection import FALSE_POSITIVE, SCALE, Signal
+from rwa_monitor.paper.detection import SCALE, Signal
 from rwa_monitor.paper.estimation import estimate, kept
 
 SIGMA = 0.024

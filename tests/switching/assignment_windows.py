@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.changepoints.running_sums import HARMONICS, NEAR_ZERO, RunningSums, Structure
+from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import Wheel
 
 NO_CANDIDATES = Candidates(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
-NO_STRUCTURE = Structure(np.zeros(0), np.zeros((NEAR_ZERO, 0)), np.zeros((0, HARMONICS)), zero_runs=0, plateaus=0)
+NO_STRUCTURE = Structure(np.zeros(0), np.zeros((4, 0)), np.zeros((0, HARMONICS)), zero_runs=0, plateaus=0)
 
 
 def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> RunningSums:
