@@ -76,6 +76,22 @@ using vector = std::vector<T, Pooled<T>>;
 using std::vector;
 #endif
 
+// The whole numbers from `first` up to `last`, without it.
+struct range {
+    struct iterator {
+        int64_t at;
+        constexpr int64_t operator*() const { return at; }
+        constexpr void operator++() { ++at; }
+        constexpr bool operator!=(iterator end) const { return at < end.at; }
+    };
+    int64_t first, last;
+
+    constexpr explicit range(int64_t count) : range(0, count) {}
+    constexpr range(int64_t from, int64_t end) : first(from), last(end) {}
+    constexpr iterator begin() const { return {first}; }
+    constexpr iterator end() const { return {last}; }
+};
+
 template <typename T, std::size_t N>
 struct Array {
     T* data = nullptr;
@@ -194,7 +210,7 @@ struct type_caster<rwa::Array<T, N>> {
         if (!held.from_python(source, flags & ~static_cast<std::uint8_t>(cast_flags::convert), cleanup)) return false;
         const Held& array = held.value;
         value.data = array.data();
-        for (std::size_t axis = 0; axis < N; ++axis) value.shape[axis] = array.shape(axis);
+        for (int64_t axis : rwa::range(N)) value.shape[axis] = array.shape(axis);
         return true;
     }
 

@@ -98,8 +98,8 @@ double highest_size(const Scores& scores, int64_t k, double variance) {
 // Call `visit(q, direction, after)` for each jump that a system can make.
 template <typename Visit>
 void each_jump(int64_t configurations, Visit visit) {
-    for (int64_t q = 0; q < configurations; ++q) {
-        for (int64_t direction = 0; direction < 2; ++direction) {
+    for (int64_t q : range(configurations)) {
+        for (int64_t direction : range(2)) {
             const int64_t after = q + 2 * direction - 1;
             if (after >= 0 && after < configurations) visit(q, direction, after);
         }
@@ -115,11 +115,11 @@ Worth size_worth(const Scores& scores) {
     for (double variance : scores.law_variance) {
         if (variance > 0.0) smallest = min(smallest, variance);
     }
-    for (int64_t k = 1; k < nodes; ++k) {
+    for (int64_t k : range(1, nodes)) {
         worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
         // Both of two may return to rest only where the level may fall; otherwise one of them takes up friction.
         worth.twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITY ? 0.0 : smallest);
-        for (int64_t s = 0; s < systems; ++s) {
+        for (int64_t s : range(systems)) {
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t after) {
                 const double variance = scores.law_variance(s, after);
                 worth.single(s, q, direction, k) =
@@ -134,8 +134,8 @@ Worth size_worth(const Scores& scores) {
 
 // Raise `highest` to the highest entry of each column above the diagonal.
 void raise(Vector<double> highest, FloatMatrix table) {
-    for (int64_t i = 0; i < table.shape[0]; ++i) {
-        for (int64_t k = i + 1; k < table.shape[1]; ++k) highest[k] = max(highest[k], table(i, k));
+    for (int64_t i : range(table.shape[0])) {
+        for (int64_t k : range(i + 1, table.shape[1])) highest[k] = max(highest[k], table(i, k));
     }
 }
 
@@ -143,24 +143,24 @@ void raise(Vector<double> highest, FloatMatrix table) {
 NewFloats add_best_laws(const Scores& scores, Worth& worth) {
     const auto [systems, configurations, nodes] = scores.stay.shape;
     NewCube law({systems, configurations, nodes}, -INFINITY);
-    for (int64_t s = 0; s < systems; ++s) {
+    for (int64_t s : range(systems)) {
         NewFloats skips(nodes, -INFINITY);
-        for (int64_t q = 0; q < configurations; ++q) {
-            for (int64_t skipped = 0; skipped < 2; ++skipped) raise(skips, scores.missed.row(s).row(q).row(skipped));
+        for (int64_t q : range(configurations)) {
+            for (int64_t skipped : range(2)) raise(skips, scores.missed.row(s).row(q).row(skipped));
         }
-        for (int64_t q = 0; q < scores.configurations[s]; ++q) {
+        for (int64_t q : range(scores.configurations[s])) {
             const auto best = law.row(s).row(q);
             copy(skips.begin(), skips.end(), best.begin());
             raise(best, scores.jump.row(s).row(q));
         }
     }
     NewFloats size_only(nodes);
-    for (int64_t k = 1; k < nodes; ++k) {
+    for (int64_t k : range(1, nodes)) {
         double& with_law = worth.with_law[k];
         with_law += worth.alone[k];
         size_only[k] = max(0.0, worth.alone[k]);
         double first = -INFINITY, second = -INFINITY;  // the best laws of any two systems
-        for (int64_t s = 0; s < systems; ++s) {
+        for (int64_t s : range(systems)) {
             double plain = -INFINITY;
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
                 const double turned = law(s, q, k) + scores.turn(s, q, direction);
@@ -198,25 +198,25 @@ Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned
     const auto [systems, configurations, nodes] = scores.stay.shape;
     Table<double, 4> own({systems, configurations, nodes, nodes}, -INFINITY);
     NewMatrix begun({configurations, nodes}, -INFINITY);  // of a sojourn that begins at the node
-    for (int64_t s = 0; s < systems; ++s) {
+    for (int64_t s : range(systems)) {
         for (int64_t i = nodes - 1; i >= 0; --i) {
-            for (int64_t q = 0; q < configurations; ++q) {
+            for (int64_t q : range(configurations)) {
                 double* best = &own(s, q, i, 0);
-                for (int64_t number = 0; number < STEPS; ++number) {
+                for (int64_t number : range(STEPS)) {
                     const Step step = step_from(q, number);
                     if (!possible(step, configurations)) continue;
                     const double turn = scores.turn(s, step.before, step.direction);
                     const double* gain = &earned(s, step.before, step.direction, 0);
                     const double* law = sojourn_laws(scores, s, q, i, step);
                     const double* then = &begun(step.after, 0);
-                    for (auto k = i + 1; k < nodes; ++k) {
+                    for (int64_t k : range(i + 1, nodes)) {
                         best[k - 1] = max(best[k - 1], law[k] + (turn + gain[k]) + then[k]);
                     }
                 }
                 best[nodes - 1] = scores.stay(s, q, i);
                 for (auto k = nodes - 1; k > i; --k) best[k - 1] = max(best[k], best[k - 1]);
             }
-            for (int64_t q = 0; q < configurations; ++q) begun(q, i) = own(s, q, i, i);
+            for (int64_t q : range(configurations)) begun(q, i) = own(s, q, i, i);
         }
     }
     return own;
@@ -228,7 +228,7 @@ NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integ
     NewFloats price;
     for (double most : worth.with_law) price.push_back(-most);
     NewIntegers configuration(start.begin(), start.end()), since(start.size());
-    for (int64_t node = 1; node <= taken.size(); ++node) {
+    for (int64_t node : range(1, taken.size() + 1)) {
         const auto action = taken[node - 1];
         if (action == REJECT) continue;
         if (action == NO_SYSTEM) {
@@ -265,11 +265,11 @@ void set_prices(const Scores& scores, const Worth& worth, Integers start, Intege
     const NewFloats price = prices(scores, worth, start, taken);
     Table<double, 4> earned(worth.single.shape, -INFINITY);
     NewFloats paid(price.size());
-    for (std::size_t k = 1; k < price.size(); ++k) {
+    for (int64_t k : range(1, price.size())) {
         paid[k] = max(-price[k], scores.unattributed + worth.alone[k]);
         // Two that jump at once earn twice, and share one size: each is taken to be worth half of it at least.
         const double least = 0.5 * (worth.twice[k] - price[k]);
-        for (int64_t s = 0; s < scores.configurations.size(); ++s) {
+        for (int64_t s : range(scores.configurations.size())) {
             each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
                 // Against the level's sign a system jumps only together with another one.
                 double size = worth.single(s, q, direction, k);
@@ -342,7 +342,7 @@ struct Weighed {
 // What the systems may still do when candidates up to k are decided.
 double bound_of_systems(const Bounds& bounds, const State& state, int64_t systems, int64_t k) {
     double sum = 0.0;
-    for (int64_t s = 0; s < systems; ++s) sum += bounds.own(s, state.configuration[s], state.since[s], k);
+    for (int64_t s : range(systems)) sum += bounds.own(s, state.configuration[s], state.since[s], k);
     return sum;
 }
 
@@ -350,11 +350,11 @@ double bound_of_systems(const Bounds& bounds, const State& state, int64_t system
 vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
     const auto systems = scores.configurations.size();
     vector<Entry> entries;
-    for (int64_t number = 0; number < starts; ++number) {
+    for (int64_t number : range(starts)) {
         const NewIntegers start = start_of(number, scores.configurations);
         Entry entry;
         double by_own = bounds.rest_fit(0, 0);
-        for (int64_t s = 0; s < systems; ++s) {
+        for (int64_t s : range(systems)) {
             entry.state.configuration[s] = start[s];
             entry.mean[s] = scores.law_mean(s, start[s]), entry.variance[s] = scores.law_variance(s, start[s]);
             by_own += bounds.own(s, start[s], 0, 0);
@@ -370,7 +370,7 @@ vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, i
 
 // Weigh each step of each system, see `list_offers`; a law of -inf where it is impossible.
 void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry, int64_t k, Weighed* steps) {
-    for (int64_t s = 0; s < scores.configurations.size(); ++s) {
+    for (int64_t s : range(scores.configurations.size())) {
         const int64_t q = entry.state.configuration[s], since = entry.state.since[s];
         const double now = bounds.own(s, q, since, k);
         for (int64_t number = 0; number < STEPS; ++number, ++steps) {
@@ -401,7 +401,7 @@ void list_offers(
     const double rest = bounds.rest(k, k), rest_fit = bounds.rest_fit(k, k);
     vector<Weighed> steps(systems * STEPS);
     offers.clear();
-    for (std::size_t at = 0; at < entries.size(); ++at) {
+    for (int64_t at : range(entries.size())) {
         const Entry& entry = entries[at];
         const int64_t last = entry.state.last;
         const double by_own = bound_of_systems(bounds, entry.state, systems, k);  // without a step here
@@ -419,7 +419,7 @@ void list_offers(
         const double best = entry.score + fit + highest + rest;
         if (best < cutoff - ROUNDING) continue;
         weigh_steps(scores, bounds, entry, k, steps.data());
-        for (int64_t a = NO_SYSTEM + 1; a < actions; ++a) {
+        for (int64_t a : range(NO_SYSTEM + 1, actions)) {
             const int64_t* action = &scores.actions(a, 0);
             const Weighed& one = steps[action[0] * STEPS + action[1]];
             if (best + one.law < cutoff - ROUNDING || one.law == -INFINITY) continue;
@@ -457,7 +457,7 @@ std::uint64_t hash(const State& state, int64_t systems) {
     std::uint64_t key = 1469598103934665603u;
     const auto add = [&key](std::int16_t value) { key = (key ^ static_cast<std::uint64_t>(value)) * 1099511628211u; };
     add(state.last);
-    for (int64_t s = 0; s < systems; ++s) add(state.configuration[s]), add(state.since[s]);
+    for (int64_t s : range(systems)) add(state.configuration[s]), add(state.since[s]);
     return (key ^ (key >> 29)) >> 1;
 }
 
@@ -532,7 +532,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     vector<Offer> offers;
     NewIntegers table;
     vector<Merged> merged;
-    for (int64_t k = 1; k <= candidates; ++k) {
+    for (int64_t k : range(1, candidates + 1)) {
         list_offers(scores, bounds, k, cutoff, entries, offers);
         found.expanded += static_cast<int64_t>(entries.size());
         double stage_cutoff = cutoff;
@@ -547,7 +547,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
         merge(scores, k, stage_cutoff, room, entries, offers, kept, table, merged);
         following.clear();
         for (const Merged& one : merged) {
-            for (int64_t rank = 0; rank < one.kept; ++rank) {
+            for (int64_t rank : range(one.kept)) {
                 const Offer& offer = offers[one.best[rank]];
                 const Entry& before = entries[offer.entry];
                 Entry& entry = following.emplace_back(before);
@@ -562,7 +562,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     }
     for (const auto& [state, node, score, mean, variance] : entries) {
         double total = score + scores.fit(state.last, candidates + 1);
-        for (int64_t s = 0; s < systems; ++s) total += scores.stay(s, state.configuration[s], state.since[s]);
+        for (int64_t s : range(systems)) total += scores.stay(s, state.configuration[s], state.since[s]);
         found.last.push_back(node);
         found.score.push_back(total);
     }
@@ -592,7 +592,7 @@ Found search_once(
     const int64_t count = min<int64_t>(best.size(), paths);
     Found found{
         NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
-    for (int64_t path = 0; path < count; ++path) {
+    for (int64_t path : range(count)) {
         found.score[path] = all.score[best[path]];
         const Expansion::Node* node = &all.tree[all.last[best[path]]];
         for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
@@ -621,7 +621,7 @@ tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
 double add_up_laws(const Scores& scores, Integers start, Integers taken) {
     NewIntegers configuration(start.begin(), start.end()), since(start.size());
     double total = 0.0, staying = 0.0;
-    for (int64_t node = 1; node <= taken.size(); ++node) {
+    for (int64_t node : range(1, taken.size() + 1)) {
         const auto action = taken[node - 1];
         if (action == NO_SYSTEM) total += scores.unattributed;
         each_step(scores.actions, action, [&](int64_t s, int64_t number) {
@@ -631,7 +631,7 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
             configuration[s] = step.after, since[s] = node;
         });
     }
-    for (int64_t s = 0; s < start.size(); ++s) staying += scores.stay(s, configuration[s], since[s]);
+    for (int64_t s : range(start.size())) staying += scores.stay(s, configuration[s], since[s]);
     return total + staying;
 }
 
@@ -650,7 +650,7 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
     for (int64_t q : start) configurations.push_back({q});
     NewPath path;
     NewIntegers nodes{0};
-    for (int64_t k = 0; k < taken.size(); ++k) {
+    for (int64_t k : range(taken.size())) {
         if (taken[k] == REJECT) continue;
         nodes.push_back(k + 1);
         if (taken[k] == NO_SYSTEM) {
@@ -658,7 +658,7 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
             path.unattributed.push_back(index[k]);
             continue;
         }
-        for (int place = 0; place < 2; ++place) {
+        for (int64_t place : range(2)) {
             const auto who = actions(taken[k], 2 * place);
             if (who < 0) continue;
             const Step step = step_from(configurations[who].back(), actions(taken[k], 2 * place + 1));
@@ -672,7 +672,7 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
         }
     }
     nodes.push_back(taken.size() + 1);
-    for (int64_t s = 0; s < start.size(); ++s) {
+    for (int64_t s : range(start.size())) {
         path.configurations.insert(path.configurations.end(), configurations[s].begin(), configurations[s].end());
         path.starts.insert(path.starts.end(), starts[s].begin(), starts[s].end());
         path.sojourns.push_back(starts[s].size());
@@ -701,8 +701,8 @@ tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> w
 void add_agreement(
     Integers index, int64_t apart, IntegerMatrix system, IntegerMatrix direction,
     IntegerMatrix other_system, IntegerMatrix other_direction, double weight, Matrix<double> sure) {
-    for (int64_t k = 0; k < index.size(); ++k) {
-        for (int place = 0; place < 2; ++place) {
+    for (int64_t k : range(index.size())) {
+        for (int64_t place : range(2)) {
             const auto shared = [&, who = system(k, place), way = direction(k, place)](int64_t near, int beside) {
                 return other_system(near, beside) == who && other_direction(near, beside) == way;
             };

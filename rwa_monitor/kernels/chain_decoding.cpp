@@ -75,7 +75,7 @@ struct Track {
         configuration[i] = q;
         since[i] = slot;
         mean[i + 1] = laws.size(i, q);
-        for (int64_t k = 0; k < PARTS; ++k) covariance[(i + 1) * PARTS + k] = covariance[k * PARTS + i + 1] = 0.0;
+        for (int64_t k : range(PARTS)) covariance[(i + 1) * PARTS + k] = covariance[k * PARTS + i + 1] = 0.0;
         covariance[(i + 1) * PARTS + i + 1] = laws.variance(i, q);
     }
 
@@ -83,20 +83,20 @@ struct Track {
     void observe(double level, double level_variance) {
         const double variance = sum(covariance) + level_variance, off = level - sum(mean);
         array<double, PARTS> gain{};
-        for (int64_t i = 0; i < PARTS; ++i) {
-            for (int64_t k = 0; k < PARTS; ++k) gain[i] += covariance[i * PARTS + k];
+        for (int64_t i : range(PARTS)) {
+            for (int64_t k : range(PARTS)) gain[i] += covariance[i * PARTS + k];
             gain[i] /= variance;
         }
-        for (int64_t i = 0; i < PARTS; ++i) {
+        for (int64_t i : range(PARTS)) {
             mean[i] += gain[i] * off;
-            for (int64_t k = 0; k < PARTS; ++k) covariance[i * PARTS + k] -= gain[i] * gain[k] * variance;
+            for (int64_t k : range(PARTS)) covariance[i * PARTS + k] -= gain[i] * gain[k] * variance;
         }
     }
 
     // Mean and variance of the level after a move.
     std::pair<double, double> expected_level(Integers move, const Laws& laws) const {
         double expected = 0.0, variance = 0.0;
-        for (int64_t i = 0; i <= move.size(); ++i) {
+        for (int64_t i : range(move.size() + 1)) {
             if (i > 0 && move[i - 1] != 0) {
                 const int64_t q = configuration[i - 1] + move[i - 1];
                 expected += laws.size(i - 1, q);
@@ -104,7 +104,7 @@ struct Track {
                 continue;
             }
             expected += mean[i];
-            for (int64_t k = 0; k <= move.size(); ++k) {
+            for (int64_t k : range(move.size() + 1)) {
                 if (k == 0 || move[k - 1] == 0) variance += covariance[i * PARTS + k];
             }
         }
@@ -129,11 +129,11 @@ struct Way {
 // Begin two paths in each joint state, with the first segment as it is and as an outlier.
 vector<Track> begin_paths(const Record& record, const Laws& laws, const States& states, double outlier_score) {
     vector<Track> tracks;
-    for (int64_t s = 0; s < states.configuration.shape[0]; ++s) {
+    for (int64_t s : range(states.configuration.shape[0])) {
         Track track;
         track.mean[0] = laws.base;
         track.covariance[0] = laws.base_variance;
-        for (int64_t i = 0; i < laws.counts.size(); ++i) track.enter(i, states.configuration(s, i), record.at[0], laws);
+        for (int64_t i : range(laws.counts.size())) track.enter(i, states.configuration(s, i), record.at[0], laws);
         Track& plain = tracks.emplace_back(track);
         const double off = record.level[0] - sum(track.mean), variance = sum(track.covariance) + record.variance[0];
         plain.score = states.log_probability[s] + log(1.0 - OUTLIER_SHARE) + log_gauss(off, variance);
@@ -151,15 +151,15 @@ void ways_on(
     const int64_t systems = laws.counts.size(), slot = record.at[j], later = record.at[j + 1];
     ways.clear();
     NewMatrix entering(laws.mu.shape);
-    for (int64_t i = 0; i < systems; ++i) {
-        for (int64_t q = 0; q < laws.counts[i]; ++q) {
+    for (int64_t i : range(systems)) {
+        for (int64_t q : range(laws.counts[i])) {
             entering(i, q) = log_survival(later - slot, laws.mu(i, q), laws.sigma(i, q));
         }
     }
-    for (std::size_t b = 0; b < tracks.size(); ++b) {
+    for (int64_t b : range(tracks.size())) {
         const Track& track = tracks[b];
         array<double, MOST_SYSTEMS> gone, staying;
-        for (int64_t i = 0; i < systems; ++i) {
+        for (int64_t i : range(systems)) {
             const int64_t q = track.configuration[i], since = track.since[i];
             const double m = laws.mu(i, q), s = laws.sigma(i, q);
             // What was there when the record began is seen from a random moment on: S(e)/mean.
@@ -167,7 +167,7 @@ void ways_on(
                                      : log_survival(slot - since, m, s) - m - 0.5 * s * s;
             staying[i] = log_survival(later - since, m, s);
         }
-        for (int64_t option = 0; option < moves.shape[0]; ++option) {
+        for (int64_t option : range(moves.shape[0])) {
             const auto move = moves.row(option);
             double worth = 0.0, ahead = 0.0;  // log-likelihood of the move, and of what has not happened after it
             bool moved = false, possible = true;
@@ -206,17 +206,17 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     const double highest = *max_element(level.begin(), level.end());
     const double lowest = *min_element(level.begin(), level.end());
     const double noise = sqrt(*max_element(variance.begin(), variance.end()));
-    const double range = highest - lowest + sqrt(laws.base_variance) + noise;
-    const double outlier_score = log(OUTLIER_SHARE) - log(range);
+    const double span = highest - lowest + sqrt(laws.base_variance) + noise;
+    const double outlier_score = log(OUTLIER_SHARE) - log(span);
     vector<Track> tracks = begin_paths(record, laws, states, outlier_score), following;
     vector<Visited> history;
     const auto visit = [&](Track& track, bool outlier) {
         history.push_back({track.last, outlier, track.configuration});
         track.last = history.size() - 1;
     };
-    for (std::size_t b = 0; b < tracks.size(); ++b) visit(tracks[b], b % 2 == 1);
+    for (int64_t b : range(tracks.size())) visit(tracks[b], b % 2 == 1);
     vector<Way> ways;
-    for (int64_t j = 1; j < n; ++j) {
+    for (int64_t j : range(1, n)) {
         ways_on(tracks, j, record, laws, moves, outlier_score, ways);
         const auto end = ways.begin() + min<int64_t>(beam, ways.size());
         std::partial_sort(ways.begin(), end, ways.end(), [](const Way& one, const Way& other) {
@@ -228,7 +228,7 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
         for (const Way& way : ways) {
             Track& track = following.emplace_back(tracks[way.path]);
             const auto move = moves.row(way.move);
-            for (int64_t i = 0; i < systems; ++i) {
+            for (int64_t i : range(systems)) {
                 if (move[i] == 0) continue;
                 track.enter(i, track.configuration[i] + move[i], at[j], laws);
                 track.began[i] = true;
@@ -241,7 +241,7 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     }
     const Track* best = nullptr;
     for (Track& track : tracks) {
-        for (int64_t i = 0; i < systems; ++i) {
+        for (int64_t i : range(systems)) {
             const int64_t q = track.configuration[i];
             track.score += log_survival(at[n] - track.since[i], laws.mu(i, q), laws.sigma(i, q));
         }

@@ -57,7 +57,7 @@ int64_t refine(int64_t k, int64_t low, int64_t high, int64_t reach, double slope
     double n1 = b.n, e1 = b.z - slope * b.x;
     int64_t best = k;
     double best_value = -1.0;
-    for (int64_t at = first; at <= last; ++at) {
+    for (int64_t at : range(first, last + 1)) {
         if (!sums.used[at]) continue;  // a masked slot is not the first sample of a level
         const double left = n1 - a.n, right = c.n - n1;
         if (left > 0.0 && right > 0.0) {
@@ -140,7 +140,7 @@ int64_t refine_in_colour(
     const int64_t first = max(low + 1, k - reach), last = min(high - 1, k + reach);
     int64_t best = k;
     double cost = 0.0, best_cost = INFINITY;
-    for (int64_t at = first; at <= last; ++at) {
+    for (int64_t at : range(first, last + 1)) {
         if (!sums.used[at]) continue;
         if (cost < best_cost) {
             best = at;
@@ -170,7 +170,7 @@ void settle(
     const Threshold& required) {
     const auto before = [&](std::size_t i) { return i > 0 ? accepted[i - 1].index : 0; };
     const auto after = [&](std::size_t i) { return i + 1 < accepted.size() ? accepted[i + 1].index : slots; };
-    for (std::size_t i = 0; i < accepted.size(); ++i) {
+    for (int64_t i : range(accepted.size())) {
         auto& index = accepted[i].index;
         const int64_t reach = accepted[i].scale;
         const int64_t low = max(index - 2 * reach, before(i)), high = min(index + 2 * reach, after(i));
@@ -179,7 +179,7 @@ void settle(
     }
     std::size_t first = 0, last = accepted.size();  // whose neighbours have changed
     while (true) {
-        for (std::size_t i = first; i < last; ++i) {
+        for (int64_t i : range(first, last)) {
             const int64_t index = accepted[i].index, half = max(LONGEST_HALF, 2 * accepted[i].scale);
             const int64_t low = max(index - half, before(i)), high = min(index + half, after(i));
             judge(accepted[i], low, high, slope, sums, required);
@@ -202,7 +202,7 @@ Columns choose(
     Integers peak_index, Integers peak_scale, Floats peak_statistic, int64_t slots, const SumArrays& sums,
     const Threshold& required, double correlation, double variance, double prior_mean, double prior_std) {
     vector<Peak> peaks;
-    for (int64_t i = 0; i < peak_index.size(); ++i) {
+    for (int64_t i : range(peak_index.size())) {
         peaks.push_back({peak_index[i], peak_scale[i], peak_statistic[i], 0.0});
     }
     sort_in_turn(peaks);

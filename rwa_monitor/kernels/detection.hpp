@@ -41,7 +41,7 @@ struct Sums {
 // The centred sums over the slots [0, k); reads at most 15 samples.
 inline Sums prefix_moments(int64_t k, const SumArrays& arrays) {
     Sums sums = Sums::read(&arrays.checkpoints(k / STRIDE, 0), 1);
-    for (int64_t i = k - k % STRIDE; i < k; ++i) {
+    for (int64_t i : range(k - k % STRIDE, k)) {
         if (!arrays.used[i]) continue;
         const double u = arrays.x[i] - arrays.centre[0], v = arrays.z[i] - arrays.centre[1];
         sums = {sums.n + 1.0, sums.x + u, sums.z + v, sums.xx + u * u, sums.xz + u * v, sums.zz + v * v};

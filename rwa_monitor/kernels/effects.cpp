@@ -8,7 +8,7 @@ namespace {
 template <typename Step>
 NewFloats recursion(Floats values, Flags usable, Floats state, Step step) {
     NewFloats found(values.size());
-    for (int64_t k = 0; k < values.size(); ++k) found[k] = usable[k] ? step(values[k]) : state[0];
+    for (int64_t k : range(values.size())) found[k] = usable[k] ? step(values[k]) : state[0];
     return found;
 }
 
@@ -41,7 +41,7 @@ double forward(
     const double half = 0.5 * (freedom + 1.0);
     const double of_quiet = exp(-2.0 * quiet) / freedom, of_shaking = exp(-2.0 * shaking) / freedom;
     double burst = on / (on + off), total = 0.0;
-    for (int64_t k = 0; k < squares.size(); ++k) {
+    for (int64_t k : range(squares.size())) {
         if (k > 0) burst = burst * (1.0 - off) + (1.0 - burst) * on;
         if (isfinite(squares[k])) {
             if (inside[k]) {

@@ -21,7 +21,7 @@ double median_size(NewFloats values) {
 
 NewFloats differences(const NewFloats& values) {
     NewFloats steps;
-    for (std::size_t i = 1; i < values.size(); ++i) steps.push_back(values[i] - values[i - 1]);
+    for (int64_t i : range(1, values.size())) steps.push_back(values[i] - values[i - 1]);
     return steps;
 }
 
@@ -38,14 +38,14 @@ VECTORISED int64_t normalise(
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict fits = bytes(is_good);
     int64_t count = 0;
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         int64_t fit = there[k];
         fit = abs(speed[k]) <= most_speed ? fit : 0;
         fit = abs(torque[k]) <= most_torque ? fit : 0;
         fits[k] = static_cast<unsigned char>(fit);
         count += fit;
     }
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         const double turning = fits[k] != 0 ? speed[k] : 0.0, friction = fits[k] != 0 ? torque[k] : 0.0;
         motion[k] = abs(turning) / speed_unit;
         z[k] = ((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
@@ -57,7 +57,7 @@ VECTORISED int64_t normalise(
 VECTORISED void mark_used(const double* __restrict motion, const bool* good, double band, int64_t n, bool* used) {
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict out = bytes(used);
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         const int64_t turns = motion[k] >= band ? there[k] : 0;
         out[k] = static_cast<unsigned char>(motion[k] > 0.0 ? turns : 0);
     }
@@ -118,7 +118,7 @@ struct Window {
     void learn_first(int64_t stop) {
         const double normal_median = sqrt(CHI_MEDIAN);  // of |N(0, 1)|
         NewFloats speeds, levels;
-        for (int64_t k = 0; k < stop; ++k) {
+        for (int64_t k : range(stop)) {
             if (a.good[k]) speeds.push_back(a.motion[k]);
         }
         // The second difference of a smooth speed is noise, of √6 times its standard deviation.
@@ -129,7 +129,7 @@ struct Window {
         if (isnan(by.prior_std)) return;
         double std = by.start_std;
         if (isnan(std)) {
-            for (int64_t k = 0; k < stop; ++k) {
+            for (int64_t k : range(stop)) {
                 if (a.used[k]) levels.push_back(a.z[k] - by.prior_mean * a.x[k]);
             }
             std = median_size(differences(levels)) / (normal_median * sqrt(2.0));
@@ -141,7 +141,7 @@ struct Window {
     // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outliers by
     // chance. A tail is known to a factor: half of the largest is worth keeping.
     void set_outlier(double outlier, double sure_outlier) {
-        for (std::size_t s = 0; s < variances.size(); ++s) {
+        for (int64_t s : range(variances.size())) {
             floors[s] = sure[s] = INFINITY;
             if (!isfinite(variances[s])) continue;
             const double by_chance = outlier * outlier / (2.0 * detector.scales[s]);
@@ -169,7 +169,7 @@ struct Window {
         const int64_t count = normalise(
             speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.motion.data + filled,
             a.z.data + filled, a.good.data + filled);
-        for (int64_t k = 0; k < viscous_speed.size(); ++k) {
+        for (int64_t k : range(viscous_speed.size())) {
             a.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
         }
 #ifndef RWA_ONBOARD  // of no use before the close

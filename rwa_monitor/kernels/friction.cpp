@@ -34,7 +34,7 @@ Model lay_out(const SwitchingPath& path, Integers borders, FloatCube table) {
     }
     const int64_t segments = borders.size() - 1, jumps_at = 1 + model.free.size();
     model.levels = NewMatrix({segments, jumps_at + unattributed.size()});
-    for (int64_t segment = 0; segment < segments; ++segment) {
+    for (int64_t segment : range(segments)) {
         const auto row = model.levels.row(segment);
         const int64_t end = borders[segment + 1];
         row[0] = 1.0;
@@ -43,7 +43,7 @@ Model lay_out(const SwitchingPath& path, Integers borders, FloatCube table) {
             while (own + 1 < next && starts[own + 1] < end) ++own;  // a segment belongs to those that hold at its end
             if (model.column[own] >= 0) row[model.column[own]] = 1.0;
         }
-        for (int64_t j = 0; j < unattributed.size(); ++j) {
+        for (int64_t j : range(unattributed.size())) {
             if (end > unattributed[j]) row[jumps_at + j] = 1.0;
         }
     }
@@ -55,7 +55,7 @@ Model lay_out(const SwitchingPath& path, Integers borders, FloatCube table) {
 VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double> log_pivot) {
     const int64_t size = matrix.shape[0];
     NewFloats diagonal(size), finished(size);
-    for (int64_t i = 0; i < size; ++i) diagonal[i] = matrix(i, i);
+    for (int64_t i : range(size)) diagonal[i] = matrix(i, i);
     double* __restrict column = finished.data();
     double log_determinant = 0.0;
     for (int64_t j = 0, end = 0; j < size; ++j) {
@@ -65,10 +65,10 @@ VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double
         log_pivot[j] = log(pivot);
         log_determinant += log_pivot[j];
         const double root = matrix(j, j) = sqrt(pivot);
-        for (int64_t i = j + 1; i < end; ++i) {
+        for (int64_t i : range(j + 1, end)) {
             double* __restrict row = matrix.row(i).data;
             const double weight = row[j] = column[i] = row[j] / root;
-            for (int64_t c = j + 1; c <= i; ++c) row[c] -= weight * column[c];
+            for (int64_t c : range(j + 1, i + 1)) row[c] -= weight * column[c];
         }
     }
     return log_determinant;
@@ -80,28 +80,28 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
     const int64_t size = matrix.shape[0];
     const double log_determinant = factorise(matrix, block, log_pivot);
     NewMatrix lower({size, size});  // the inverse of the factor
-    for (int64_t i = 0; i < size; ++i) {
+    for (int64_t i : range(size)) {
         double* __restrict row = lower.row(i).data;
-        for (int64_t c = block[i]; c < i; ++c) {
+        for (int64_t c : range(block[i], i)) {
             const double* __restrict above = lower.row(c).data;
             const double weight = matrix(i, c);
-            for (int64_t j = block[i]; j <= c; ++j) row[j] -= weight * above[j];
+            for (int64_t j : range(block[i], c + 1)) row[j] -= weight * above[j];
         }
         const double pivot = matrix(i, i);
-        for (int64_t j = block[i]; j < i; ++j) row[j] /= pivot;
+        for (int64_t j : range(block[i], i)) row[j] /= pivot;
         row[i] = 1.0 / pivot;
     }
     fill(inverse.begin(), inverse.end(), 0.0);
-    for (int64_t c = 0; c < size; ++c) {
+    for (int64_t c : range(size)) {
         const double* __restrict row = lower.row(c).data;
-        for (int64_t i = block[c]; i <= c; ++i) {
+        for (int64_t i : range(block[c], c + 1)) {
             double* __restrict out = inverse.row(i).data;
             const double weight = row[i];
-            for (int64_t j = block[c]; j <= i; ++j) out[j] += weight * row[j];
+            for (int64_t j : range(block[c], i + 1)) out[j] += weight * row[j];
         }
     }
-    for (int64_t i = 0; i < size; ++i) {
-        for (int64_t j = 0; j < i; ++j) inverse(j, i) = inverse(i, j);
+    for (int64_t i : range(size)) {
+        for (int64_t j : range(i)) inverse(j, i) = inverse(i, j);
     }
     return log_determinant;
 }
@@ -122,14 +122,14 @@ void write_prior(
     Matrix<double> covariance) {
     const int64_t unknowns = mean.size(), jumps_at = 1 + model.free.size();
     mean[0] = state(0, 0), covariance(0, 0) = state(0, 1) * state(0, 1);
-    for (int64_t i = 1; i < jumps_at; ++i) {
+    for (int64_t i : range(1, jumps_at)) {
         const auto [system, middle, std] = model.free[i - 1];
         const double factor = 1.0 + state(1 + system, 0), spread = state(1 + system, 1), deviation = factor * std;
         mean[i] = factor * middle;
-        for (int64_t j = block[i]; j < i; ++j) covariance(i, j) = (spread * middle) * (spread * model.free[j - 1].mean);
+        for (int64_t j : range(block[i], i)) covariance(i, j) = (spread * middle) * (spread * model.free[j - 1].mean);
         covariance(i, i) = deviation * deviation + (spread * middle) * (spread * middle);
     }
-    for (int64_t i = jumps_at; i < unknowns - 1; ++i) mean[i] = 0.0, covariance(i, i) = rest[0] * rest[0];
+    for (int64_t i : range(jumps_at, unknowns - 1)) mean[i] = 0.0, covariance(i, i) = rest[0] * rest[0];
     mean[unknowns - 1] = rest[1], covariance(unknowns - 1, unknowns - 1) = rest[2] * rest[2];
 }
 
@@ -137,13 +137,13 @@ Prior prior_of_states(const Cases& cases, const Model& model) {
     const int64_t states = cases.states.shape[0], unknowns = model.unknowns(), sojourns = model.free.size();
     Prior prior{NewIntegers(unknowns), NewIntegers(unknowns), NewMatrix({states, unknowns}),
                 NewMatrix({states, unknowns}), NewCube({states, unknowns, unknowns})};
-    for (int64_t i = 0; i < unknowns; ++i) {
+    for (int64_t i : range(unknowns)) {
         const bool free = i > 0 && i <= sojourns;
         prior.part[i] = free ? 1 + model.free[i - 1].system : 0;
         prior.block[i] = free && prior.part[i] == prior.part[i - 1] ? prior.block[i - 1] : i;
     }
     NewMatrix covariance({unknowns, unknowns});
-    for (int64_t state = 0; state < states; ++state) {
+    for (int64_t state : range(states)) {
         write_prior(cases.states.row(state), model, cases.rest, prior.block, prior.mean.row(state), covariance);
         invert(covariance, prior.block, prior.precision.row(state), prior.log_variance.row(state));
     }
@@ -169,7 +169,7 @@ struct Conditioned {
     // Take mean, precision and covariance's log-determinant of one case.
     void choose(const Prior& prior, Integers choice) {
         log_determinant = 0.0;
-        for (std::size_t i = 0; i < mean.size(); ++i) {
+        for (int64_t i : range(mean.size())) {
             const int64_t state = choice[prior.part[i]], begin = prior.block[i];
             const double* source = prior.precision.row(state).row(i).data;
             double* row = precision.row(i).data;
@@ -189,7 +189,7 @@ struct Conditioned {
         NewIntegers column(unknowns);
         const double slope = mean[slope_at];
         squares = 0.0;
-        for (int64_t i = 0; i < levels.shape[0]; ++i) {
+        for (int64_t i : range(levels.shape[0])) {
             const double n = statistics(0, i);
             if (n == 0.0) continue;
             const double x_mean = statistics(1, i) / n, z_mean = statistics(2, i) / n;
@@ -203,17 +203,17 @@ struct Conditioned {
             // The mean is one observation of level + slope x_mean.
             const double mean_variance = variance / n + scatter;
             int64_t held = 0;
-            for (int64_t a = 0; a < unknowns; ++a) {
+            for (int64_t a : range(unknowns)) {
                 const double value = a < slope_at ? levels(i, a) : x_mean;
                 if (value != 0.0) row[held] = value, column[held++] = a;
             }
             double rest = z_mean;
-            for (int64_t k = 0; k < held; ++k) rest -= row[k] * mean[column[k]];
+            for (int64_t k : range(held)) rest -= row[k] * mean[column[k]];
             squares += rest * rest / mean_variance;
             log_determinant += log(mean_variance * n / variance);  // relative to independent samples
-            for (int64_t k = 0; k < held; ++k) {
+            for (int64_t k : range(held)) {
                 response[column[k]] += row[k] * rest / mean_variance;
-                for (int64_t other = 0; other <= k; ++other) {
+                for (int64_t other : range(k + 1)) {
                     precision(column[k], column[other]) += row[k] * row[other] / mean_variance;
                 }
             }
@@ -241,32 +241,32 @@ tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
     NewMatrix means({count, unknowns}), covariance({unknowns, unknowns});
     NewCube covariances({count, unknowns, unknowns});
     NewFloats weights(count), mean(unknowns), std(unknowns);
-    for (int64_t c = 0; c < count; ++c) {
+    for (int64_t c : range(count)) {
         one.choose(prior, cases.choice.row(c));
         one.add({statistics, variance, scatter}, model.levels);
         one.log_determinant += invert(one.precision, one.block, covariances.row(c), one.log_variance);
         double explained = 0.0;
-        for (int64_t a = 0; a < unknowns; ++a) {
+        for (int64_t a : range(unknowns)) {
             double shift = 0.0;
-            for (int64_t b = 0; b < unknowns; ++b) shift += covariances(c, a, b) * one.response[b];
+            for (int64_t b : range(unknowns)) shift += covariances(c, a, b) * one.response[b];
             explained += shift * one.response[a];
             means(c, a) = one.mean[a] + shift;
         }
         weights[c] = -0.5 * (one.squares - explained) - 0.5 * one.log_determinant + cases.log_prior[c];
     }
     const double log_evidence = normalise(weights);
-    for (int64_t c = 0; c < count; ++c) {
-        for (int64_t a = 0; a < unknowns; ++a) mean[a] += weights[c] * means(c, a);
+    for (int64_t c : range(count)) {
+        for (int64_t a : range(unknowns)) mean[a] += weights[c] * means(c, a);
     }
-    for (int64_t c = 0; c < count; ++c) {
-        for (int64_t a = 0; a < unknowns; ++a) {
+    for (int64_t c : range(count)) {
+        for (int64_t a : range(unknowns)) {
             const double apart = weights[c] * (means(c, a) - mean[a]);
-            for (int64_t b = 0; b < unknowns; ++b) {
+            for (int64_t b : range(unknowns)) {
                 covariance(a, b) += weights[c] * covariances(c, a, b) + apart * (means(c, b) - mean[b]);
             }
         }
     }
-    for (int64_t a = 0; a < unknowns; ++a) std[a] = sqrt(max(covariance(a, a), 0.0));
+    for (int64_t a : range(unknowns)) std[a] = sqrt(max(covariance(a, a), 0.0));
     return {log_evidence, mean, std, covariance, model.column};
 }
 }  // namespace
@@ -278,15 +278,15 @@ double evidence_of_cases(
     const Prior prior = prior_of_states(cases, model);
     Conditioned one(model.unknowns());
     NewFloats scores(cases.choice.shape[0]);
-    for (std::size_t c = 0; c < scores.size(); ++c) {
+    for (int64_t c : range(scores.size())) {
         one.choose(prior, cases.choice.row(c));
         one.add({statistics, variance, scatter}, model.levels);
         one.log_determinant += factorise(one.precision, one.block, one.log_variance);
         double explained = 0.0;
-        for (int64_t i = 0; i < model.unknowns(); ++i) {  // by forward substitution, in the posterior's deviations
+        for (int64_t i : range(model.unknowns())) {  // by forward substitution, in the posterior's deviations
             const double* row = one.precision.row(i).data;
             double value = one.response[i];
-            for (int64_t j = 0; j < i; ++j) value -= row[j] * one.response[j];
+            for (int64_t j : range(i)) value -= row[j] * one.response[j];
             one.response[i] = value /= row[i];
             explained += value * value;
         }

@@ -31,7 +31,7 @@ tuple<int64_t, int64_t, int64_t> assign_slots(
     Integers time_ns, Flags good, int64_t origin_ns, int64_t period_ns, int64_t frontier, int64_t furthest,
     int64_t window_slots, bool passed, Vector<int64_t> slots, Vector<bool> ahead) {
     int64_t before = frontier - 1, ahead_count = 0, used = 0;
-    for (int64_t k = 0; k < time_ns.size(); ++k) {
+    for (int64_t k : range(time_ns.size())) {
         const int64_t doubled = 2 * (time_ns[k] - origin_ns) + period_ns;
         int64_t slot = before + 1;  // nearly always: spare the division
         const int64_t beyond = doubled - 2 * period_ns * slot;
@@ -60,13 +60,13 @@ bool judge(
     const auto at = [&](int64_t k) { return k < 0 ? recent[k + OUTSTANDING_SLOTS] : values[k]; };
     const int64_t n = values.size();
     bool found = false;
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         const double value = values[k];
         if (isnan(value)) continue;
         const double after = following[k], far = limit + ROUGHNESS_FACTOR * rough / max(steps, 1.0);
         // Do this slot, and perhaps some before it, stand out from the slot before them and the one after?
         if (steps >= STEPS_TO_JUDGE && abs(value - after) > far) {
-            for (int count = 1; count <= OUTSTANDING_SLOTS; ++count) {
+            for (int64_t count : range(1, OUTSTANDING_SLOTS + 1)) {
                 const double anchor = at(k - count);
                 if (abs(after - anchor) <= 0.5 * far && abs(value - anchor) > count * far) {
                     kind[k] = STANDS_OUT, since[k] = count - 1;
@@ -99,7 +99,7 @@ bool judge(
             found = true;
         }
     }
-    for (int64_t i = 0; i < OUTSTANDING_SLOTS; ++i) state[i] = at(n - OUTSTANDING_SLOTS + i);
+    for (int64_t i : range(OUTSTANDING_SLOTS)) state[i] = at(n - OUTSTANDING_SLOTS + i);
     memory[0] = last, memory[1] = step, memory[2] = bend, memory[3] = restless, memory[4] = repeated;
     memory[5] = restless_before, memory[6] = rough, memory[7] = steps;
     return found;

@@ -17,7 +17,7 @@ struct Bins {
 
     constexpr Bins() {
         double octave = 1.0 / (int64_t{1} << -LOWEST_EXPONENT);
-        for (int64_t i = 0; i < BINS; ++i) {
+        for (int64_t i : range(BINS)) {
             if (i > 0 && i % BINS_PER_OCTAVE == 0) octave *= 2.0;
             widths[i] = octave / BINS_PER_OCTAVE;
             edges[i] = octave + i % BINS_PER_OCTAVE * widths[i];
@@ -49,7 +49,7 @@ double trimmed_variance(Integers counts, int64_t total) {
         seen += counts[place];
         weighted += counts[place] * STATISTIC_BINS.middle(place);
     }
-    for (int round = 0; round < 4; ++round) {
+    for (int64_t round : range(4)) {
         const double kept = KEPT * (1.0 - jumped) * total;
         while (before[place] >= kept) --place;
         // Within a bin counts are taken as evenly spread.
@@ -71,7 +71,7 @@ double trimmed_variance(Integers counts, int64_t total) {
 double sum_of_lags(const double* row) {
     double part[8] = {}, total = 0.0;
     for (int64_t lag = 0; lag < LAGS; lag += 8) {
-        for (int i = 0; i < 8; ++i) part[i] += row[lag + i];
+        for (int64_t i : range(8)) part[i] += row[lag + i];
     }
     for (double sum : part) total += sum;
     return total;
@@ -82,13 +82,13 @@ VECTORISED void remainders(
     const double* __restrict x, const double* __restrict z, const bool* __restrict used, double slope, double weight,
     double* __restrict good, double* __restrict e) {
     double u[LENGTH], v[LENGTH];
-    for (int64_t i = 0; i < LENGTH; ++i) {  // without branches: several slots at once
+    for (int64_t i : range(LENGTH)) {  // without branches: several slots at once
         good[i] = used[i];
         u[i] = (x[i] - x[0]) * good[i];
         v[i] = (z[i] - z[0]) * good[i];
     }
     double n = 0.0, sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0;
-    for (int64_t i = 0; i < LENGTH; ++i) {
+    for (int64_t i : range(LENGTH)) {
         n += good[i];
         sx += u[i];
         sz += v[i];
@@ -97,17 +97,17 @@ VECTORISED void remainders(
     }
     const double share = 1.0 / max(n, 1.0);
     const double own = (sxz - sx * sz * share + weight * slope) / (max(sxx - sx * sx * share, 0.0) + weight);
-    for (int64_t i = 0; i < LENGTH; ++i) e[i] = v[i] - own * u[i];
+    for (int64_t i : range(LENGTH)) e[i] = v[i] - own * u[i];
 }
 
 // Half the squared differences of used samples at each lag, and how many pairs they are.
 VECTORISED void differences(
     const double* __restrict e, const double* __restrict good, double* __restrict sums, double* __restrict pairs) {
     double sum[LAGS] = {}, pair[LAGS] = {};
-    for (int64_t i = 0; i < BLOCK; ++i) {
+    for (int64_t i : range(BLOCK)) {
         if (!(good[i] > 0.0)) continue;
         const double *__restrict later = e + i + 1, *__restrict counted = good + i + 1;
-        for (int64_t lag = 0; lag < LAGS; ++lag) {
+        for (int64_t lag : range(LAGS)) {
             const double difference = later[lag] - e[i];
             sum[lag] += counted[lag] * (0.5 * difference * difference);
             pair[lag] += counted[lag];
@@ -122,7 +122,7 @@ VECTORISED void differences(
 NewFloats scale_variances(IntegerMatrix histogram, Integers scales, double start_variance) {
     NewFloats variances(scales.size());
     double borrowed = start_variance;
-    for (int64_t s = 0; s < scales.size(); ++s) {
+    for (int64_t s : range(scales.size())) {
         const auto counts = histogram.row(s);
         int64_t total = 0;
         for (int64_t count : counts) total += count;
@@ -142,7 +142,7 @@ void block_differences(
     Floats x, Floats z, Flags used, int64_t first, int64_t last, int64_t hop, double slope, double weight,
     Matrix<double> sums, Matrix<double> pairs) {
     double good[LENGTH], e[LENGTH];
-    for (int64_t b = first; b < last; ++b) {
+    for (int64_t b : range(first, last)) {
         const int64_t start = b * hop;
         remainders(&x[start], &z[start], &used[start], slope, weight, good, e);
         differences(e, good, &sums(b, 0), &pairs(b, 0));
@@ -153,7 +153,7 @@ void block_differences(
 tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     const int64_t blocks = sums.shape[0];
     NewFloats score(blocks, NAN), full;
-    for (int64_t b = 0; b < blocks; ++b) {
+    for (int64_t b : range(blocks)) {
         const double* row = &pairs(b, 0);
         const double count = sum_of_lags(row);
         if (count == LAGS * BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
@@ -167,14 +167,14 @@ tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     for (double& value : full) value = abs(value - middle);
     const double most = middle + 4.0 * (1.4826 * median_in_place(full));
     double level[LAGS] = {}, count[LAGS] = {};
-    for (int64_t b = 0; b < blocks; ++b) {
+    for (int64_t b : range(blocks)) {
         if (!(score[b] <= most)) continue;
-        for (int64_t lag = 0; lag < LAGS; ++lag) {
+        for (int64_t lag : range(LAGS)) {
             level[lag] += sums(b, lag);
             count[lag] += pairs(b, lag);
         }
     }
-    for (int64_t lag = 0; lag < LAGS; ++lag) {
+    for (int64_t lag : range(LAGS)) {
         levels[lag] = level[lag] / count[lag];
         counts[lag] = count[lag];
     }
@@ -185,11 +185,11 @@ tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
 // weights -1/w and +1/w; 0 where it is longer than the lags reach.
 NewFloats contrast_variances(Floats levels, Integers scales) {
     NewFloats variances(scales.size());
-    for (int64_t s = 0; s < scales.size(); ++s) {
+    for (int64_t s : range(scales.size())) {
         const int64_t w = scales[s];
         if (2 * w > LAGS) continue;
         double lacking = 0.0;
-        for (int64_t lag = 1; lag < 2 * w; ++lag) {
+        for (int64_t lag : range(1, 2 * w)) {
             lacking += (lag < w ? 2 * w - 3 * lag : lag - 2 * w) * levels[lag - 1];  // w² r(l)
         }
         if (isfinite(lacking)) variances[s] = max(-lacking / w, 0.0);
@@ -211,7 +211,7 @@ Quantiles quantiles_of(Integers counts) {
     int64_t sum = 0, seen = 0, middle = 0, end = 0;
     for (auto count : counts) sum += count;
     const double total = sum;
-    for (int64_t place = 0; place < counts.size(); ++place) {
+    for (int64_t place : range(counts.size())) {
         seen += counts[place];
         middle += seen < 0.5 * total;
         if (seen >= 0.995 * total) {
@@ -245,7 +245,7 @@ Noise learn_noise(
     auto [levels, counts] = quiet_levels(block_sums, block_pairs);
     auto variances = scale_variances(histogram, scales, start_variance);
     auto implied = contrast_variances(levels, scales);
-    for (int64_t s = 0; s < scales.size(); ++s) {
+    for (int64_t s : range(scales.size())) {
         // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
         variances[s] = max(variances[s], LEAST_SHARE * implied[s]);
     }

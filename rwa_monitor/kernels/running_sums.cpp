@@ -17,7 +17,7 @@ Sums moments(int64_t start, int64_t stop, const SumArrays& arrays) {
     const int64_t begin = first - arrays.used.data;
     if (begin >= stop) return;
     NewFloats x, z;
-    for (int64_t k = begin; k < min(stop, begin - begin % BLOCK + BLOCK); ++k) {
+    for (int64_t k : range(begin, min(stop, begin - begin % BLOCK + BLOCK))) {
         if (!arrays.used[k]) continue;
         x.push_back(arrays.x[k]);
         z.push_back(arrays.z[k]);
@@ -42,7 +42,7 @@ void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start,
             if (!used[k]) continue;
             const double u = x[k] - x_centre, v = z[k] - z_centre;
             const double terms[6] = {1.0, u, v, u * u, u * v, v * v};
-            for (int i = 0; i < 6; ++i) sums[i] += terms[i];
+            for (int64_t i : range(6)) sums[i] += terms[i];
         }
         if (k == checkpoint) copy(sums, sums + 6, &arrays.checkpoints(k / STRIDE, 0));
     }
@@ -52,7 +52,7 @@ void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start,
 // Write the statistics of each range [start, stop), not centred, to `out` (6, m); returns whether all slots lie in
 // [0, slots].
 bool range_moments(Integers start, Integers stop, int64_t slots, const SumArrays& arrays, Matrix<double> out) {
-    for (int64_t i = 0; i < start.size(); ++i) {
+    for (int64_t i : range(start.size())) {
         if (min(start[i], stop[i]) < 0 || max(start[i], stop[i]) > slots) return false;
         moments(start[i], stop[i], arrays).write(&out(0, i), start.size());
     }
@@ -65,7 +65,7 @@ tuple<double, double> slope_within(
     int64_t slots, Integers index, Integers exclude, const SumArrays& arrays, double variance, double prior_mean,
     double prior_std) {
     double sxx = 0.0, sxz = 0.0, xx = 0.0;  // about the intervals' own means, but the last
-    for (int64_t i = 0; i <= index.size(); ++i) {
+    for (int64_t i : range(index.size() + 1)) {
         const int64_t first = i > 0 ? index[i - 1] : 0, last = i < index.size() ? index[i] : slots;
         const int64_t most = (last - first) / 4;
         Sums sum = moments(
@@ -94,9 +94,9 @@ NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, in
     for (int64_t begin = 0, end = 0; begin < value.size(); begin = end) {
         while (end < value.size() && interval[end] == interval[begin]) ++end;
         double* __restrict sums = &products(interval[begin], 0);
-        for (int64_t b = begin; b < end; ++b) {
+        for (int64_t b : range(begin, end)) {
             const double* later = value.data + b + first;
-            for (int64_t row = 0; row < min(lags, end - b - first); ++row) sums[row] += value[b] * later[row];
+            for (int64_t row : range(min(lags, end - b - first))) sums[row] += value[b] * later[row];
         }
     }
     return products;

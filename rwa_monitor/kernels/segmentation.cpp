@@ -43,13 +43,13 @@ VECTORISED void block_means(
     weights.assign(count, block);
     weights[count - 1] = size - (count - 1) * block;
     double* __restrict mean = means.data();
-    for (int64_t row = 0; row < factors.size(); ++row) {
+    for (int64_t row : range(factors.size())) {
         const double* __restrict sums = &running(row, 0);
         const double factor = factors[row];
-        for (int64_t i = 0; i < count - 1; ++i) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
+        for (int64_t i : range(count - 1)) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
         mean[count - 1] += factor * (sums[size] - sums[(count - 1) * block]);
     }
-    for (int64_t i = 0; i < count; ++i) mean[i] /= weights[i];
+    for (int64_t i : range(count)) mean[i] /= weights[i];
 }
 
 // Jumps between the ends of the sequence, and the running sum of the sum of rows at each of both.
@@ -61,14 +61,14 @@ struct Edges {
 
 double sum_until(const FloatMatrix& running, const Floats& factors, int64_t index) {
     double total = 0.0;
-    for (int64_t row = 0; row < factors.size(); ++row) total += factors[row] * running(row, index);
+    for (int64_t row : range(factors.size())) total += factors[row] * running(row, index);
     return total;
 }
 
 // Move each jump, in order, to the best sample around it.
 void move_jumps(const FloatMatrix& running, const Floats& factors, Edges& edges) {
     auto& [at, sums] = edges;
-    for (int64_t i = 1; i <= edges.count(); ++i) {
+    for (int64_t i : range(1, edges.count() + 1)) {
         const int64_t before = at[i - 1], after = at[i + 1];
         const int64_t last = min(at[i] + REFINE, after - 1);
         double best = -INFINITY, at_best = sums[i];
@@ -91,7 +91,7 @@ bool drop_jumps(Edges& edges, double penalty) {
     for (bool dropped = false;; dropped = true) {
         int64_t weakest = 0;
         double least = penalty;
-        for (int64_t i = 1; i <= edges.count(); ++i) {
+        for (int64_t i : range(1, edges.count() + 1)) {
             const double n1 = at[i] - at[i - 1], n2 = at[i + 1] - at[i];
             const double step = (sums[i + 1] - sums[i]) / n2 - (sums[i] - sums[i - 1]) / n1;
             const double worth = step * step * n1 * n2 / (n1 + n2);
@@ -225,7 +225,7 @@ std::optional<NewIntegers> decafs_within(
         jumps.push_back({at, before});
         return static_cast<int64_t>(jumps.size()) - 1;
     };
-    for (int64_t k = 1; k < z.size(); ++k) {
+    for (int64_t k : range(1, z.size())) {
         const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k], q};
         const Parabola best = least_in(cost);
         if (slope_of(step) < 0.0) reverse(cost.begin(), cost.end());
@@ -259,10 +259,10 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
     const double low = *min_element(z.begin(), z.end()), high = *max_element(z.begin(), z.end());
     Parabolas cost{{0.0, 0.0, 0.0, low, 0}}, capped;
     NewIntegers last(z.size() + 1), found;
-    for (int64_t t = 1; t <= z.size(); ++t) {
+    for (int64_t t : range(1, z.size() + 1)) {
         const double value = z[t - 1], w = weight[t - 1];
         double least = INFINITY;
-        for (std::size_t i = 0; i < cost.size(); ++i) {
+        for (int64_t i : range(cost.size())) {
             Parabola& p = cost[i];
             const double apart = value - p.centre, share = w / (p.bend + w);
             p.least += p.bend * share * apart * apart;
@@ -275,7 +275,7 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
         }
         const Parabola constant{0.0, 0.0, least + penalty, low, t};
         capped.clear();
-        for (std::size_t i = 0; i < cost.size(); ++i) {
+        for (int64_t i : range(cost.size())) {
             append(capped, cost[i], cost[i].edge, i + 1 < cost.size() ? cost[i + 1].edge : high, constant);
         }
         if (low < high) swap(cost, capped);
@@ -306,7 +306,7 @@ NewIntegers segment_sums(FloatMatrix running, Floats factors, double penalty) {
     for (auto jump : jumps) edges.at.push_back(jump * block);
     edges.at.push_back(n);
     for (auto edge : edges.at) edges.sums.push_back(sum_until(running, factors, edge));
-    for (int round = 0; round < 3; ++round) {
+    for (int64_t round : range(3)) {
         move_jumps(running, factors, edges);
         if (!drop_jumps(edges, penalty)) break;
     }
@@ -320,9 +320,9 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
     const int64_t count = sums.shape[1] - 1;
     NewFloats best(count + 1, -penalty), costs(count + 1);
     NewIntegers previous(count + 1), alive{0}, found;
-    for (int64_t j = 1; j <= count; ++j) {
+    for (int64_t j : range(1, count + 1)) {
         double least = INFINITY;
-        for (std::size_t k = 0; k < alive.size(); ++k) {
+        for (int64_t k : range(alive.size())) {
             const int64_t i = alive[k];
             const auto between = [&](int64_t row) { return sums(row, j) - sums(row, i); };
             const double n = between(0), x = between(1), z = between(2);
@@ -332,7 +332,7 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
         }
         best[j] = least;
         std::size_t left = 0;
-        for (std::size_t k = 0; k < alive.size(); ++k) {
+        for (int64_t k : range(alive.size())) {
             if (costs[k] <= least) alive[left++] = alive[k];
         }
         alive.resize(left);
@@ -347,8 +347,8 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
 void five_sums(Floats x, Floats z, Matrix<double> out) {
     double sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0, szz = 0.0;
     double* __restrict row[5];
-    for (int i = 0; i < 5; ++i) row[i] = &out(i, 0);
-    for (int64_t k = 0; k < x.size(); ++k) {
+    for (int64_t i : range(5)) row[i] = &out(i, 0);
+    for (int64_t k : range(x.size())) {
         const double u = x[k], v = z[k];
         row[0][k] = sx += u;
         row[1][k] = sz += v;

@@ -13,14 +13,14 @@ double squared_error(const Sums& sum, double slope) {
     return max(yy - y * y / max(sum.n, 1.0), 0.0);
 }
 
-// The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `range`: it charges
-// each level log(range √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
-NewMatrix fit_table(FloatCube pairs, double slope, double variance, double range) {
+// The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `width`: it charges
+// each level log(width √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
+NewMatrix fit_table(FloatCube pairs, double slope, double variance, double width) {
     const int64_t count = pairs.shape[1];
-    const double log_range = log(range);
+    const double log_range = log(width);
     NewMatrix table({count, count});
-    for (int64_t i = 0; i < count; ++i) {
-        for (int64_t j = i + 1; j < count; ++j) {
+    for (int64_t i : range(count)) {
+        for (int64_t j : range(i + 1, count)) {
             const Sums sum = Sums::read(&pairs(0, i, j), count * count);
             if (!(sum.n > 0.0)) continue;
             const double charge = log_range - 0.5 * log(2.0 * M_PI * variance / sum.n);
@@ -37,7 +37,7 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
     NewIntegers refined(count);
     vector<Sums> prefix;
     for (const int64_t slot : nodes) prefix.push_back(prefix_moments(slot, sums));
-    for (int64_t i = 0; i < count; ++i) {
+    for (int64_t i : range(count)) {
         const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
         const int64_t low = max(left + (at - left) / 2, at - reach[i]);  // exclusive unless it is `at`
         const int64_t high = min(at + (right - at) / 2, at + reach[i]);
@@ -57,7 +57,7 @@ NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double va
 
 NewMatrix chain_of(FloatCube pairs, Integers nodes) {
     NewMatrix chain({pairs.shape[0], nodes.size() - 1});
-    for (int64_t k = 0; k < pairs.shape[0]; ++k) {
+    for (int64_t k : range(pairs.shape[0])) {
         for (int64_t i = 0; i + 1 < nodes.size(); ++i) chain(k, i) = pairs(k, nodes[i], nodes[i + 1]);
     }
     return chain;

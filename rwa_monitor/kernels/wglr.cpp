@@ -18,13 +18,13 @@ void fill_prefix(
     const int64_t earliest = max<int64_t>(0, chunk - HISTORY);
     if (start == chunk) {
         begin = earliest;
-        for (int64_t row = 0; row < PREFIXES; ++row) {
+        for (int64_t row : range(PREFIXES)) {
             fill_n(&prefix(row, 0), HISTORY + begin - chunk + 1, 0.0);
         }
     }
     // The centre is the first used sample that the sums of this chunk may hold.
     double x_centre = 0.0, z_centre = 0.0;
-    for (int64_t k = earliest; k < stop; ++k) {
+    for (int64_t k : range(earliest, stop)) {
         if (used[k]) {
             x_centre = x[k];
             z_centre = z[k];
@@ -33,17 +33,17 @@ void fill_prefix(
     }
     double* at[PREFIXES];
     double sums[PREFIXES];
-    for (int64_t row = 0; row < PREFIXES; ++row) {
+    for (int64_t row : range(PREFIXES)) {
         at[row] = &prefix(row, HISTORY + begin - chunk);
         sums[row] = *at[row];
     }
-    for (int64_t k = begin; k < stop; ++k) {
+    for (int64_t k : range(begin, stop)) {
         if (used[k]) {
             const double u = x[k] - x_centre, e = (z[k] - z_centre) - slope * u;
             const double terms[PREFIXES] = {1.0, u, e, u * u, u * e};
-            for (int64_t row = 0; row < PREFIXES; ++row) sums[row] += terms[row];
+            for (int64_t row : range(PREFIXES)) sums[row] += terms[row];
         }
-        for (int64_t row = 0; row < PREFIXES; ++row) *++at[row] = sums[row];
+        for (int64_t row : range(PREFIXES)) *++at[row] = sums[row];
     }
 }
 
@@ -57,7 +57,7 @@ ALWAYS_INLINE void evaluate_slots(
     const double* __restrict xx = e + width;
     const double* __restrict xe = xx + width;
     const double all = w, need = max(1.0, 0.5 * all);
-    for (int64_t j = 0; j < count; ++j) {
+    for (int64_t j : range(count)) {
         const double nl = AllUsed ? all : n[j] - n[j - w], nr = AllUsed ? all : n[j + w] - n[j];
         const double left_share = 1.0 / max(nl, 1.0), right_share = 1.0 / max(nr, 1.0);
         const double xl = x[j] - x[j - w], xr = x[j + w] - x[j];
@@ -90,7 +90,7 @@ VECTORISED void evaluate(
 // Whether any value is above the floor.
 VECTORISED bool exceeds(const double* values, int64_t count, double floor) {
     int64_t above = 0;
-    for (int64_t j = 0; j < count; ++j) above |= values[j] > floor;
+    for (int64_t j : range(count)) above |= values[j] > floor;
     return above != 0;
 }
 
@@ -132,7 +132,7 @@ Detector::Detector(Integers half_widths)
 // ±w of it: the larger of the two stays.
 void Detector::keep(
     const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor) {
-    for (int64_t j = 0; j < count; ++j) {
+    for (int64_t j : range(count)) {
         if (statistic[j] <= floor) continue;
         const ScannedPeak peak{scale, first + j, statistic[j], jump[j], false};
         int64_t& last = open[scale][jump[j] > 0.0];
@@ -149,7 +149,7 @@ void Detector::keep(
 
 // List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
 void Detector::confirm(int64_t stop, Floats sure) {
-    for (std::size_t p = settled; p < peaks.size(); ++p) {
+    for (int64_t p : range(settled, peaks.size())) {
         ScannedPeak& peak = peaks[p];
         if (peak.final || peak.index + 2 * scales[peak.scale] > stop) continue;  // the last slot with a statistic
         peak.final = true;
@@ -174,7 +174,7 @@ void Detector::prune(Floats variances) {
     sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return tie(strength[b], a) < tie(strength[a], b); });
     kept.resize(peaks.size() / 2);
     sort(kept.begin(), kept.end());
-    for (std::size_t i = 0; i < kept.size(); ++i) {
+    for (int64_t i : range(kept.size())) {
         peaks[i] = peaks[kept[i]];
         place[kept[i]] = i;
     }
@@ -197,7 +197,7 @@ void Detector::scan(
         if (begin == chunk && peaks.size() + chunk_peaks > MOST_PEAKS) prune(settings.variances);
         end = min({begin + STRETCH, chunk + CHUNK, stop});
         fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
-        for (int64_t s = 0; s < count_scales; ++s) {
+        for (int64_t s : range(count_scales)) {
             const int64_t w = scales[s], right = max(begin + 1, 2 * w), count = end - right + 1;
             evaluated[s] = {right, false};
             if (count <= 0) continue;
@@ -208,7 +208,7 @@ void Detector::scan(
         }
         for (int64_t step = begin; step < end; step += BLOCK) {
             const int64_t step_end = min(step + BLOCK, end);
-            for (int64_t s = 0; s < count_scales; ++s) {
+            for (int64_t s : range(count_scales)) {
                 if (!evaluated[s].above) continue;
                 const int64_t w = scales[s], right = max(step + 1, evaluated[s].first_right);
                 const double* statistic = &values[2 * s * room] + (right - evaluated[s].first_right);
@@ -242,7 +242,7 @@ tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, 
         if (right > stop) continue;
         const int64_t first = right - scale, count = stop + 1 - right;
         evaluate(prefix, HISTORY + right - chunk, scale, weight, count, &statistic[first], &jump[first]);
-        for (int64_t k = first; k < first + count; ++k) {
+        for (int64_t k : range(first, first + count)) {
             if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = NAN;
         }
     }

@@ -80,7 +80,8 @@ def measure_level(
     """
     nodes = np.concatenate(([0], accepted + 1, [index.size + 1]))
     slots = np.concatenate(([0], index, [sums.slots]))
-    pairs = sums.between(*np.meshgrid(slots, slots, indexing="ij")).table
+    between = sums.between(np.repeat(slots, slots.size), np.tile(slots, slots.size)).table
+    pairs = between.reshape(6, slots.size, slots.size)
     n, x, z, xx, xz = pairs[:5, nodes[:-1], nodes[1:]]
     n, weight = np.maximum(n, 1.0), variance / (prior_std * prior_std)
     # Added up in order: the last digit must not depend on how many there are.

@@ -18,7 +18,7 @@ constexpr std::size_t FIXED_BYTES = 3'000'000, BYTES_PER_SLOT = 40;
 
 double interpolate(double at, const double* x, const double* y, int64_t n) {
     if (!(at > x[0])) return y[0];
-    for (int64_t i = 1; i < n; ++i) {
+    for (int64_t i : rwa::range(1, n)) {
         if (at <= x[i]) return y[i - 1] + (y[i] - y[i - 1]) / (x[i] - x[i - 1]) * (at - x[i - 1]);
     }
     return y[n - 1];
