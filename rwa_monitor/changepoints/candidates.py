@@ -9,7 +9,6 @@ Everything comes from running sums; a few samples are read around each candidate
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -33,7 +32,7 @@ _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  
 
 
 def choose(
-    evidence: Evidence, scales: IntArray, variances: FloatArray, outlier: float, slope_prior: SlopePrior | None
+    evidence: Evidence, scales: IntArray, variances: FloatArray, outlier: float, slope_prior: SlopePrior
 ) -> Candidates:
     """Choose among the peaks of a window, and the jumps behind its gaps.
 
@@ -47,7 +46,7 @@ def choose(
     outlier
         See `noise.largest_outlier`.
     slope_prior
-        What is known of the slope before the window, or None.
+        What is known of the slope before the window.
     """
     known = np.isfinite(variances)
     found, behind = evidence.candidates, peaks_behind_gaps(evidence.sums)
@@ -64,7 +63,7 @@ def choose(
         Threshold(table, evidence.threshold, outlier),
         ar_coefficient(noise),
         noise.std**2 * noise.long_run_factor,
-        *((math.nan, math.nan) if slope_prior is None else (slope_prior.mean, slope_prior.std)),
+        *slope_prior,
     )
     return Candidates(*chosen)
 

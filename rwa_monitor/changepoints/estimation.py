@@ -7,7 +7,9 @@ about their own means, and the levels follow: O(m) from the running sums, withou
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,22 +20,22 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
 
-@dataclass(frozen=True, slots=True)
-class SlopePrior:
+class SlopePrior(NamedTuple):
     """What is known of the viscous coefficient before the window: Gaussian, normalised.
 
     Attributes
     ----------
     mean, std
-        Centre and standard deviation.
+        Centre and standard deviation; NaN where nothing is known.
     """
 
-    mean: float
-    std: float
+    mean: float = math.nan
+    std: float = math.nan
 
 
+NOTHING_KNOWN: Final = SlopePrior()
 # A viscous anomaly raises f_v by tens of per cent; the prior must not hide it from a window that can show it.
-NOMINAL_SLOPE_SPREAD = 0.3  # [of the nominal coefficient]
+NOMINAL_SLOPE_SPREAD: Final = 0.3  # [of the nominal coefficient]
 
 
 def nominal_viscous(wheel: Wheel) -> float | None:
@@ -43,16 +45,14 @@ def nominal_viscous(wheel: Wheel) -> float | None:
     return wheel.nominal.viscous_Nm_s_rad * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
 
 
-def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
-    """Return the prior of f_v that the wheel's nominal values give, None where there are none."""
+def nominal_slope_prior(wheel: Wheel, spread: float = NOMINAL_SLOPE_SPREAD) -> SlopePrior:
+    """Return the prior of f_v that the wheel's nominal values give; nothing is known where there are none."""
     nominal = nominal_viscous(wheel)
-    if nominal is None:
-        return None
     # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
-    return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
+    return NOTHING_KNOWN if nominal is None else SlopePrior(nominal, spread * max(nominal, 0.1))
 
 
-def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = None) -> Estimate:
+def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KNOWN) -> Estimate:
     """Estimate the level of each interval and the shared slope.
 
     Parameters
@@ -72,9 +72,8 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = Non
     """
     index = np.asarray(index, dtype=np.int64)
     noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are left out beside a changepoint
-    known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
     variance = noise.std**2 * noise.long_run_factor
-    slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *known)
+    slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *prior)
     edges = np.concatenate(([0], index, [evidence.slots]))
     sums = evidence.sums.between(edges[:-1], edges[1:])
     seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)

@@ -211,7 +211,8 @@ class WindowAccumulator:
 
         # Without any idea of the slope, two neighbouring samples show nothing of a jump.
         prior = self.slope_prior
-        self._scales: IntArray = np.array(SCALES if prior else SCALES[1:], dtype=np.int64)
+        known = math.isfinite(prior.std)
+        self._scales: IntArray = np.array(SCALES if known else SCALES[1:], dtype=np.int64)
         asked, stated = wheel.window.run_length, wheel.window.dead_band_rad_s
         outlier = gaussian_outlier(outlier_chance(self.slots))
         self.settings = WindowSettings(
@@ -224,9 +225,9 @@ class WindowAccumulator:
             dead_band=math.nan if stated is None else stated / wheel.speed_unit_rad_s,
             speed_noises=SPEED_NOISES,
             start_std=math.nan if self._start_std is None else self._start_std,
-            prior_mean=prior.mean if prior else math.nan,
-            prior_std=prior.std if prior else math.nan,
-            nominal_slope=prior.mean if prior else 0.0,
+            prior_mean=prior.mean,
+            prior_std=prior.std,
+            nominal_slope=prior.mean if known else 0.0,
             outlier=outlier,
             sure_outlier=UNKNOWN_TAIL * outlier if asked is None else 0.0,
             sure_margin=0.0 if asked is None else BESIDE_OUTLIER,

@@ -68,7 +68,7 @@ using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::is
     std::max, std::min, std::pow, std::rint, std::sqrt;
 using std::all_of, std::any_of, std::copy, std::copy_n, std::fill, std::fill_n, std::find, std::iota, std::max_element,
     std::min_element, std::none_of, std::nth_element, std::reverse, std::sort, std::stable_sort, std::swap;
-using std::array, std::int64_t, std::make_tuple, std::tie, std::tuple;
+using std::array, std::int64_t, std::make_tuple, std::move, std::size_t, std::tie, std::tuple;
 #ifdef RWA_ONBOARD
 template <typename T>
 using vector = std::vector<T, Pooled<T>>;
@@ -92,7 +92,7 @@ struct range {
     constexpr iterator end() const { return {last}; }
 };
 
-template <typename T, std::size_t N>
+template <typename T, size_t N>
 struct Array {
     T* data = nullptr;
     array<int64_t, N> shape{};
@@ -118,7 +118,7 @@ struct Array {
     T& operator()(Index... index) const {
         static_assert(sizeof...(Index) == N, "one index for each axis");
         int64_t place = 0;
-        std::size_t axis = 0;
+        size_t axis = 0;
         ((REQUIRE(index >= 0 && index < shape[axis]), place = place * shape[axis++] + index), ...);
         return data[place];
     }
@@ -152,7 +152,7 @@ using FloatCube = Array<const double, 3>;
 using NewFloats = vector<double>;
 using NewIntegers = vector<int64_t>;
 
-template <typename T, std::size_t N>
+template <typename T, size_t N>
 struct Table : Array<T, N> {
     vector<T> values;
 
@@ -171,7 +171,7 @@ using NewCube = Table<double, 3>;
 
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
 inline double median_in_place(vector<double>& values) {
-    const std::size_t n = values.size(), half = n / 2;
+    const size_t n = values.size(), half = n / 2;
     nth_element(values.begin(), values.begin() + half, values.end());
     const double above = values[half];
     return n % 2 == 1 ? above : 0.5 * (*max_element(values.begin(), values.begin() + half) + above);

@@ -257,7 +257,7 @@ tuple<Bounds, Worth> free_bounds(const Scores& scores) {
     const Table<double, 4> nothing(worth.single.shape);
     Bounds bounds{
         best_rest(scores.fit, worth.with_law), best_rest(scores.fit, size_only), best_chains(scores, nothing)};
-    return {std::move(bounds), std::move(worth)};
+    return {move(bounds), move(worth)};
 }
 
 // Make the bounds `rest_fit` and `own` those with prices from a complete path: its start and the actions taken.
@@ -477,13 +477,13 @@ void keep(const vector<Offer>& offers, int64_t offer, int64_t most, Merged& merg
 
 // Bring the first `room` offers that reach the cutoff together by state, which `table` finds by its hash.
 void merge(
-    const Scores& scores, int64_t k, double cutoff, std::size_t room, const vector<Entry>& entries,
+    const Scores& scores, int64_t k, double cutoff, size_t room, const vector<Entry>& entries,
     const vector<Offer>& offers, int64_t kept, NewIntegers& table, vector<Merged>& merged) {
-    std::size_t slots = 16, taken = 0;
+    size_t slots = 16, taken = 0;
     while (slots < 2 * min(room, offers.size())) slots *= 2;
     table.assign(slots, -1);
     merged.clear();
-    for (std::size_t offer = 0; offer < offers.size() && taken < room; ++offer) {
+    for (size_t offer = 0; offer < offers.size() && taken < room; ++offer) {
         if (offers[offer].bound < cutoff) continue;
         ++taken;
         const State state = moved(scores, entries[offers[offer].entry].state, k, offers[offer].action);
@@ -526,7 +526,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     REQUIRE(systems <= MOST_SYSTEMS);
     int64_t starts = 1;
     for (auto configurations : scores.configurations) starts *= configurations;
-    const auto room = static_cast<std::size_t>(max(budget, starts));
+    const auto room = static_cast<size_t>(max(budget, starts));
     Expansion found;
     vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
     vector<Offer> offers;

@@ -168,8 +168,8 @@ namespace {
 void settle(
     vector<Candidate>& accepted, int64_t slots, double slope, double correlation, const SumArrays& sums,
     const Threshold& required) {
-    const auto before = [&](std::size_t i) { return i > 0 ? accepted[i - 1].index : 0; };
-    const auto after = [&](std::size_t i) { return i + 1 < accepted.size() ? accepted[i + 1].index : slots; };
+    const auto before = [&](size_t i) { return i > 0 ? accepted[i - 1].index : 0; };
+    const auto after = [&](size_t i) { return i + 1 < accepted.size() ? accepted[i + 1].index : slots; };
     for (int64_t i : range(accepted.size())) {
         auto& index = accepted[i].index;
         const int64_t reach = accepted[i].scale;
@@ -177,7 +177,7 @@ void settle(
         index = refine(index, low, high, reach, slope, sums);
         if (correlation > 0.0) index = refine_in_colour(index, low, high, reach, slope, correlation, sums);
     }
-    std::size_t first = 0, last = accepted.size();  // whose neighbours have changed
+    size_t first = 0, last = accepted.size();  // whose neighbours have changed
     while (true) {
         for (int64_t i : range(first, last)) {
             const int64_t index = accepted[i].index, half = max(LONGEST_HALF, 2 * accepted[i].scale);
@@ -189,7 +189,7 @@ void settle(
                 return a.excess < b.excess || (isnan(a.excess) && !isnan(b.excess));
             });
         if (weakest == accepted.end() || weakest->excess >= 1.0) return;
-        const std::size_t place = weakest - accepted.begin();
+        const size_t place = weakest - accepted.begin();
         accepted.erase(weakest);
         first = place > 0 ? place - 1 : 0;
         last = min(place + 1, accepted.size());

@@ -123,8 +123,8 @@ struct Detector {
     NewMatrix prefix;  // column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k
     vector<ScannedPeak> peaks;
     vector<array<int64_t, 2>> open;  // of each scale the last peak of each sign; -1 for none
-    std::size_t settled = 0;                   // peaks before this one are final
-    std::size_t chunk_peaks;                   // that a chunk can give at most
+    size_t settled = 0;                   // peaks before this one are final
+    size_t chunk_peaks;                   // that a chunk can give at most
 };
 
 // The fields of `Candidates`.

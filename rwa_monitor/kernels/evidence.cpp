@@ -94,11 +94,11 @@ struct Untouched {
     Untouched(const Untouched&) = delete;
     Untouched& operator=(const Untouched&) = delete;
     ~Untouched() { if (data) allocator.deallocate(data, size); }
-    double* take(std::size_t count) { return data = allocator.allocate(size = count); }
+    double* take(size_t count) { return data = allocator.allocate(size = count); }
 
     NewFloats::allocator_type allocator;
     double* data = nullptr;
-    std::size_t size = 0;
+    size_t size = 0;
 };
 
 // A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and

@@ -190,11 +190,11 @@ void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabo
 // The least of two envelopes and a constant.
 void least_of(const Parabolas& first, const Parabolas& second, const Parabola& constant, Parabolas& out) {
     out.clear();
-    const auto end_of = [](const Parabolas& parts, std::size_t i) {
+    const auto end_of = [](const Parabolas& parts, size_t i) {
         return i + 1 < parts.size() ? parts[i + 1].edge : INFINITY;
     };
     double from = -INFINITY;
-    for (std::size_t i = 0, j = 0; i < first.size() && j < second.size();) {
+    for (size_t i = 0, j = 0; i < first.size() && j < second.size();) {
         const Parabola &p = first[i], &q = second[j];
         const double p_end = end_of(first, i), q_end = end_of(second, j), to = min(p_end, q_end);
         const auto [falling, rising] = crossings(p, q);
@@ -331,7 +331,7 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
             if (costs[k] + penalty < least) least = costs[k] + penalty, previous[j] = i;
         }
         best[j] = least;
-        std::size_t left = 0;
+        size_t left = 0;
         for (int64_t k : range(alive.size())) {
             if (costs[k] <= least) alive[left++] = alive[k];
         }

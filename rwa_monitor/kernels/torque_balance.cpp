@@ -127,7 +127,7 @@ Share share_beside(int degree, Floats shape, Floats speed) {
         for (auto& value : power) value /= length;
         project_out(power, bent);
         project_out(power, beside);
-        powers.push_back(std::move(power));
+        powers.push_back(move(power));
     }
     const double energy = dot(bent, bent);
     if (energy <= 0.0) return {};

@@ -6,7 +6,7 @@
 namespace rwa {
 namespace {
 constexpr int64_t STRETCH = CHUNK / 2;  // slots that are evaluated in one go at most; a multiple of BLOCK
-constexpr std::size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
+constexpr size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
 constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
@@ -122,7 +122,7 @@ Detector::Detector(Integers half_widths)
     // Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
     double most = 0.0;
     for (int64_t w : scales) most += 2.0 * CHUNK / (w + 1);
-    chunk_peaks = static_cast<std::size_t>(std::ceil(most)) + 2 * scales.size();
+    chunk_peaks = static_cast<size_t>(std::ceil(most)) + 2 * scales.size();
 #ifdef RWA_ONBOARD
     peaks.reserve(MOST_PEAKS);
 #endif
@@ -246,7 +246,7 @@ tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, 
             if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = NAN;
         }
     }
-    return {std::move(statistic), std::move(jump)};
+    return {move(statistic), move(jump)};
 }
 
 #ifndef RWA_ONBOARD

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
+from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
 from rwa_monitor.changepoints.stage_results import SwitchingPath
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
@@ -243,14 +243,12 @@ def _anywhere(probability: float, mean: float, wheel: Wheel) -> Case:
 
 def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float) -> SlopePrior:
     """Return the prior of the viscous coefficient: of earlier windows, around the nominal one, or wide."""
-    nominal = nominal_viscous(wheel)
     if carried and carried.viscous:
         drifted = carried.viscous.drifted()
         return SlopePrior(drifted.mean, max(drifted.std, CARRIED_VISCOUS_SPREAD * abs(drifted.mean)))
-    if nominal is None:
+    if wheel.nominal is None:
         return SlopePrior(0.0, 10.0 * max(abs(typical_level), 1e-12))
-    # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
-    return SlopePrior(nominal, VISCOUS_SPREAD * max(nominal, 0.1))
+    return nominal_slope_prior(wheel, VISCOUS_SPREAD)
 
 
 def _system_of(

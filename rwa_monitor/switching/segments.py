@@ -9,7 +9,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.noise import mean_variance_factor
+from rwa_monitor.changepoints.noise import mean_variance_factor, median_size
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, NoiseEstimate
 from rwa_monitor.kernels.segments import refine_nodes
@@ -140,8 +140,7 @@ def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, va
 
 def typical_jump(jump: FloatArray) -> float:
     """Return the median size of jumps, those that are finite; 0 without any."""
-    sizes = np.abs(jump[np.isfinite(jump)])
-    return float(np.median(sizes)) if sizes.size > 0 else 0.0
+    return median_size(jump[np.isfinite(jump)])
 
 
 def reach_of(candidates: Candidates) -> IntArray:

@@ -55,7 +55,7 @@ def _least_squares(x, z, used, index, prior=None):
     return solution, np.linalg.inv(matrix.T @ matrix), float(np.sum((target - matrix @ solution) ** 2))
 
 
-@pytest.mark.parametrize("prior", [None, SlopePrior(1.0, 0.01)])
+@pytest.mark.parametrize("prior", [SlopePrior(), SlopePrior(1.0, 0.01)])
 @pytest.mark.parametrize("share", [1.0, 0.7])
 def test_levels_slope_and_stds_are_those_of_least_squares(prior, share):
     x, z, index = _record()
