@@ -49,7 +49,7 @@ double trimmed_variance(Integers counts, int64_t total) {
         seen += counts[place];
         weighted += counts[place] * STATISTIC_BINS.middle(place);
     }
-    for (int64_t round : range(4)) {
+    for (int round = 0; round < 4; ++round) {
         const double kept = KEPT * (1.0 - jumped) * total;
         while (before[place] >= kept) --place;
         // Within a bin counts are taken as evenly spread.

@@ -262,7 +262,7 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
     for (int64_t t : range(1, z.size() + 1)) {
         const double value = z[t - 1], w = weight[t - 1];
         double least = INFINITY;
-        for (int64_t i : range(cost.size())) {
+        for (size_t i : range(cost.size())) {
             Parabola& p = cost[i];
             const double apart = value - p.centre, share = w / (p.bend + w);
             p.least += p.bend * share * apart * apart;
@@ -275,7 +275,7 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
         }
         const Parabola constant{0.0, 0.0, least + penalty, low, t};
         capped.clear();
-        for (int64_t i : range(cost.size())) {
+        for (size_t i : range(cost.size())) {
             append(capped, cost[i], cost[i].edge, i + 1 < cost.size() ? cost[i + 1].edge : high, constant);
         }
         if (low < high) swap(cost, capped);
@@ -306,7 +306,7 @@ NewIntegers segment_sums(FloatMatrix running, Floats factors, double penalty) {
     for (auto jump : jumps) edges.at.push_back(jump * block);
     edges.at.push_back(n);
     for (auto edge : edges.at) edges.sums.push_back(sum_until(running, factors, edge));
-    for (int64_t round : range(3)) {
+    for (int round = 0; round < 3; ++round) {
         move_jumps(running, factors, edges);
         if (!drop_jumps(edges, penalty)) break;
     }
