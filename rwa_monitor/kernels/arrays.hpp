@@ -66,8 +66,11 @@
 namespace rwa {
 using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
     std::max, std::min, std::pow, std::rint, std::sqrt;
-using std::all_of, std::any_of, std::copy, std::copy_n, std::fill, std::fill_n, std::find, std::iota, std::max_element,
-    std::min_element, std::none_of, std::nth_element, std::reverse, std::sort, std::stable_sort, std::swap;
+using std::iota, std::swap;
+using std::ranges::all_of, std::ranges::any_of, std::ranges::copy, std::ranges::copy_n,
+    std::ranges::fill, std::ranges::fill_n, std::ranges::find, std::ranges::lower_bound, std::ranges::max_element,
+    std::ranges::min_element, std::ranges::none_of, std::ranges::nth_element, std::ranges::partial_sort,
+    std::ranges::reverse, std::ranges::sort, std::ranges::stable_sort;
 using std::array, std::int64_t, std::make_tuple, std::move, std::size_t, std::tie, std::tuple;
 #ifdef RWA_ONBOARD
 template <typename T>
@@ -172,7 +175,7 @@ using NewCube = Table<double, 3>;
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
 inline double median_in_place(vector<double>& values) {
     const size_t n = values.size(), half = n / 2;
-    nth_element(values.begin(), values.begin() + half, values.end());
+    nth_element(values, values.begin() + half);
     const double above = values[half];
     return n % 2 == 1 ? above : 0.5 * (*max_element(values.begin(), values.begin() + half) + above);
 }

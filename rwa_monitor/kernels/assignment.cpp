@@ -150,7 +150,7 @@ NewFloats add_best_laws(const Scores& scores, Worth& worth) {
         }
         for (int64_t q : range(scores.configurations[s])) {
             const auto best = law.row(s).row(q);
-            copy(skips.begin(), skips.end(), best.begin());
+            copy(skips, best.begin());
             raise(best, scores.jump.row(s).row(q));
         }
     }
@@ -295,9 +295,7 @@ struct State {
     std::int16_t last = 0;
     array<std::int16_t, MOST_SYSTEMS> configuration{}, since{};
 
-    bool operator==(const State& other) const {
-        return last == other.last && configuration == other.configuration && since == other.since;
-    }
+    bool operator==(const State&) const = default;
 };
 
 // A partial assignment: its state, score and node in the tree; mean and variance of each system's friction.
@@ -409,7 +407,7 @@ void list_offers(
         const auto offer = [&](int64_t action, double score, double follows) {
             const double bound = score + follows;
             if (bound >= cutoff && (bound > -INFINITY || action == REJECT)) {
-                offers.push_back({static_cast<int64_t>(at), action, score, bound});
+                offers.push_back({at, action, score, bound});
             }
         };
         const double fit = scores.fit(last, k);
@@ -540,7 +538,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
             NewFloats reached;
             for (const Offer& offer : offers) reached.push_back(offer.bound);
             const auto first = reached.end() - room;
-            nth_element(reached.begin(), first, reached.end());
+            nth_element(reached, first);
             stage_cutoff = *first;
             found.lost = max(found.lost, *max_element(reached.begin(), first));
         }
@@ -587,7 +585,7 @@ Found search_once(
     const Expansion all = expand(scores, bounds, cutoff, budget, kept);
     NewIntegers best(all.score.size());
     iota(best.begin(), best.end(), 0);
-    stable_sort(best.begin(), best.end(), [&](auto a, auto b) { return all.score[a] > all.score[b]; });
+    stable_sort(best, std::greater(), [&](int64_t leaf) { return all.score[leaf]; });
     const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
     const int64_t count = min<int64_t>(best.size(), paths);
     Found found{
@@ -597,7 +595,7 @@ Found search_once(
         const Expansion::Node* node = &all.tree[all.last[best[path]]];
         for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
         const NewIntegers start = start_of(node->action, scores.configurations);
-        copy(start.begin(), start.end(), found.start.row(path).begin());
+        copy(start, found.start.row(path).begin());
     }
     return found;
 }

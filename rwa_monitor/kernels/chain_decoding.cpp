@@ -188,7 +188,7 @@ void ways_on(
                 log_gauss(record.level[j] - expected, spread + record.variance[j]) + log(1.0 - OUTLIER_SHARE);
             for (bool outlier : {false, true}) {
                 const double value = track.score + worth + (outlier ? outlier_score : plain);
-                if (value > -INFINITY) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
+                if (value > -INFINITY) ways.push_back({b, option, outlier, value, value + ahead});
             }
         }
     }
@@ -203,9 +203,9 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     const auto& [level, variance, at] = record;
     const int64_t n = level.size(), systems = laws.counts.size();
     REQUIRE(systems <= MOST_SYSTEMS);
-    const double highest = *max_element(level.begin(), level.end());
-    const double lowest = *min_element(level.begin(), level.end());
-    const double noise = sqrt(*max_element(variance.begin(), variance.end()));
+    const double highest = *max_element(level);
+    const double lowest = *min_element(level);
+    const double noise = sqrt(*max_element(variance));
     const double span = highest - lowest + sqrt(laws.base_variance) + noise;
     const double outlier_score = log(OUTLIER_SHARE) - log(span);
     vector<Track> tracks = begin_paths(record, laws, states, outlier_score), following;
@@ -219,7 +219,7 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     for (int64_t j : range(1, n)) {
         ways_on(tracks, j, record, laws, moves, outlier_score, ways);
         const auto end = ways.begin() + min<int64_t>(beam, ways.size());
-        std::partial_sort(ways.begin(), end, ways.end(), [](const Way& one, const Way& other) {
+        partial_sort(ways, end, [](const Way& one, const Way& other) {
             if (one.rank != other.rank) return one.rank > other.rank;
             return tie(one.path, one.move, one.outlier) < tie(other.path, other.move, other.outlier);
         });

@@ -81,8 +81,7 @@ vector<Candidate> accept(
     for (const Peak& peak : peaks) {
         if (accepted.size() == MOST_CANDIDATES) break;
         const int64_t k = peak.index, w = peak.scale;
-        const auto place = std::lower_bound(
-            accepted.begin(), accepted.end(), k, [](const Candidate& one, int64_t slot) { return one.index < slot; });
+        const auto place = lower_bound(accepted, k, {}, &Candidate::index);
         if (place != accepted.end() && place->index == k) continue;
         const int64_t before = place != accepted.begin() ? (place - 1)->index : 0;
         const int64_t after = place != accepted.end() ? place->index : slots;
@@ -112,7 +111,7 @@ tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight
 }
 
 void sort_in_turn(vector<Peak>& peaks) {
-    sort(peaks.begin(), peaks.end(), [](const Peak& a, const Peak& b) {
+    sort(peaks, [](const Peak& a, const Peak& b) {
         return tie(a.scale, b.statistic, a.index) < tie(b.scale, a.statistic, b.index);
     });
 }
@@ -121,9 +120,9 @@ NewIntegers kept_apart(const vector<Peak>& peaks) {
     NewIntegers taken;
     for (const Peak& peak : peaks) {
         const auto near = [&](int64_t slot) { return abs(slot - peak.index) <= peak.scale; };
-        if (none_of(taken.begin(), taken.end(), near)) taken.push_back(peak.index);
+        if (none_of(taken, near)) taken.push_back(peak.index);
     }
-    sort(taken.begin(), taken.end());
+    sort(taken);
     return taken;
 }
 
@@ -185,7 +184,7 @@ void settle(
             judge(accepted[i], low, high, slope, sums, required);
         }
         const auto weakest =
-            min_element(accepted.begin(), accepted.end(), [](const Candidate& a, const Candidate& b) {
+            min_element(accepted, [](const Candidate& a, const Candidate& b) {
                 return a.excess < b.excess || (isnan(a.excess) && !isnan(b.excess));
             });
         if (weakest == accepted.end() || weakest->excess >= 1.0) return;

@@ -271,7 +271,7 @@ struct Window {
             const int64_t index = peak.index, w = detector.scales[peak.scale];
             const double variance = variances[peak.scale];
             const auto near = [&](int64_t other) { return abs(other - index) <= w; };
-            if (any_of(announced.begin(), announced.end(), near)) continue;
+            if (any_of(announced, near)) continue;
             const double least_weight = min(weight, variance / (most_slope * most_slope));
             const auto [statistic, jump] = contrast(index, w, slope, least_weight, a.sums);
             if (!(statistic > sure[peak.scale])) continue;

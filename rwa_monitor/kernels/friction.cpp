@@ -91,7 +91,7 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
         for (int64_t j : range(block[i], i)) row[j] /= pivot;
         row[i] = 1.0 / pivot;
     }
-    fill(inverse.begin(), inverse.end(), 0.0);
+    fill(inverse, 0.0);
     for (int64_t c : range(size)) {
         const double* __restrict row = lower.row(c).data;
         for (int64_t i : range(block[c], c + 1)) {
@@ -184,7 +184,7 @@ struct Conditioned {
     void add(const Seen& seen, FloatMatrix levels) {
         const auto [statistics, variance, scatter] = seen;
         const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
-        fill(response.begin(), response.end(), 0.0);
+        fill(response, 0.0);
         NewFloats row(unknowns);  // what is not zero in a segment's row
         NewIntegers column(unknowns);
         const double slope = mean[slope_at];
@@ -223,7 +223,7 @@ struct Conditioned {
 
 // Turn log-probabilities into weights that add up to 1; return the logarithm of their sum.
 double normalise(NewFloats& scores) {
-    const double best = *max_element(scores.begin(), scores.end());
+    const double best = *max_element(scores);
     double total = 0.0;
     for (auto& score : scores) total += score = exp(score - best);
     for (auto& score : scores) score /= total;

@@ -35,7 +35,7 @@ void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start,
     const bool* __restrict used = arrays.used.data;
     const double x_centre = arrays.centre[0], z_centre = arrays.centre[1];
     double sums[6];  // in one array: as six variables GCC makes half of them a vector, at twice the time
-    copy(running.begin(), running.end(), sums);
+    copy(running, sums);
     for (int64_t k = start; k < stop;) {
         const int64_t checkpoint = k - k % STRIDE + STRIDE;
         for (; k < min(checkpoint, stop); ++k) {
@@ -46,7 +46,7 @@ void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start,
         }
         if (k == checkpoint) copy(sums, sums + 6, &arrays.checkpoints(k / STRIDE, 0));
     }
-    copy(sums, sums + 6, running.begin());
+    copy(sums, running.begin());
 }
 
 // Write the statistics of each range [start, stop), not centred, to `out` (6, m); returns whether all slots lie in

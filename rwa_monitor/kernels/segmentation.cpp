@@ -212,7 +212,7 @@ void least_of(const Parabolas& first, const Parabolas& second, const Parabola& c
 
 const Parabola& least_in(const Parabolas& parts) {
     const auto less = [](const Parabola& p, const Parabola& q) { return p.least < q.least; };
-    return *min_element(parts.begin(), parts.end(), less);
+    return *min_element(parts, less);
 }
 
 // `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
@@ -228,13 +228,13 @@ std::optional<NewIntegers> decafs_within(
     for (int64_t k : range(1, z.size())) {
         const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k], q};
         const Parabola best = least_in(cost);
-        if (slope_of(step) < 0.0) reverse(cost.begin(), cost.end());
+        if (slope_of(step) < 0.0) reverse(cost);
         moved.clear();
         for (const Parabola& p : cost) moved.push_back(walked(p, step));
         const double top = min(least_in(moved).least, best.least + penalty) + room;
         const Parabola constant{0.0, 0.0, top, -INFINITY, history(k, UNKNOWN)};
         envelope_below(constant, moved, walk);
-        if (slope_of(step) * step.phi < 0.0) reverse(cost.begin(), cost.end());
+        if (slope_of(step) * step.phi < 0.0) reverse(cost);
         if (step.phi * step.phi == 0.0) cost = {best};  // all are alike
         moved.clear();
         for (const Parabola& p : cost) {
@@ -248,7 +248,7 @@ std::optional<NewIntegers> decafs_within(
     int64_t last = least_in(cost).history;
     for (; last >= 0; last = jumps[last].before) found.push_back(jumps[last].at);
     if (last == UNKNOWN) return {};
-    reverse(found.begin(), found.end());
+    reverse(found);
     return found;
 }
 
@@ -256,7 +256,7 @@ std::optional<NewIntegers> decafs_within(
 
 // The jumps of weighted values: FPOP. A history is its last jump.
 NewIntegers fpop(Floats z, Floats weight, double penalty) {
-    const double low = *min_element(z.begin(), z.end()), high = *max_element(z.begin(), z.end());
+    const double low = *min_element(z), high = *max_element(z);
     Parabolas cost{{0.0, 0.0, 0.0, low, 0}}, capped;
     NewIntegers last(z.size() + 1), found;
     for (int64_t t : range(1, z.size() + 1)) {
@@ -281,7 +281,7 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
         if (low < high) swap(cost, capped);
     }
     for (int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
-    reverse(found.begin(), found.end());
+    reverse(found);
     return found;
 }
 
@@ -339,7 +339,7 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
         alive.push_back(j);
     }
     for (int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
-    reverse(found.begin(), found.end());
+    reverse(found);
     return found;
 }
 

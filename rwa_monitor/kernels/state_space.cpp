@@ -19,7 +19,7 @@ struct Gains {
 struct Covariance {
     double ll = 0.0, la = 0.0, aa = 0.0;
 
-    bool operator==(const Covariance& other) const { return ll == other.ll && la == other.la && aa == other.aa; }
+    bool operator==(const Covariance&) const = default;
     void predict(double power, double coloured, double drift) {
         la *= power;
         aa = power * power * aa + coloured * (1.0 - power * power);

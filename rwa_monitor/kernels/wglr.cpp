@@ -171,9 +171,9 @@ void Detector::prune(Floats variances) {
     }
     NewIntegers kept(peaks.size()), place(peaks.size(), -1);
     iota(kept.begin(), kept.end(), 0);
-    sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return tie(strength[b], a) < tie(strength[a], b); });
+    sort(kept, [&](int64_t a, int64_t b) { return tie(strength[b], a) < tie(strength[a], b); });
     kept.resize(peaks.size() / 2);
-    sort(kept.begin(), kept.end());
+    sort(kept);
     for (int64_t i : range(kept.size())) {
         peaks[i] = peaks[kept[i]];
         place[kept[i]] = i;
@@ -225,7 +225,7 @@ vector<Peak> Detector::above(double threshold, Floats variances) const {
         const double statistic = value / variances[scale];
         if (statistic >= threshold) found.push_back({index, scales[scale], statistic, jump});
     }
-    sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
+    sort(found, [](const Peak& a, const Peak& b) {
         return tie(a.index, a.scale) < tie(b.index, b.scale);
     });
     return found;
