@@ -74,8 +74,7 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
     noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are left out beside a changepoint
     variance = noise.std**2 * noise.long_run_factor
     slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *prior)
-    edges = np.concatenate(([0], index, [evidence.slots]))
-    sums = evidence.sums.between(edges[:-1], edges[1:])
+    sums = evidence.sums.intervals(index)
     seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
     mean_variance = mean_variance_factor(noise, n) / n
     x_mean, z_mean = sums.x / n, sums.z / n

@@ -108,6 +108,18 @@ class RunningSums:
         extend_sums(self.arrays, self.running, self.slots, stop)
         self.slots = stop
 
+    @property
+    def mean(self) -> tuple[float, float]:
+        """Means of x and z over the used samples; 0 without any."""
+        whole = self.intervals(np.zeros(0, dtype=np.int64))
+        n = max(float(whole.n[0]), 1.0)
+        return float(whole.x[0]) / n, float(whole.z[0]) / n
+
+    def intervals(self, index: IntArray) -> SufficientStatistics:
+        """Return the sufficient statistics of the intervals between changepoints, int64 (m,): (m + 1,) each."""
+        edges = np.concatenate(([0], index, [self.slots]))
+        return self.between(edges[:-1], edges[1:])
+
     def between(self, start: IntArray, stop: IntArray) -> SufficientStatistics:
         """Return the sufficient statistics of the slots [start, stop), element by element; empty ranges give zeros.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.random import Generator
 from scipy import signal, special
 
 from rwa_monitor.errors import InputError
@@ -137,7 +138,7 @@ def tune(missed: float, run_length: float, jump_sigmas: float) -> Tuning:
 
 
 def check(
-    tuning: Tuning, jump_sigmas: float, acceleration: float, rng: np.random.Generator, *, trials: int = TRIALS
+    tuning: Tuning, jump_sigmas: float, acceleration: float, rng: Generator, *, trials: int = TRIALS
 ) -> TuningCheck:
     """Measure the rates of a tuning by simulation, however rare the events are.
 
@@ -187,7 +188,7 @@ def _contrast(w: int, acceleration: float, prior_weight: float) -> FloatArray:
 
 
 def _false_alarms(
-    contrast: FloatArray, threshold: float, rng: np.random.Generator, trials: int, length: int
+    contrast: FloatArray, threshold: float, rng: Generator, trials: int, length: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return for each trial its weighted count of samples above the threshold and of alarms; float64 (trials,) each."""
     w, norm = contrast.size // 2, float(np.linalg.norm(contrast))

@@ -168,8 +168,7 @@ def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
 
 def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Return each interval's slope less the common one in standard deviations, and its mean speed; (intervals,)."""
-    edges = np.concatenate(([0], estimate.index, [evidence.slots]))
-    sums = evidence.sums.between(edges[:-1], edges[1:])
+    sums = evidence.sums.intervals(estimate.index)
     variance = evidence.noise.long_variance
     n = np.maximum(sums.n, 1.0)
     spread, cross = sums.xx - sums.x * sums.x / n, sums.xz - sums.x * sums.z / n

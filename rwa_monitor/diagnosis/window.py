@@ -221,9 +221,7 @@ def temperature_uncertainty(
         return KNOWN
     level = 0.0
     if not adequate:
-        whole = evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([evidence.slots]))
-        mean_speed = float(whole.x[0] / max(whole.n[0], 1.0))
-        level = WITHIN_WINDOW * share * max(components.viscous, 0.0) * mean_speed
+        level = WITHIN_WINDOW * share * max(components.viscous, 0.0) * evidence.sums.mean[0]
     return TemperatureUncertainty(share, level, reason if share > WORTH_SAYING else "")
 
 

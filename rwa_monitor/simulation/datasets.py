@@ -12,6 +12,7 @@ from itertools import islice
 from typing import Any, Final
 
 import numpy as np
+from numpy.random import Generator
 
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
@@ -104,7 +105,7 @@ class LabelledWindow:
 
 
 # Wheel, its number, windows of its life, generator → what happens to it.
-DrawScenario = Callable[[Wheel, int, int, np.random.Generator], Scenario]
+DrawScenario = Callable[[Wheel, int, int, Generator], Scenario]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +126,7 @@ class Recipe:
 
     name: str
     description: str
-    wheel: Callable[[np.random.Generator], Wheel]
+    wheel: Callable[[Generator], Wheel]
     scenario: DrawScenario
     windows: int = 1
 
@@ -222,12 +223,12 @@ def scaled_wheel(wheel: Wheel, factor: float) -> Wheel:
     return wheel.model_copy(update={"fss": systems})
 
 
-def _example_wheel(rng: np.random.Generator) -> Wheel:
+def _example_wheel(rng: Generator) -> Wheel:
     """Examples 1 and 2 of the paper, with durations of this wheel's own."""
     return scaled_wheel(built_in_wheel(), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
 
 
-def _hard_wheel(rng: np.random.Generator) -> Wheel:
+def _hard_wheel(rng: Generator) -> Wheel:
     """Three systems with small jumps and duration laws of three kinds."""
     wheel = built_in_wheel()
     assert wheel.nominal is not None
@@ -254,7 +255,7 @@ def _hard_wheel(rng: np.random.Generator) -> Wheel:
     return scaled_wheel(wheel.model_copy(update={"fss": systems}), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
 
 
-def _heated_wheel(rng: np.random.Generator) -> Wheel:
+def _heated_wheel(rng: Generator) -> Wheel:
     """The same with a lubricant, and a sensor beside the bearing."""
     wheel = _example_wheel(rng)
     assert wheel.nominal is not None
@@ -272,13 +273,13 @@ def _heated_wheel(rng: np.random.Generator) -> Wheel:
 # ---- scenarios -------------------------------------------------------------------------------------------------------
 
 
-def _base(rng: np.random.Generator) -> Base:
+def _base(rng: Generator) -> Base:
     """Draw where a healthy wheel's friction lies beside its averages."""
     dry, viscous = np.clip(rng.standard_normal(2), -BASE_CUT, BASE_CUT)
     return Base(dry=1.0 + BASE_DRY_STD * dry, viscous=1.0 + BASE_VISCOUS_STD * viscous)
 
 
-def _motion(kinds: tuple[ProfileKind, ...], rng: np.random.Generator) -> SpeedProfile:
+def _motion(kinds: tuple[ProfileKind, ...], rng: Generator) -> SpeedProfile:
     return SpeedProfile(kind=kinds[rng.integers(len(kinds))])
 
 
@@ -295,7 +296,7 @@ def _window_s(wheel: Wheel) -> float:
 def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
     """Return the scenario of a wheel with at most one anomaly, in one direction of rotation or in both."""
 
-    def scenario(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+    def scenario(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
         return Scenario(
             duration_s=windows * _window_s(wheel),
             base=_base(rng),
@@ -307,7 +308,7 @@ def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
     return scenario
 
 
-def _fleet(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+def _fleet(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """A long life, in which the anomaly begins early or late and grows to the end."""
     scenario = _one_anomaly(FLEET_SEVERITIES)(wheel, number, windows, rng)
     onset = scenario.duration_s * rng.uniform(*FLEET_ONSET)
@@ -318,7 +319,7 @@ def _fleet(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) ->
     return scenario.model_copy(update={"anomalies": growing})
 
 
-def _hard(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """Any combination of anomalies, coloured noise, zero crossings, gaps."""
     del number
     active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
@@ -335,14 +336,14 @@ def _hard(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> 
     )
 
 
-def _orbit(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+def _orbit(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """The same as `mild`, on a wheel whose bearing warms and cools in an orbit and over the year."""
     mild = _one_anomaly(MILD_SEVERITIES)(wheel, number, windows, rng)
     mean_degC = MEAN_DEGC + SEASON_K * rng.uniform(-1.0, 1.0)
     return mild.model_copy(update={"temperature": Temperature(mean_degC=mean_degC, swing_K=ORBIT_SWING_K)})
 
 
-def _gaps(wheel: Wheel, windows: int, rng: np.random.Generator) -> tuple[Fault, ...]:
+def _gaps(wheel: Wheel, windows: int, rng: Generator) -> tuple[Fault, ...]:
     """Draw the gaps of every window."""
     return tuple(
         Fault(kind="gap", start_s=(window + rng.random()) * _window_s(wheel), duration_s=rng.uniform(*HARD_GAP_S))
@@ -351,7 +352,7 @@ def _gaps(wheel: Wheel, windows: int, rng: np.random.Generator) -> tuple[Fault, 
     )
 
 
-def _flown(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """At most one anomaly of any size; noise, quanta, drift and gaps as measured, of each wheel its own."""
     assert wheel.nominal is not None
     excess = {name: 1.0 + rng.uniform(*bounds) for name, bounds in FLOWN_EXCESS.items()}

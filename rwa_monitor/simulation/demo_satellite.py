@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.random import Generator
 
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
 from rwa_monitor.simulation.datasets import scaled_wheel
@@ -144,7 +145,7 @@ def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: 
     return Satellite(wheel, telemetry, speed, start_ns, start_ns + round(onset_s * 1e9), hiding, hidden)
 
 
-def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: np.random.Generator) -> Hidden:
+def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: Generator) -> Hidden:
     """Draw an effect and simulate a wheel that has it.
 
     Parameters
@@ -177,7 +178,7 @@ def same(name: str, other: str) -> bool:
     return name == other or any({name, other} <= group for group in SAME)
 
 
-def _pass(wheel: Wheel, start_ns: int, rng: np.random.Generator, effect: EffectBlock) -> Samples:
+def _pass(wheel: Wheel, start_ns: int, rng: Generator, effect: EffectBlock) -> Samples:
     scenario = Scenario(
         duration_s=pass_s(wheel) - PAUSE_S,
         start_ns=start_ns,

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.random import Generator
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.structure import BLOCK
@@ -196,7 +197,7 @@ COUPLING_ROUNDS: Final = 100
 QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step
 
 
-def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Telemetry:
+def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     """Simulate one record of a wheel.
 
     Each part draws from a stream of its own, so that a change in one (another noise, one fault more) leaves the others
@@ -261,15 +262,15 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
 class _Streams:
     """One generator for each part of the simulation."""
 
-    motion: np.random.Generator
-    temperature: np.random.Generator
-    systems: np.random.Generator
-    extra_systems: np.random.Generator
-    effects: np.random.Generator
-    noise: np.random.Generator
-    sensors: np.random.Generator
-    faults: np.random.Generator
-    drift: np.random.Generator
+    motion: Generator
+    temperature: Generator
+    systems: Generator
+    extra_systems: Generator
+    effects: Generator
+    noise: Generator
+    sensors: Generator
+    faults: Generator
+    drift: Generator
 
 
 @dataclass(frozen=True, slots=True)
@@ -349,7 +350,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
 
 
-def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: np.random.Generator) -> FloatArray:
+def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: Generator) -> FloatArray:
     """Return the random walk of base dry friction, relative to its average, float64 (n,)."""
     step = scenario.base.dry_drift_per_sqrt_h * np.sqrt(wheel.sample_period_s / SECONDS_PER_HOUR)
     walk: FloatArray = np.cumsum(step * rng.standard_normal(slots)) if step > 0.0 else np.zeros(slots)
@@ -533,7 +534,7 @@ def _measure(
     return Samples(time_ns=time_ns, **channels)
 
 
-def measure(true: FloatArray, noise_std: float, quantum: float, rng: np.random.Generator) -> FloatArray:
+def measure(true: FloatArray, noise_std: float, quantum: float, rng: Generator) -> FloatArray:
     """Return a sensor's reading, float64 (n,): the truth plus white noise, rounded to the quantum."""
     return quantised(true + noise_std * rng.standard_normal(true.size), quantum)
 
@@ -545,7 +546,7 @@ def quantised(values: FloatArray, quantum: float) -> FloatArray:
 
 
 def bearing_temperature(
-    time_s: FloatArray, friction_power_W: FloatArray, rng: np.random.Generator, given: Temperature | None = None
+    time_s: FloatArray, friction_power_W: FloatArray, rng: Generator, given: Temperature | None = None
 ) -> FloatArray:
     """Return the bearing's temperature [°C], float64 (n,): orbital swing of the housing, with lag, plus dissipation.
 
@@ -579,7 +580,7 @@ def bearing_temperature(
 
 
 def _apply_faults(
-    scenario: Scenario, wheel: Wheel, samples: Samples, rng: np.random.Generator
+    scenario: Scenario, wheel: Wheel, samples: Samples, rng: Generator
 ) -> tuple[Samples, BoolArray, BoolArray]:
     """Return the samples with all declared faults, which slots are faulty, and which are missing from the table."""
     faulty = np.zeros(len(samples), dtype=np.bool_)

@@ -29,6 +29,7 @@ from __future__ import annotations
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
+from numpy.random import Generator
 from pydantic import Field, field_validator
 
 from rwa_monitor.errors import InputError
@@ -97,7 +98,7 @@ class FrictionNoise(Strict):
     ar_coefficient: Annotated[float, Field(gt=-1, lt=1)] = 0.5
     degrees_of_freedom: Annotated[float, Field(gt=2)] = 4.0
 
-    def draw(self, std_Nm: float, slots: int, rng: np.random.Generator) -> FloatArray:
+    def draw(self, std_Nm: float, slots: int, rng: Generator) -> FloatArray:
         """Return float64 (slots,), noise of standard deviation `std_Nm`, begun in its stationary law [N m]."""
         if self.law == "student_t":
             nu = self.degrees_of_freedom
@@ -145,7 +146,7 @@ class Fault(Strict):
     share: Annotated[float, Field(gt=0, le=1)] = 0.01
     size: float = 0.0
 
-    def slots_hit(self, slots: int, period_s: float, rng: np.random.Generator) -> BoolArray:
+    def slots_hit(self, slots: int, period_s: float, rng: Generator) -> BoolArray:
         """Return bool (slots,), the slots that the fault hits. Slot 0 anchors the grid and is never hit."""
         hit = np.zeros(slots, dtype=np.bool_)
         first, last = (round(at / period_s) for at in (self.start_s, self.start_s + self.duration_s))
@@ -154,7 +155,7 @@ class Fault(Strict):
             hit &= rng.random(slots) < self.share
         return hit
 
-    def apply(self, values: FloatArray, hit: BoolArray, rng: np.random.Generator) -> FloatArray:
+    def apply(self, values: FloatArray, hit: BoolArray, rng: Generator) -> FloatArray:
         """Return the channel with the fault in it, float64 (n,)."""
         faulty = values.copy()
         if self.kind in ("dropout", "gap"):

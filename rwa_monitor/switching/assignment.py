@@ -189,8 +189,7 @@ def assign(
         All candidates, with rejected ones; and levels and slope between the accepted changepoints.
     """
     # Sizes seen in the window stand in for what the wheel file does not state.
-    whole = evidence.sums.between(np.array([0]), np.array([evidence.slots]))
-    typical_level = float(whole.z[0] / max(whole.n[0], 1.0))
+    typical_level = evidence.sums.mean[1]
     inputs = _Inputs(
         evidence,
         wheel,

@@ -65,7 +65,7 @@ def split(
     )
     jumps = estimate.index
     borders = _borders(jumps, evidence.slots)
-    segments = evidence.sums.between(borders[:-1], borders[1:])
+    segments = evidence.sums.intervals(jumps)
     seen = estimate.level[np.isfinite(estimate.level)]
     level = float(seen.sum()) / seen.size if seen.size else 0.0
     priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
@@ -190,7 +190,7 @@ def _conditional_estimates(
     estimates = []
     for one in alternatives:
         borders = _borders(one.index, evidence.slots)
-        segments = evidence.sums.between(borders[:-1], borders[1:])
+        segments = evidence.sums.intervals(one.index)
         posterior = measure(one.path, borders, segments.table, priors, variance, level_scatter(variance))
         estimates.append(_estimate(one.path, posterior, borders, segments.n, one.log_durations))
     return tuple(estimates)
