@@ -8,7 +8,6 @@ samples, so that an offset far larger than the noise costs no digits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -152,8 +151,7 @@ STRETCHES: Final = 20
 HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its double
 
 
-@dataclass(frozen=True, slots=True)
-class Structure:
+class Structure(NamedTuple):
     """What the running sums do not hold of a window.
 
     Attributes

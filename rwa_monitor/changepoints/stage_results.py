@@ -27,8 +27,7 @@ REJECTED: Final = assignment.REJECTED  # in Assignment.system: a candidate that 
 UNATTRIBUTED: Final = assignment.UNATTRIBUTED  # in Assignment.system: a changepoint that no switching system explains
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseEstimate:
+class NoiseEstimate(NamedTuple):
     """The noise of z, in normalised units.
 
     Attributes
@@ -77,8 +76,7 @@ class Candidates:
         return int(self.index.size)
 
 
-@dataclass(frozen=True, slots=True)
-class Temperature:
+class Temperature(NamedTuple):
     """The bearing's temperature in a window, as viscous friction was taken at it.
 
     Attributes
@@ -284,8 +282,7 @@ class Components:
     by_path: tuple[ConditionalEstimate, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class ConditionalEstimate:
+class ConditionalEstimate(NamedTuple):
     """The estimate of friction given one path.
 
     Attributes

@@ -30,8 +30,8 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from dataclasses import replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -96,8 +96,7 @@ RIPPLE_CHANCE: Final = 1e-4  # of any harmonic in a window by chance, for white 
 RIPPLE_COLOUR: Final = (2.0, 8.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Adequacy:
+class Adequacy(NamedTuple):
     """Which effect of the catalogue may be missing, and the finding in words; "" where the friction model fits."""
 
     suspected_effect: str | None
@@ -418,8 +417,7 @@ SUBLINEAR: Final = (0.3, 0.6, 0.9)
 LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min that lubricant takes to follow
 
 
-@dataclass(frozen=True, slots=True)
-class ModelErrorUncertainty:
+class ModelErrorUncertainty(NamedTuple):
     """By how much a missing effect may have moved each estimate, one standard deviation each, normalised.
 
     Attributes

@@ -34,7 +34,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, TypeGuard
+from typing import Final, NamedTuple, TypeGuard
 
 import numpy as np
 from scipy import special
@@ -55,8 +55,7 @@ SHOWING_STD: Final = 0.25
 LEANING_HELD: Final = 0.8
 
 
-@dataclass(frozen=True, slots=True)
-class Coefficient:
+class Coefficient(NamedTuple):
     """A coefficient before a window, in the features' unit.
 
     Attributes
@@ -498,8 +497,7 @@ def _clipped(probability: float) -> float:
 # ---- the offset that a system which never rests shares with the base (errata 10) -------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class BaseSystemAmbiguity:
+class BaseSystemAmbiguity(NamedTuple):
     """The unknown offset, integrated out, for each combination of dry and the k systems that never rest.
 
     Attributes

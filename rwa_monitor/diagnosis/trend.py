@@ -17,8 +17,7 @@ when a nuisance parameter is present only under the alternative", Biometrika 74,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import linalg, special
@@ -40,8 +39,7 @@ QUANTILES: Final = (0.025, 0.5, 0.975)  # of a 95 % interval
 FARTHEST: Final = 1e3  # times the span of the data; a limit beyond is never reached
 
 
-@dataclass(frozen=True, slots=True)
-class Reach:
+class Reach(NamedTuple):
     """When the line reaches a limit [s], on the clock of the times given; infinite where it may never.
 
     Attributes
@@ -58,8 +56,7 @@ class Reach:
     high_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Lines:
+class Lines(NamedTuple):
     """All lines that may be: each a beginning, with level and slope normally distributed, and a weight.
 
     Attributes
@@ -109,8 +106,7 @@ class Lines:
         return float(optimize.brentq(lambda t: self.beyond(t, limit, side) - share, self.now_s, far))
 
 
-@dataclass(frozen=True, slots=True)
-class Trend:
+class Trend(NamedTuple):
     """What many windows show of the history of one coefficient.
 
     Attributes
@@ -269,8 +265,7 @@ def _weighted_line(h: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[Fl
 # ---- lines under one size and memory of the scatter ------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
+class _Fit(NamedTuple):
     """All lines under one covariance: restricted log-likelihood, mean, covariance by beginning; p-value of the test."""
 
     log_likelihood: FloatArray  # (onsets,)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -51,8 +51,7 @@ from rwa_monitor.wheel.wheel import Wheel
 MIN_USED: Final = 16  # samples below which nothing is estimated at all
 
 
-@dataclass(frozen=True, slots=True)
-class TemperatureUncertainty:
+class TemperatureUncertainty(NamedTuple):
     """How uncertain viscous friction is for the temperature's sake.
 
     Attributes

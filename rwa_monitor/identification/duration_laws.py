@@ -24,8 +24,7 @@ Leaving the cut ones out would learn too short durations: the longest are cut th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
@@ -54,8 +53,7 @@ EDGES: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class LearnedLaw:
+class LearnedLaw(NamedTuple):
     """What is known of a configuration's durations.
 
     Attributes
@@ -75,8 +73,7 @@ class LearnedLaw:
     error: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Nodes:
+class _Nodes(NamedTuple):
     """A family at nodes over its parameters: laws whose parameters are arrays (nodes, 1), log weights, means (nodes,).
 
     The weights are the prior's mass at each node.
@@ -87,8 +84,7 @@ class _Nodes:
     mean: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
+class _Group(NamedTuple):
     """Configurations of one law: the log evidence, and the posterior over the nodes of all families."""
 
     log_evidence: float

@@ -11,9 +11,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations, pairwise
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -50,8 +49,7 @@ HARMLESS: Final = 0.02
 TYPICAL_WITHIN: Final = 2.5  # standard deviations of a configuration's friction; a uniform law's reach 1.7
 
 
-@dataclass(frozen=True, slots=True)
-class Learned:
+class Learned(NamedTuple):
     """A wheel learned from recordings.
 
     Attributes
@@ -66,8 +64,7 @@ class Learned:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _System:
+class _System(NamedTuple):
     """What was learned of one system: per configuration, its visits, friction above the lowest [N m], and ways up."""
 
     visits: list[list[Visit]]

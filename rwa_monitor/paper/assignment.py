@@ -8,10 +8,9 @@ which assumes that every system rests at least once in the window.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -35,8 +34,7 @@ LOG_IMPOSSIBLE: Final = -50.0  # of a duration outside its hard support, where t
 NOT_YET: Final = -1  # in place of a candidate: the system has not jumped in the window
 
 
-@dataclass(frozen=True, slots=True)
-class _Tables:
+class _Tables(NamedTuple):
     """Log-probabilities of one system, by configuration and candidate; `since` NOT_YET is the last row.
 
     Attributes

@@ -7,8 +7,7 @@ the corner. So f_v follows from the sums about the intervals' means, and F_i fro
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,8 +19,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and shows no f_v
 
 
-@dataclass(frozen=True, slots=True)
-class Intervals:
+class Intervals(NamedTuple):
     """What the estimation hands on of N_cp changepoints.
 
     Attributes

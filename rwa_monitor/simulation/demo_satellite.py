@@ -15,8 +15,7 @@ that the demo does not send, and what drifts over more than a pass. No record wi
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -59,16 +58,14 @@ EFFECTS: Final = tuple(
 SAME: Final = (frozenset({"inertia_error", "torque_constant_error"}),)
 
 
-@dataclass(frozen=True, slots=True)
-class Hidden:
+class Hidden(NamedTuple):
     """A wheel with an effect that its wheel file lacks: name and parameters of the effect, and what the wheel sends."""
 
     effect: EffectBlock
     samples: Samples
 
 
-@dataclass(frozen=True, slots=True)
-class Satellite:
+class Satellite(NamedTuple):
     """What is published, and what is true.
 
     Attributes

@@ -9,8 +9,7 @@ wheel's nominal speed until the end, all randomness comes from the generator pas
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Final, Literal, get_args
+from typing import Annotated, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.random import Generator
@@ -62,8 +61,7 @@ class SpeedProfile(Strict):
     activity: Annotated[float, Field(ge=0, le=0.1)] = 0.001
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """Speed and its derivative on a grid of times.
 
     Attributes

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -224,7 +224,7 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     """
     scenario.check(wheel)
     slots = scenario.slots(wheel)
-    streams = _Streams(*rng.spawn(len(fields(_Streams))))
+    streams = _Streams(*rng.spawn(len(_Streams._fields)))
     motion = simulate_motion(scenario.speed, wheel, slots, streams.motion)
     parts = _friction_parts(scenario, wheel, motion, streams)
     noise = _friction_noise(scenario, wheel, parts, streams)
@@ -258,8 +258,7 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     return Telemetry(samples[~missing], truth)
 
 
-@dataclass(frozen=True, slots=True)
-class _Streams:
+class _Streams(NamedTuple):
     """One generator for each part of the simulation."""
 
     motion: Generator
@@ -273,8 +272,7 @@ class _Streams:
     drift: Generator
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
+class _Parts(NamedTuple):
     """The friction and what it is made of; arrays (n,) as in Truth, `channels` as the effects see the wheel."""
 
     channels: Channels
@@ -287,8 +285,7 @@ class _Parts:
     friction: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class _Noise:
+class _Noise(NamedTuple):
     values: FloatArray
     std_Nm: float
     long_run_std_Nm: float

@@ -26,7 +26,6 @@ kept, each with its own friction (the tests count). The loops are in `kernels/as
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -144,8 +143,7 @@ class SearchResult(NamedTuple):
     pruned: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Inputs:
+class _Inputs(NamedTuple):
     """The window, its wheel, and what is known before it."""
 
     evidence: Evidence

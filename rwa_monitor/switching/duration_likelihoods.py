@@ -20,7 +20,6 @@ they showed and of the above.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -37,8 +36,7 @@ from rwa_monitor.wheel.wheel import SwitchingSystem
 Number = float | FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Onset:
+class Onset(NamedTuple):
     """What is known of a system's first sojourn: its configuration, and the slots it lasted before the window."""
 
     configuration: int
@@ -70,8 +68,7 @@ class DurationLikelihoods(NamedTuple):
     missed: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class SoftLaw:
+class SoftLaw(NamedTuple):
     """A duration law with its share of the broad law."""
 
     law: DurationLaw

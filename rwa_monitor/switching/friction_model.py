@@ -150,8 +150,7 @@ UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, ove
 MOST_ANOMALIES: Final = 2  # at once, among base and systems
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
+class Case(NamedTuple):
     """One of the states that a part may be in: its probability, and what it then is, Gaussian."""
 
     probability: float
@@ -165,8 +164,7 @@ BASE_CASES: Final = (Case(0.8, 1.0, 0.06), Case(0.2, 1.5, 0.4))  # base dry fric
 ANOMALY_CASES: Final = (Case(0.8, 0.0, 0.06), Case(0.2, 0.8, 0.5))  # a system's anomaly a
 
 
-@dataclass(frozen=True, slots=True)
-class FrictionLaw:
+class FrictionLaw(NamedTuple):
     """Gaussian law of a configuration's friction in a healthy system, normalised: its mean and standard deviation."""
 
     mid: float

@@ -23,7 +23,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise, product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -69,8 +69,7 @@ START_STEPS: Final = (0.3, 0.5, 0.7)  # quantiles of the jumps' sizes that may b
 MOST_CONFUSED: Final = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Segments:
+class Segments(NamedTuple):
     """A record as segments at constant friction.
 
     Attributes
@@ -86,8 +85,7 @@ class Segments:
     at: IntArray
 
 
-@dataclass(frozen=True, slots=True)
-class Chains:
+class Chains(NamedTuple):
     """Switching systems as they are known while jumps are attributed; arrays (systems, configurations), padded.
 
     Attributes
@@ -114,8 +112,7 @@ class Chains:
     base_std: float
 
 
-@dataclass(frozen=True, slots=True)
-class Path:
+class Path(NamedTuple):
     """The likeliest path of a record.
 
     Attributes
@@ -178,8 +175,7 @@ def ways_up(visits: Sequence[Visit], q: int) -> list[bool]:
     return [b.configuration > q for a, b in pairwise(visits) if a.configuration == q and a.record == b.record]
 
 
-@dataclass(frozen=True, slots=True)
-class JumpAttribution:
+class JumpAttribution(NamedTuple):
     """Jumps attributed to systems.
 
     Attributes

@@ -8,7 +8,7 @@ randomly chosen moment sees (errata 9).
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -22,8 +22,7 @@ from rwa_monitor.wheel.wheel import SwitchingSystem
 FrictionFactor = Callable[[int], float]
 
 
-@dataclass(frozen=True, slots=True)
-class Realisation:
+class Realisation(NamedTuple):
     """One switching system over n slots.
 
     Attributes
