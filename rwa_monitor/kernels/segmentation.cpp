@@ -343,21 +343,6 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
     return found;
 }
 
-// The running sums x, z, xx, xz, zz, (5, n): what every detection of changepoints must do, for the benchmark.
-void five_sums(Floats x, Floats z, Matrix<double> out) {
-    double sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0, szz = 0.0;
-    double* __restrict row[5];
-    for (int64_t i : range(5)) row[i] = &out(i, 0);
-    for (int64_t k : range(x.size())) {
-        const double u = x[k], v = z[k];
-        row[0][k] = sx += u;
-        row[1][k] = sz += v;
-        row[2][k] = sxx += u * u;
-        row[3][k] = sxz += u * v;
-        row[4][k] = szz += v * v;
-    }
-}
-
-STAGE(segmentation, fpop, decafs, segment_sums, optimal_lines, five_sums)
+STAGE(segmentation, fpop, decafs, segment_sums, optimal_lines)
 
 }  // namespace rwa

@@ -129,14 +129,13 @@ def true_changepoints(
     systems: list[Realisation], used: BoolArray, torque_unit_Nm: float, long_run_std_Nm: float
 ) -> Changepoints:
     """Collect the jumps of all systems and report which of them can be seen."""
-    index = np.concatenate([np.zeros(0, dtype=np.int64), *(system.jump_index for system in systems)])
-    number = np.concatenate(
-        [np.zeros(0, dtype=np.int64), *(np.full(s.jump_index.size, k, dtype=np.int64) for k, s in enumerate(systems))]
+    jumps = sorted(
+        (slot, number, torque_unit_Nm * jump)
+        for number, system in enumerate(systems)
+        for slot, jump in zip(system.jump_index.tolist(), system.jump.tolist(), strict=True)
     )
-    jump = np.concatenate([np.zeros(0), *(torque_unit_Nm * system.jump for system in systems)])
-    order = np.lexsort((number, index))
-    index, number, jump = index[order], number[order], jump[order]
-    return with_information(index, number, jump, used, long_run_std_Nm)
+    index, number, jump = np.array(jumps).reshape(-1, 3).T.copy()
+    return with_information(index.astype(np.int64), number.astype(np.int64), jump, used, long_run_std_Nm)
 
 
 def with_information(
@@ -565,8 +564,6 @@ def bearing_temperature(
     rate = 2.0 * np.pi / ORBIT_S
     lag = np.arctan(rate * ROTOR_TIME_CONSTANT_S)  # of a first-order body behind its housing
     housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)
-    if time_s.size < 2:
-        return np.asarray(housing + DISSIPATION_K_W * friction_power_W)
     from scipy import signal
 
     # Exact step of the first-order lag for a power constant over a slot; the record begins in thermal balance.
