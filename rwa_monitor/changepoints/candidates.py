@@ -7,8 +7,6 @@ by likelihood, and at last the weakest candidates are taken away until all that 
 Everything comes from running sums; a few samples are read around each candidate.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Final, NamedTuple
 

@@ -5,8 +5,6 @@ problem is an arrow (diagonal in the levels, one row for the slope), so the slop
 about their own means, and the levels follow: O(m) from the running sums, without a matrix (errata 6).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple

@@ -8,8 +8,6 @@ Nothing depends on how the slots arrive: work is done in steps that end at fixed
 (variances, floors) that change at fixed slots only.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Final, NamedTuple

@@ -11,8 +11,6 @@ How heavy its tails are, and so how large the largest outlier of a window is by 
 differences.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Final

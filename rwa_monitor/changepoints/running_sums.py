@@ -6,8 +6,6 @@ window's first slot, so that they do not depend on how the samples arrived; x an
 samples, so that an offset far larger than the noise costs no digits.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ variance 1, whose mean at a jump Δ is √λ, λ = (Δ/σ)² · w/2, and elsewhe
 acceleration too, which costs information (errata 3): within a window a step and a ramp of the speed are alike.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 

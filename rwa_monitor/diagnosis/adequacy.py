@@ -25,8 +25,6 @@ is called failing with near certainty. `uncertainty_of` estimates two things:
   steps of the missing effect pass for sojourns of a system, the system may in truth never have rested.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

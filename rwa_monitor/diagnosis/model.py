@@ -5,8 +5,6 @@ speed), so a model serves every wheel whose [nominal] is known. For each anomaly
 side: the paper's linear support vector machine, and the densities of the joint classifier (see `classification`).
 """
 
-from __future__ import annotations
-
 import math
 import pkgutil
 from functools import cached_property, lru_cache

@@ -3,8 +3,6 @@
 The bands of nominal and anomalous values are fitted in closed form, with strays left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 

@@ -3,8 +3,6 @@
 The reason is one sentence, the explanation two or three to act on. They name numbers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final

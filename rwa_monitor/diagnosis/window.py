@@ -6,8 +6,6 @@ Everything inside is normalised; what leaves is in SI units. A diagnosis is a fu
 model and the carried state, of nothing else.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 Slots and indices count within the window; nothing here depends on the time of day, the spacecraft or the file.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass

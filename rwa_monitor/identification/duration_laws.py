@@ -21,8 +21,6 @@ Records cut sojourns (errata 9). With S(e) = P(τ ≥ e), μ the mean and N the 
 Leaving the cut ones out would learn too short durations: the longest are cut the most often.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Final, NamedTuple
 

@@ -7,8 +7,6 @@
 3. Each configuration's sojourns give its duration law (`duration_laws`), its friction a range.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations, pairwise

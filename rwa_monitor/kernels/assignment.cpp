@@ -603,9 +603,9 @@ Found search_once(
 // Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all. Where values
 // are wild the full search may drop every path within its budget; then the path of the narrow beam.
 tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
-    const Scores& scores, int64_t paths, double margin, int64_t budget, int64_t quick_budget) {
+    const Scores& scores, int64_t paths, double margin, int64_t budget) {
     auto [bounds, worth] = free_bounds(scores);
-    Found quick = search_once(scores, bounds, -INFINITY, min(quick_budget, budget), 1, 1);
+    Found quick = search_once(scores, bounds, -INFINITY, min(paths, budget), 1, 1);
     if (quick.score.empty()) return {};  // nothing is possible
     set_prices(scores, worth, quick.start.row(0), quick.taken.row(0), bounds);
     const double cutoff = quick.score[0] - (margin + ROUNDING);

@@ -12,16 +12,14 @@ REJECTED: Final[int]
 UNATTRIBUTED: Final[int]
 
 def find_paths(
-    scores: Scores, paths: int, margin: float, budget: int, quick_budget: int
+    scores: Scores, paths: int, margin: float, budget: int
 ) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
     """Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all.
 
     Parameters
     ----------
     scores, paths, margin, budget
-        As for `assignment.search`.
-    quick_budget
-        Width of the narrow beam.
+        As for `assignment.search`; the narrow beam is as wide as paths are asked for.
 
     Returns
     -------

@@ -6,8 +6,6 @@ that is not scored. A changepoint is rejected at the cost of merging its two int
 which assumes that every system rests at least once in the window.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import product
 from typing import Final, NamedTuple

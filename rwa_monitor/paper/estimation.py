@@ -4,8 +4,6 @@ Háµ€H is an arrow: the number of samples n_i of each interval on its diagonal, Î
 the corner. So f_v follows from the sums about the intervals' means, and F_i from f_v (errata 6).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Final, NamedTuple
 

@@ -4,8 +4,6 @@ A recipe draws a wheel of its own (duration laws, healthy friction), then a scen
 comes from one seed; the i-th record of a dataset depends on the seed and on i only, never on how many are asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice

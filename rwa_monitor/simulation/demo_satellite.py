@@ -12,8 +12,6 @@ that the demo does not send, and what drifts over more than a pass. No record wi
 `inertia_error` from `torque_constant_error`; either name is right.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Final, NamedTuple
 

@@ -6,8 +6,6 @@ time and brings its own derivative, so that torque and speed are consistent to r
 wheel's nominal speed until the end, all randomness comes from the generator passed in.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Annotated, Final, Literal, NamedTuple, get_args
 

@@ -5,8 +5,6 @@ noise → motor torque, current and voltage that the motion then needs → senso
 the same friction, so that K_T·I − J·dω/dt gives it back.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, NamedTuple

@@ -24,8 +24,6 @@ duration_s = 12.0
 ```
 """
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np

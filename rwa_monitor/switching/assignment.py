@@ -24,8 +24,6 @@ exact; with more it depends on the path too, and is nearly always right because 
 kept, each with its own friction (the tests count). The loops are in `kernels/assignment.cpp`.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -55,7 +53,6 @@ from rwa_monitor.wheel.wheel import Wheel
 UNATTRIBUTED_PER_WINDOW: Final = 0.03  # jumps expected per window that no switching system makes
 UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
 KEPT_PATHS: Final = 16  # weighed beside each other
-QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is of no interest (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
 MAX_ROUNDS: Final = 4
@@ -290,7 +287,7 @@ def search(scores: Scores, *, paths: int, margin: float, budget: int) -> SearchR
     budget
         Extensions kept per candidate at most.
     """
-    score, starts, taken, states, pruned = find_paths(scores, paths, margin, budget, QUICK_BUDGET)
+    score, starts, taken, states, pruned = find_paths(scores, paths, margin, budget)
     found = map(Path, score.tolist(), starts, taken)
     return SearchResult(tuple(path for path in found if path.score >= score[0] - margin), states, pruned)
 

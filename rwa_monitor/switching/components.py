@@ -7,8 +7,6 @@ leaves every jump as it is and moves the base by a whole configuration: such pat
 values are those of the assignment; what the alternatives leave open shows in the standard deviations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -18,8 +18,6 @@ Where earlier windows showed in which configuration a system entered the window,
 they showed and of the above.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

@@ -18,8 +18,6 @@ Durations are log-normal here, with a broad outlier law beside. That is only to 
 from what comes out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise, product

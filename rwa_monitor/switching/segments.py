@@ -3,8 +3,6 @@
 Everything here comes from range sums; no sample is read again.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np

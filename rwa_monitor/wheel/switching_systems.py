@@ -5,8 +5,6 @@ A record begins somewhere in the middle of a wheel's life, so the first configur
 randomly chosen moment sees (errata 9).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

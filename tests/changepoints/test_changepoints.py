@@ -1,7 +1,5 @@
 """Stage 1: the wGLR against its definition, and the choice of candidates among its peaks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

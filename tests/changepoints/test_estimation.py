@@ -1,7 +1,5 @@
 """Stage 2: least squares through the arrow structure, against the matrix it stands for."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

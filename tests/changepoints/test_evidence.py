@@ -1,7 +1,5 @@
 """The evidence of a window, gathered live: what it finds, and that it does not matter how the samples came."""
 
-from __future__ import annotations
-
 import os
 import tracemalloc
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The noise beside the jumps: white, coloured, heavy-tailed, with and without anything else in the window."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import signal, stats

@@ -1,7 +1,5 @@
 """Running sums: any range's moments, exactly, from few reads."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

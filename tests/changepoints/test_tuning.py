@@ -1,7 +1,5 @@
 """Closed-form tuning of the wGLR against the paper's figures, simulation and brute force."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import astuple, replace
 

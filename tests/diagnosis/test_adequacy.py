@@ -1,7 +1,5 @@
 """The cheap adequacy check: silent on healthy and failing wheels, awake where the model lacks an effect."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

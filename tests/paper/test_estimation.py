@@ -1,7 +1,5 @@
 """Section IV-B: least squares beside the default method's running sums, and the cost of rejecting a changepoint."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

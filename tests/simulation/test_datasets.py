@@ -1,7 +1,5 @@
 """Datasets: the statistics that their recipes promise, labels and truth."""
 
-from __future__ import annotations
-
 import itertools
 import json
 

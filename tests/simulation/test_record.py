@@ -1,7 +1,5 @@
 """Simulated records: every channel follows from one friction, and the truth is the truth."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

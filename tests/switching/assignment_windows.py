@@ -1,7 +1,5 @@
 """Windows for the tests of stage 3, made fast: level plus noise; candidates are the truth and false ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The search against all assignments there are, one by one; its budget; its bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 

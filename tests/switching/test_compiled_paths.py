@@ -1,7 +1,5 @@
 """The kernels over paths and levels of stage 3 against the same in plain Python and numpy."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

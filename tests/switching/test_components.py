@@ -1,7 +1,5 @@
 """Friction split into its parts: against simulated truth, uncertain where a window does not show it (errata 10)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
