@@ -191,8 +191,6 @@ class WindowAccumulator:
         self.filled = 0
         self.good = 0
         self.slope_prior = nominal_slope_prior(wheel)
-        start_std = wheel.noise.friction_std_Nm
-        self._start_std = None if start_std is None else start_std / wheel.torque_unit_Nm
 
         self._x: FloatArray = np.empty(self.slots)
         # |ω|, and where viscous friction is in proportion to something else, at which temperature, known how well.
@@ -222,7 +220,7 @@ class WindowAccumulator:
             stretch_hop=self._structure.hop,
             dead_band=math.nan if stated is None else stated / wheel.speed_unit_rad_s,
             speed_noises=SPEED_NOISES,
-            start_std=math.nan if self._start_std is None else self._start_std,
+            start_std=(wheel.noise.friction_std_Nm or math.nan) / wheel.torque_unit_Nm,
             prior_mean=prior.mean,
             prior_std=prior.std,
             nominal_slope=prior.mean if known else 0.0,
@@ -316,7 +314,7 @@ class WindowAccumulator:
         self._gather(last=True)
         self._closed = True
         levels, counts, variances, quantiles = self._window.noise(self._done)
-        noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
+        noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self.settings.start_std)
         threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         evidence = Evidence(
             slots=self._done,

@@ -68,7 +68,7 @@ def estimate_noise(
     scales: IntArray,
     variances: FloatArray,
     samples: int,
-    start_std: float | None,
+    start_std: float,
 ) -> NoiseEstimate:
     """Combine the block differences and the scales' variances to the noise of the window.
 
@@ -81,10 +81,10 @@ def estimate_noise(
     samples
         Used samples of the window.
     start_std
-        Standard deviation expected before any data; used when there are no blocks and no variances.
+        Standard deviation expected before any data, or NaN; used when there are no blocks and no variances.
     """
     if not counts.any():
-        known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
+        known = [value for value in (float(variances[0]), start_std**2) if np.isfinite(value)]
         variance = max(known[0] if known else 0.0, _LEAST_VARIANCE)
         return NoiseEstimate(float(np.sqrt(variance)), np.append(variance, np.zeros(LAGS - 1)), 1.0)
     variance, last = _white_level(levels, counts)

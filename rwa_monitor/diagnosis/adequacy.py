@@ -390,9 +390,8 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     return float((total * total / count).sum()), math.sqrt(mean_product / blocks.size)
 
 
-def _ar_agreement(correlation: float, size: int, lag: int) -> float:
+def _ar_agreement(phi: float, size: int, lag: int) -> float:
     """Return the correlation of the means of two blocks of AR(1) noise, `lag` blocks apart; 0 unless φ is positive."""
-    phi = correlation
     if phi <= 0.0:
         return 0.0
     apart = phi ** ((lag - 1) * size + 1) * ((1.0 - phi**size) / (1.0 - phi)) ** 2

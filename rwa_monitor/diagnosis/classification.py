@@ -75,7 +75,7 @@ class Coefficient(NamedTuple):
         """The probability of the anomaly before the window."""
         if self.before is None:
             return self.rate
-        return self.before.held * self._anomalous_before() + (1.0 - self.before.held) * self._rate_after_change()
+        return self.before.held * self._anomalous(self.before) + (1.0 - self.before.held) * self._rate_after_change()
 
     def log_evidence(self, value: FloatArray, std: FloatArray) -> FloatArray:
         """Return the log density of measuring `value` ± `std`, (n,) each, if nominal (row 0) or anomalous (row 1)."""
@@ -98,15 +98,13 @@ class Coefficient(NamedTuple):
     def _log_joint(self, value: FloatArray, std: FloatArray, rate: float) -> FloatArray:
         return np.asarray(log_densities(self.levels, value, std) + np.log(np.array([[1.0 - rate], [rate]])))
 
-    def _anomalous_before(self) -> float:
-        """Return the probability that the value of earlier windows is anomalous; the rate without any."""
-        if self.before is None:
-            return self.rate
-        joint = self._log_joint(np.array([self.before.mean]), np.array([self.before.std]), self.rate)[:, 0]
+    def _anomalous(self, before: Tracked) -> float:
+        """Return the probability that the value of earlier windows is anomalous."""
+        joint = self._log_joint(np.array([before.mean]), np.array([before.std]), self.rate)[:, 0]
         return float(np.exp(joint[1] - np.logaddexp(joint[0], joint[1])))
 
     def _rate_after_change(self) -> float:
-        return self.rate if self.before is None else rate_after_change(self._anomalous_before(), self.rate)
+        return self.rate if self.before is None else rate_after_change(self._anomalous(self.before), self.rate)
 
     def informative(self, std: float) -> bool:
         """Return whether a measurement this good distinguishes nominal from anomalous at all."""

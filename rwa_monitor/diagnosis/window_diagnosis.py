@@ -243,13 +243,9 @@ def viscous_unit(wheel: Wheel) -> float:
     return wheel.torque_unit_Nm / wheel.speed_unit_rad_s
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def scaled(value: float, unit: float) -> float | None:
     """Return a value in another unit; None where it is not finite."""
-    return _finite(value * unit)
+    return float(value * unit) if math.isfinite(value * unit) else None
 
 
 def value_of(value: float, std: float, unit: float, name: str) -> Value:
@@ -281,8 +277,8 @@ def _anomaly_of(
     elif levels is not None:
         low, high = levels.nominal_low * unit, levels.nominal_high * unit
         if (width := levels.severity_unit) is not None:
-            severity = _finite(max(0.0, (value - levels.nominal_high) / width))
-            severity_std = _finite(std / width)
+            severity = scaled(max(0.0, (value - levels.nominal_high) / width), 1.0)
+            severity_std = scaled(std / width, 1.0)
     return AnomalyDiagnosis(
         **asdict(judged),
         severity=severity,

@@ -48,15 +48,17 @@ tuple<int64_t, int64_t, int64_t> assign_slots(
     return {time_ns.size(), ahead_count, used};
 }
 
+// What is remembered of a channel, see sensor_validation.Channel.
+struct Memory {
+    double recent[OUTSTANDING_SLOTS], last, step, bend, restless, repeated, restless_before, rough, steps;
+};
+
 // Judge the next slots of a channel, each by the one after it (see screen.Channel); returns whether anything is found.
 bool judge(
     Floats values, Floats following, double limit, Vector<double> state, Vector<std::int8_t> kind,
     Vector<int64_t> since) {
-    double* const memory = &state[OUTSTANDING_SLOTS];
-    double last = memory[0], step = memory[1], bend = memory[2], restless = memory[3], repeated = memory[4];
-    double restless_before = memory[5], rough = memory[6], steps = memory[7];
-    double recent[OUTSTANDING_SLOTS];
-    copy_n(state.data, OUTSTANDING_SLOTS, recent);
+    Memory memory = *reinterpret_cast<Memory*>(state.data);  // a copy, which the loop keeps in registers
+    auto& [recent, last, step, bend, restless, repeated, restless_before, rough, steps] = memory;
     const auto at = [&](int64_t k) { return k < 0 ? recent[k + OUTSTANDING_SLOTS] : values[k]; };
     const int64_t n = values.size();
     bool found = false;
@@ -99,9 +101,8 @@ bool judge(
             found = true;
         }
     }
-    for (int64_t i : range(OUTSTANDING_SLOTS)) state[i] = at(n - OUTSTANDING_SLOTS + i);
-    memory[0] = last, memory[1] = step, memory[2] = bend, memory[3] = restless, memory[4] = repeated;
-    memory[5] = restless_before, memory[6] = rough, memory[7] = steps;
+    for (int64_t i : range(OUTSTANDING_SLOTS)) recent[i] = at(n - OUTSTANDING_SLOTS + i);
+    *reinterpret_cast<Memory*>(state.data) = memory;
     return found;
 }
 

@@ -161,23 +161,20 @@ tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
         }
         if (isfinite(score[b])) full.push_back(score[b]);
     }
-    NewFloats levels(LAGS, NAN), counts = NewFloats(LAGS);
+    NewFloats levels(LAGS, NAN), counts(LAGS);
     if (full.empty()) return {levels, counts};
     const double middle = median_in_place(full);
     for (double& value : full) value = abs(value - middle);
     const double most = middle + 4.0 * (1.4826 * median_in_place(full));
-    double level[LAGS] = {}, count[LAGS] = {};
+    fill(levels, 0.0);
     for (int64_t b : range(blocks)) {
         if (!(score[b] <= most)) continue;
         for (int64_t lag : range(LAGS)) {
-            level[lag] += sums(b, lag);
-            count[lag] += pairs(b, lag);
+            levels[lag] += sums(b, lag);
+            counts[lag] += pairs(b, lag);
         }
     }
-    for (int64_t lag : range(LAGS)) {
-        levels[lag] = level[lag] / count[lag];
-        counts[lag] = count[lag];
-    }
+    for (int64_t lag : range(LAGS)) levels[lag] /= counts[lag];
     return {levels, counts};
 }
 

@@ -108,12 +108,6 @@ void count_bins(int64_t* histogram, const double* statistic, int64_t first, int6
     }
 }
 
-// What `scan` has evaluated of one scale.
-struct Evaluated {
-    int64_t first_right = 0;  // the first slot's end k + w
-    bool above = false;       // whether any statistic is above the floor
-};
-
 }  // namespace
 
 Detector::Detector(Integers half_widths)
@@ -190,7 +184,7 @@ void Detector::scan(
     confirmed.clear();
     const int64_t count_scales = scales.size(), room = min(STRETCH, max<int64_t>(stop - start, 0));
     NewFloats values(2 * count_scales * room);
-    vector<Evaluated> evaluated(count_scales);
+    vector<char> above(count_scales);  // whether any statistic of the stretch is above the scale's floor
     for (int64_t begin = start, end; begin < stop; begin = end) {
         const int64_t chunk = begin - begin % CHUNK;
         // Only where a chunk begins: what is left out must not depend on how slots arrive.
@@ -199,19 +193,19 @@ void Detector::scan(
         fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
         for (int64_t s : range(count_scales)) {
             const int64_t w = scales[s], right = max(begin + 1, 2 * w), count = end - right + 1;
-            evaluated[s] = {right, false};
+            above[s] = false;
             if (count <= 0) continue;
             double* const statistic = &values[2 * s * room];
             evaluate(prefix, HISTORY + right - chunk, w, settings.weight, count, statistic, statistic + room);
-            evaluated[s].above = exceeds(statistic, count, settings.floors[s]);  // in few stretches
+            above[s] = exceeds(statistic, count, settings.floors[s]);  // in few stretches
             if (counting) count_bins(&histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
         for (int64_t step = begin; step < end; step += BLOCK) {
             const int64_t step_end = min(step + BLOCK, end);
             for (int64_t s : range(count_scales)) {
-                if (!evaluated[s].above) continue;
-                const int64_t w = scales[s], right = max(step + 1, evaluated[s].first_right);
-                const double* statistic = &values[2 * s * room] + (right - evaluated[s].first_right);
+                if (!above[s]) continue;
+                const int64_t w = scales[s], first = max(begin + 1, 2 * w), right = max(step + 1, first);
+                const double* statistic = &values[2 * s * room] + (right - first);
                 keep(statistic, statistic + room, right - w, step_end + 1 - right, s, settings.floors[s]);
             }
             confirm(step_end, settings.sure);

@@ -62,7 +62,7 @@ def split(
         assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED]
     )
     jumps = estimate.index
-    borders = _borders(jumps, evidence.slots)
+    borders = np.concatenate(([0], jumps, [evidence.slots]))
     segments = evidence.sums.intervals(jumps)
     seen = estimate.level[np.isfinite(estimate.level)]
     level = float(seen.sum()) / seen.size if seen.size else 0.0
@@ -101,11 +101,6 @@ def _raised(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
         path._replace(configurations=path.configurations + np.repeat(np.array(offset, dtype=np.int64), path.sojourns))
         for offset in islice(product(*options), KEPT_PATHS)
     ]
-
-
-def _borders(jumps: IntArray, slots: int) -> IntArray:
-    """Return the slots at which segments begin and end, int64 (jumps + 2,)."""
-    return np.concatenate((np.zeros(1, dtype=np.int64), jumps, np.full(1, slots)))
 
 
 def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried: CarriedState | None) -> list[float]:
@@ -187,7 +182,7 @@ def _conditional_estimates(
     variance = effective_variance(evidence.noise)
     estimates = []
     for one in alternatives:
-        borders = _borders(one.index, evidence.slots)
+        borders = np.concatenate(([0], one.index, [evidence.slots]))
         segments = evidence.sums.intervals(one.index)
         posterior = measure(one.path, borders, segments.table, priors, variance, level_scatter(variance))
         estimates.append(_estimate(one.path, posterior, borders, segments.n, one.log_durations))

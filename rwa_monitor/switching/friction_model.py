@@ -315,13 +315,11 @@ def law_moments(
 
     float64 (systems, configurations) each.
     """
-    shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
-    mean, variance = np.zeros(shape), np.zeros(shape)
-    for s, (of_system, cases) in enumerate(zip(laws, anomaly, strict=True)):
+    mid, scatter = np.moveaxis(law_table(laws), -1, 0)
+    first, second = np.zeros((2, len(laws), 1))
+    for s, cases in enumerate(anomaly):
         total = sum(case.probability for case in cases)
-        first = sum(case.probability * (1 + case.mean) for case in cases) / total
-        second = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
-        for q, law in enumerate(of_system):
-            mean[s, q] = law.mid * first
-            variance[s, q] = second * (law.mid**2 + law.scatter**2) - (law.mid * first) ** 2
-    return mean, variance
+        first[s] = sum(case.probability * (1 + case.mean) for case in cases) / total
+        second[s] = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
+    mean = mid * first
+    return mean, second * (mid**2 + scatter**2) - mean**2

@@ -55,7 +55,7 @@ def _outlier(z, variance=1.0):
 
 def _estimate(z, **kwargs):
     nothing = np.full(1, np.nan)
-    return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, None)
+    return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, np.nan)
 
 
 @pytest.mark.parametrize(("variance", "jumped"), [(1e-9, 0.0), (1.0, 0.0), (5.76e-4, 0.0), (1.0, 0.02), (1.0, 0.1)])
