@@ -87,7 +87,7 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
     # An interval without samples has the level of the last seen one before it, or of the first.
     place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     total = float(sums.n.sum())
-    rmse = float(np.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total)) if total else 0.0
+    rmse = math.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total) if total else 0.0
     return Estimate(
         index=index,
         level=level[place] if seen.any() else np.zeros(n.size),

@@ -86,7 +86,7 @@ def estimate_noise(
     if not counts.any():
         known = [value for value in (float(variances[0]), start_std**2) if np.isfinite(value)]
         variance = max(known[0] if known else 0.0, _LEAST_VARIANCE)
-        return NoiseEstimate(float(np.sqrt(variance)), np.append(variance, np.zeros(LAGS - 1)), 1.0)
+        return NoiseEstimate(math.sqrt(variance), np.append(variance, np.zeros(LAGS - 1)), 1.0)
     variance, last = _white_level(levels, counts)
     # Beyond the last certain lag the autocovariance is noise of the estimate: 63 such lags would swamp the long run.
     autocovariance = np.zeros(LAGS)

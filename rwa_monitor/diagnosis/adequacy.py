@@ -470,9 +470,9 @@ def uncertainty_of(
         )
     )
     return ModelErrorUncertainty(
-        base_dry=float(np.sqrt(level**2 + above**2 + hidden**2)),
+        base_dry=math.sqrt(level**2 + above**2 + hidden**2),
         viscous=slope,
-        systems=float(np.sqrt(spread**2 + above**2 + below**2 + hidden**2)),
+        systems=math.sqrt(spread**2 + above**2 + below**2 + hidden**2),
     )
 
 
@@ -562,8 +562,8 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         strength = float(weight @ (alone * left)) / energy
         moved = strength * (shape_level - tilt * x_level)
         mean = float(total @ moved) / whole
-        together = float(np.sqrt(total @ moved**2 / whole))
-        apart = float(np.sqrt(total @ (moved - mean) ** 2 / whole))
+        together = math.sqrt(total @ moved**2 / whole)
+        apart = math.sqrt(total @ (moved - mean) ** 2 / whole)
         found.append((strength**2 * energy / variance, abs(strength * tilt), together, apart))
     best = max((fall for fall, *_ in found), default=0.0)
     kept = [moves for fall, *moves in found if fall >= max(CLEAR_SIGMAS**2, COMPARABLE * best)]

@@ -362,7 +362,7 @@ def _widened(features: Features, conditional: Sequence[FeaturesOfPath], weights:
     configuration lower, is another path of the same samples.
     """
     apart = [(one.features.base_dry - features.base_dry) * one.features.base_known for one in conditional]
-    spread = float(np.sqrt(weights @ np.square(apart)))
+    spread = math.sqrt(weights @ np.square(apart))
     return replace(features, base_dry_std=math.hypot(features.base_dry_std, spread))
 
 

@@ -7,6 +7,7 @@
 3. Each configuration's sojourns give its duration law (`duration_laws`), its friction a range.
 """
 
+import math
 from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations, pairwise
@@ -366,7 +367,7 @@ def friction_errors(problem: Problem) -> tuple[float, float]:
     """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
     variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
     inner = problem.speed - mean
-    viscous_std = float(np.sqrt(variance / max(float(inner @ inner), 1e-300)))
+    viscous_std = math.sqrt(variance / max(float(inner @ inner), 1e-300))
     return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
 
 
@@ -406,7 +407,7 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
         return ""
     per_slot = float(time @ residual) / spread
     over_all = per_slot * sum(record.used.size for record in problem.records)
-    certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
+    certain = abs(per_slot) > DRIFT_VISIBLE_AT * math.sqrt(problem.noise.long_run_variance / spread)
     if not certain or abs(over_all) < HARMLESS * base:
         return ""
     return (
@@ -542,7 +543,7 @@ def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) ->
     first = segment_starts(problem, fitted.jumps)
     design = remove_levels(np.column_stack([column, problem.speed]), first)
     value, std = first_slope(design, remove_levels(problem.z, first))
-    large = abs(value) * size >= HARMLESS * float(np.sqrt(np.mean(problem.z**2)))
+    large = abs(value) * size >= HARMLESS * math.sqrt(np.mean(problem.z**2))
     return value, std, large and abs(value) >= VISIBLE_AT * std
 
 

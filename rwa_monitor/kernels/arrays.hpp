@@ -20,6 +20,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
@@ -103,11 +104,9 @@ struct Array {
     Array() = default;
     Array(T* first, const array<int64_t, N>& extents) : data(first), shape(extents) {}
     // Of a vector.
-    template <typename Values,
-              typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
-    Array(Values& values) : Array(values.data(), {static_cast<int64_t>(values.size())}) {
-        static_assert(N == 1, "a vector has one axis");
-    }
+    template <typename Values>
+    Array(Values& values) requires(N == 1) && std::convertible_to<decltype(values.data()), T*>
+        : Array(values.data(), {static_cast<int64_t>(values.size())}) {}
 
     int64_t size() const {
         int64_t product = 1;
@@ -118,8 +117,7 @@ struct Array {
     T* end() const { return data + size(); }
 
     template <typename... Index>
-    T& operator()(Index... index) const {
-        static_assert(sizeof...(Index) == N, "one index for each axis");
+    T& operator()(Index... index) const requires(sizeof...(Index) == N) {
         int64_t place = 0;
         size_t axis = 0;
         ((REQUIRE(index >= 0 && index < shape[axis]), place = place * shape[axis++] + index), ...);
@@ -244,16 +242,12 @@ struct type_caster<std::vector<T>> : type_caster<rwa::Table<T, 1>> {
     }
 };
 
-template <typename T, typename = int>
-struct is_named_tuple : std::false_type {};
-template <typename T>
-struct is_named_tuple<T, decltype((void)std::declval<T&>().fields(), 0)> : std::true_type {};
-
 template <typename... Field>
 std::tuple<Field...> values_of(const std::tuple<Field&...>&);
 
 template <typename T>
-struct type_caster<T, enable_if_t<is_named_tuple<T>::value>> {
+    requires requires(T& value) { value.fields(); }
+struct type_caster<T> {
     using Values = decltype(values_of(std::declval<T&>().fields()));
     NB_TYPE_CASTER(T, make_caster<Values>::Name)
 

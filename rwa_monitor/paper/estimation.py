@@ -60,7 +60,7 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
     mean_variance = noise.std**2 * mean_variance_factor(noise, n) / n
     level_std = np.sqrt(mean_variance + _times(x_mean, slope_std) ** 2)
     jump_std = np.sqrt(mean_variance[:-1] + mean_variance[1:] + _times(np.diff(x_mean), slope_std) ** 2)
-    rmse = float(np.sqrt(np.mean((z_apart - slope * x_apart) ** 2))) if x.size else 0.0
+    rmse = math.sqrt(np.mean((z_apart - slope * x_apart) ** 2)) if x.size else 0.0
     # The level of an interval without samples: that of the last one before it that has some, or of the first.
     shown = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     both = seen[:-1] & seen[1:]

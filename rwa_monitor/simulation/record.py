@@ -5,6 +5,7 @@ noise → motor torque, current and voltage that the motion then needs → senso
 the same friction, so that K_T·I − J·dω/dt gives it back.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Final, NamedTuple
@@ -458,7 +459,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
             speed = np.std(tachometer.read_speed(true) - true)
     current = np.hypot(sensors["current_noise_A"], sensors["current_quantum_A"] * QUANTUM_STD)
     derived = torque_balance.derived_noise_variance(wheel, float(speed), float(current))
-    return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
+    return _Noise(values, math.sqrt(std**2 + derived), math.sqrt(long_run**2 + derived))
 
 
 def _acting(scenario: Scenario, effects: Sequence[Effect]) -> list[Effect]:

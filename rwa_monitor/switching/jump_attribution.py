@@ -18,6 +18,7 @@ Durations are log-normal here, with a broad outlier law beside. That is only to 
 from what comes out.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise, product
@@ -528,7 +529,7 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
     level = np.array([base for base, _ in bases])
     weight = np.array([slots + 1.0 for _, slots in bases])
     base = float(np.average(level, weights=weight))
-    base_std = float(np.sqrt((np.sum((level - base) ** 2) + (BASE_SPREAD * base) ** 2) / (level.size + 1)))
+    base_std = math.sqrt((np.sum((level - base) ** 2) + (BASE_SPREAD * base) ** 2) / (level.size + 1))
     return Chains(chains.counts, size, spread, mu, sigma, up, base, base_std)
 
 
@@ -553,4 +554,4 @@ def _size(seen: Sequence[Visit], before: float) -> tuple[float, float]:
     mean = max(float(np.average(friction, weights=weight)), 1e-3 * before)
     excess = float(np.sum(weight * ((friction - mean) ** 2 - std**2)) / np.sum(weight)) * len(seen)
     variance = (max(excess, 0.0) + PRIOR_SIZES * (PRIOR_SPREAD * mean) ** 2) / (len(seen) + PRIOR_SIZES)
-    return mean, float(np.sqrt(variance))
+    return mean, math.sqrt(variance)
