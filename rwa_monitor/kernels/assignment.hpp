@@ -5,11 +5,6 @@
 
 namespace rwa {
 
-// ---- levels between candidates (segments.cpp) ----
-
-// Of the statistics (6, m + 2, m + 2) of all pairs, those of the segments between consecutive nodes: (6, segments).
-NewMatrix chain_of(FloatCube pairs, Integers nodes);
-
 // ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----
 
 // See stage_results.SwitchingPath.

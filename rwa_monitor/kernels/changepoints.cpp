@@ -1,4 +1,4 @@
-// From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/candidates.py).
+// From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/evidence.py).
 #include "detection.hpp"
 
 namespace rwa {

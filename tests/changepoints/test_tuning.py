@@ -8,8 +8,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.false_alarms import NOISES, WITHIN, run_length
-from rwa_monitor.changepoints.candidates import threshold_of_run_length
-from rwa_monitor.changepoints.evidence import SCALES
+from rwa_monitor.changepoints.evidence import SCALES, threshold_of_run_length
 from rwa_monitor.changepoints.tuning import Measured, check, tune
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.wglr import wglr
