@@ -10,7 +10,7 @@
 import math
 from collections import Counter
 from collections.abc import Sequence
-from itertools import combinations, pairwise
+from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -25,13 +25,12 @@ from rwa_monitor.identification.duration_laws import LearnedLaw, learn_laws
 from rwa_monitor.identification.heat import learn_heat
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 from rwa_monitor.switching.jump_attribution import (
-    MOST_CONFUSED,
     TIERS,
     JumpAttribution,
     Segments,
     Visit,
     attribute_jumps,
-    confused_share,
+    confused_pairs,
     ways_up,
 )
 from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
@@ -456,19 +455,15 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
             " `discrepancy`, or write the systems into the wheel file",
         )
     counts = attribution.chains.counts
-    for i, j in combinations(range(len(counts)), 2):
-        if (
-            counts[i] == counts[j] == 2
-            and (share := confused_share(attribution.chains, attribution.visits, i, j)) > MOST_CONFUSED
-        ):
-            sizes = " and ".join(f"{attribution.chains.size[k, 1] / base:.2g}" for k in (i, j))
-            raise InputError(
-                "identify",
-                "two switching systems are seen, of two configurations each, but not which jump is of which:"
-                f" their jumps are of nearly the same size ({sizes} of base dry friction) and last alike, so that"
-                f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
-                " systems with their duration laws into the wheel file ([[fss]])",
-            )
+    for i, j, share in confused_pairs(attribution.chains, attribution.visits):
+        sizes = " and ".join(f"{attribution.chains.size[k, 1] / base:.2g}" for k in (i, j))
+        raise InputError(
+            "identify",
+            "two switching systems are seen, of two configurations each, but not which jump is of which:"
+            f" their jumps are of nearly the same size ({sizes} of base dry friction) and last alike, so that"
+            f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
+            " systems with their duration laws into the wheel file ([[fss]])",
+        )
     for alternative, worse in attribution.alternatives:
         # A system more that is not worth its parameters is no alternative.
         if worse < SURE_BY and Counter(counts) - Counter(alternative):

@@ -301,21 +301,29 @@ def confused_share(chains: Chains, visits: Sequence[Sequence[Visit]], i: int, j:
     return float(np.mean(confusion))
 
 
+def confused_pairs(chains: Chains, visits: Sequence[Sequence[Visit]]) -> Iterator[tuple[int, int, float]]:
+    """Yield the pairs of systems of two configurations that share more visits than `MOST_CONFUSED`, and the share."""
+    for i, j in combinations(range(len(chains.counts)), 2):
+        if chains.counts[i] == chains.counts[j] == 2:
+            share = confused_share(chains, visits, i, j)
+            if share > MOST_CONFUSED:
+                yield i, j, share
+
+
 def _is_halved(chains: Chains, visits: Sequence[Sequence[Visit]]) -> bool:
     """Return whether two of the systems are one whose visits are divided: alike, and never away from rest together.
 
     Choosing for each visit the half that it fits better makes a description with a system more look better than it is,
     and the more so the more visits there are.
     """
-    for i, j in combinations(range(len(chains.counts)), 2):
-        if chains.counts[i] == chains.counts[j] == 2 and confused_share(chains, visits, i, j) > MOST_CONFUSED:
-            away = sorted(
-                (visit.record, visit.begin, visit.begin + visit.slots)
-                for visit in (*visits[i], *visits[j])
-                if visit.configuration
-            )
-            if not any(a[0] == b[0] and b[1] < a[2] for a, b in pairwise(away)):
-                return True
+    for i, j, _ in confused_pairs(chains, visits):
+        away = sorted(
+            (visit.record, visit.begin, visit.begin + visit.slots)
+            for visit in (*visits[i], *visits[j])
+            if visit.configuration
+        )
+        if not any(a[0] == b[0] and b[1] < a[2] for a, b in pairwise(away)):
+            return True
     return False
 
 
@@ -457,23 +465,15 @@ def _visits(
     of_all: list[list[Visit]] = [[] for _ in chains.counts]
     bases = []
     for number, (one, path) in enumerate(zip(records, paths, strict=True)):
-        spans = [_spans(path.configurations[:, i]) for i in range(len(chains.counts))]
-        friction, std, base = _frictions(one, chains, path, spans)
-        for i, of_one in enumerate(spans):
-            for k, (begin, end) in enumerate(of_one):
-                q = int(path.configurations[begin, i])
-                of_all[i].append(
-                    Visit(
-                        int(one.at[end] - one.at[begin]),
-                        begin > 0,
-                        end < one.level.size,
-                        q,
-                        friction[i][k] if q else 0.0,
-                        std[i][k] if q else 0.0,
-                        number,
-                        int(one.at[begin]),
-                    )
-                )
+        sojourns = [
+            (i, begin, end, int(path.configurations[begin, i]))
+            for i in range(len(chains.counts))
+            for begin, end in _spans(path.configurations[:, i])
+        ]
+        friction, std, base = _frictions(one, chains, path, sojourns)
+        for k, (i, begin, end, q) in enumerate(sojourns):
+            slots, inside = int(one.at[end] - one.at[begin]), (begin > 0, end < one.level.size)
+            of_all[i].append(Visit(slots, *inside, q, friction[k], std[k], number, int(one.at[begin])))
         at_rest = (path.configurations == 0).all(axis=1)
         bases.append((base, int(np.diff(one.at)[at_rest].sum())))
     return tuple(tuple(of_one) for of_one in of_all), tuple(bases)
@@ -486,31 +486,31 @@ def _spans(configuration: IntArray) -> list[tuple[int, int]]:
 
 
 def _frictions(
-    one: Segments, chains: Chains, path: Path, spans: Sequence[Sequence[tuple[int, int]]]
-) -> tuple[list[list[float]], list[list[float]], float]:
-    """Return friction and standard deviation of each sojourn, and the base [N m], by least squares given the path."""
-    columns, prior, width, place = [np.ones(one.level.size)], [chains.base], [chains.base_std], {}
-    for i, of_one in enumerate(spans):
-        for k, (begin, end) in enumerate(of_one):
-            q = int(path.configurations[begin, i])
-            if q:
-                column = np.zeros(one.level.size)
-                column[begin:end] = 1.0
-                place[i, k] = len(columns)
-                columns.append(column)
-                prior.append(chains.size[i, q])
-                # A visit's size is its own: what others are like decides only where it is hardly seen.
-                width.append(max(3.0 * chains.spread[i, q], PRIOR_SPREAD * chains.size[i, q]))
+    one: Segments, chains: Chains, path: Path, sojourns: Sequence[tuple[int, int, int, int]]
+) -> tuple[list[float], list[float], float]:
+    """Return friction and standard deviation of each sojourn, and the base [N m], by least squares given the path.
+
+    `sojourns`: system, first segment, that after the last, and configuration; 0 where that is the lowest.
+    """
+    columns, prior, width, place = [np.ones(one.level.size)], [chains.base], [chains.base_std], []
+    for i, begin, end, q in sojourns:
+        if q:
+            place.append(len(columns))
+            column = np.zeros(one.level.size)
+            column[begin:end] = 1.0
+            columns.append(column)
+            prior.append(chains.size[i, q])
+            # A visit's size is its own: what others are like decides only where it is hardly seen.
+            width.append(max(3.0 * chains.spread[i, q], PRIOR_SPREAD * chains.size[i, q]))
+        else:
+            place.append(-1)
     used = ~path.outlier
     design = np.column_stack(columns)[used] / one.std[used, None]
     gram = design.T @ design + np.diag(np.array(width) ** -2.0)
     target = design.T @ (one.level[used] / one.std[used]) + np.array(prior) / np.array(width) ** 2
     inverse = np.linalg.inv(gram)
-    solution, error = inverse @ target, np.sqrt(inverse.diagonal())
-    friction, std = ([[0.0] * len(of_one) for of_one in spans] for _ in range(2))
-    for (i, k), at in place.items():
-        friction[i][k], std[i][k] = float(solution[at]), float(error[at])
-    return friction, std, float(solution[0])
+    solution, error = (np.append(values, 0.0) for values in (inverse @ target, np.sqrt(inverse.diagonal())))
+    return solution[place].tolist(), error[place].tolist(), float(solution[0])
 
 
 def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequence[tuple[float, int]]) -> Chains:
