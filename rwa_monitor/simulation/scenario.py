@@ -35,12 +35,9 @@ from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.wheel.file_content import Strict, TomlFile
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
-from rwa_monitor.wheel.wheel import EffectBlock, Wheel
+from rwa_monitor.wheel.wheel import EffectBlock, NoNegative, Positive, Wheel
 
 MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and truth; more is a wrong unit
-
-NoNegative = Annotated[float, Field(ge=0)]
-
 
 # Sensors of a small wheel, relative to what they measure; a scenario may give its own.
 SPEED_NOISE: Final = 0.01 / 300.0  # of the nominal speed: 0.01 rad/s at 300 rad/s (errata 17)
@@ -139,7 +136,7 @@ class Fault(Strict):
 
     kind: Literal["gap", "dropout", "stuck", "spikes"]
     start_s: NoNegative
-    duration_s: Annotated[float, Field(gt=0)]
+    duration_s: Positive
     channel: str = "speed_rad_s"
     share: Annotated[float, Field(gt=0, le=1)] = 0.01
     size: float = 0.0
@@ -207,7 +204,7 @@ class Base(Strict):
     hour, relative to the average [1/√h].
     """
 
-    dry: Annotated[float, Field(gt=0)] = 1.0
+    dry: Positive = 1.0
     viscous: NoNegative = 1.0
     dry_drift_per_sqrt_h: NoNegative = 0.0
 
@@ -246,7 +243,7 @@ class Scenario(TomlFile):
     )
     what: ClassVar[str] = "scenario"
 
-    duration_s: Annotated[float, Field(gt=0)] = 10_000.0
+    duration_s: Positive = 10_000.0
     start_ns: Annotated[int, Field(ge=0, lt=2**62)] = 0
     friction_given: bool = True
     channels: tuple[str, ...] | None = None

@@ -36,6 +36,8 @@ STILL_ANOMALOUS: Final = 0.98
 # What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
 REMEMBERED: Final = 0.95
 
+Count = Annotated[int, Field(ge=0)]
+
 
 class Tracked(Strict):
     """A value that is followed over windows by a scalar Kalman filter with a random walk.
@@ -115,8 +117,8 @@ class SystemState(Strict):
     """
 
     name: str
-    configuration: Annotated[int, Field(ge=0)] | None = None
-    age: Annotated[int, Field(ge=0)] | None = None
+    configuration: Count | None = None
+    age: Count | None = None
     friction: tuple[FrictionMemory | None, ...] = ()
 
 
@@ -145,12 +147,12 @@ class CarriedState(Hashed):
     limit: ClassVar[int] = MAX_STATE_BYTES
 
     version: Literal[1] = 1
-    windows: Annotated[int, Field(ge=0)] = 0
+    windows: Count = 0
     base_dry: Tracked | None = None
     viscous: Tracked | None = None
     noise_std: NotNegative | None = None
     probability: dict[str, Probability] = Field(default_factory=dict)
-    inadequate: Annotated[int, Field(ge=0)] = 0
+    inadequate: Count = 0
     fss: tuple[SystemState, ...] = ()
 
     @staticmethod
