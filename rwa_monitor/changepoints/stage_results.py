@@ -257,8 +257,7 @@ class Assignment:
     alternatives: tuple[Alternative, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Components:
+class Components(NamedTuple):
     """Friction split into its parts, normalised.
 
     Attributes

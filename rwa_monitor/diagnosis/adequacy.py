@@ -28,7 +28,6 @@ is called failing with near certainty. `uncertainty_of` estimates two things:
 import functools
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -434,9 +433,8 @@ class ModelErrorUncertainty(NamedTuple):
         systems = []
         for system in features.systems:
             wide = np.where(system.configuration > 0, np.hypot(system.friction_std, self.systems), system.friction_std)
-            systems.append(replace(system, friction_std=wide))
-        return replace(
-            features,
+            systems.append(system._replace(friction_std=wide))
+        return features._replace(
             base_dry_std=float(np.hypot(features.base_dry_std, self.base_dry)),
             viscous_std=float(np.hypot(features.viscous_std, self.viscous / features.viscous_unit)),
             systems=tuple(systems),

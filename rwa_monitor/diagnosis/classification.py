@@ -33,7 +33,7 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeGuard
 
 import numpy as np
@@ -209,8 +209,7 @@ class Judged:
     known: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Judgement:
+class Judgement(NamedTuple):
     """Judgement on all anomalies of a wheel.
 
     Attributes
@@ -363,7 +362,7 @@ def _widened(features: Features, conditional: Sequence[FeaturesOfPath], weights:
     """
     apart = [(one.features.base_dry - features.base_dry) * one.features.base_known for one in conditional]
     spread = math.sqrt(weights @ np.square(apart))
-    return replace(features, base_dry_std=math.hypot(features.base_dry_std, spread))
+    return features._replace(base_dry_std=math.hypot(features.base_dry_std, spread))
 
 
 def _log_likelihood(
@@ -530,15 +529,14 @@ class BaseSystemAmbiguity(NamedTuple):
         mean = float(np.sum(weights * self.base))
         std = math.sqrt(max(np.sum(weights * (self.base_variance + (self.base - mean) ** 2)), 0.0))
         if len(self.systems) != 1:
-            return replace(features, base_dry_std=max(std, features.base_dry_std))
+            return features._replace(base_dry_std=max(std, features.base_dry_std))
         systems = list(features.systems)
         system = systems[self.systems[0]]
-        systems[self.systems[0]] = replace(
-            system,
+        systems[self.systems[0]] = system._replace(
             friction=system.friction + (features.base_dry - mean),
             friction_std=np.hypot(system.friction_std, std),
         )
-        return replace(features, base_dry=mean, base_dry_std=std, systems=tuple(systems))
+        return features._replace(base_dry=mean, base_dry_std=std, systems=tuple(systems))
 
     def held_after(self, posterior: FloatArray, number: IntArray) -> float:
         """Return the probability after the window that the base is still the one of earlier windows."""

@@ -74,8 +74,8 @@ class TemperatureUncertainty(NamedTuple):
         if self.level > 0.0:
             of_levels = ModelErrorUncertainty(self.level, viscous * features.viscous_unit, self.level)
             return of_levels.widen(features)
-        by_path = tuple(replace(one, features=self.widen(one.features)) for one in features.by_path)
-        return replace(features, viscous_std=math.hypot(features.viscous_std, viscous), by_path=by_path)
+        by_path = tuple(one._replace(features=self.widen(one.features)) for one in features.by_path)
+        return features._replace(viscous_std=math.hypot(features.viscous_std, viscous), by_path=by_path)
 
 
 KNOWN: Final = TemperatureUncertainty()
@@ -160,7 +160,7 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
         uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
         features, measured = uncertainty.widen(features), uncertainty.widen(measured)
         wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
-        components = replace(components, viscous_std=wide)
+        components = components._replace(viscous_std=wide)
     of_temperature = temperature_uncertainty(evidence, components, wheel, adequate=fits.adequate)
     features, measured = of_temperature.widen(features), of_temperature.widen(measured)
     return Stages(assignment, estimate, components, features, measured, fits, of_temperature)
@@ -231,14 +231,14 @@ def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
         return unjudged(features, names)
     if not covered(inputs):
         # What is carried stays as it is, too: the few samples there are may be of another pace, or of another wheel.
-        return replace(unjudged(features, names), to_carry=dict(inputs.carried.probability))
+        return unjudged(features, names)._replace(to_carry=dict(inputs.carried.probability))
     window = inputs.wheel.window
     new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:
         new_share = 0.0  # what is missing shows alike in every window: it must not add up to certainty
     judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share)
-    seen = replace(judgement.features, viscous=features.viscous, viscous_std=features.viscous_std)
-    return replace(judgement, features=seen)
+    seen = judgement.features._replace(viscous=features.viscous, viscous_std=features.viscous_std)
+    return judgement._replace(features=seen)
 
 
 def _tracked(inputs: DiagnosisInput, stages: Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:

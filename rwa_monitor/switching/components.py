@@ -9,7 +9,6 @@ values are those of the assignment; what the alternatives leave open shows in th
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import islice, product
 from typing import Final
 
@@ -80,8 +79,7 @@ def split(
     weights = softmax(np.array(scores))
     parts = [one.components for one in estimates]
     base_std = _spread(weights, [one.base_dry for one in parts], [one.base_dry_std for one in parts])
-    return replace(
-        parts[0],
+    return parts[0]._replace(
         base_dry_std=float(np.hypot(base_std, parts[0].base_dry if jumps.size and not wheel.fss else 0.0)),
         fss_friction_std=tuple(
             _spread(weights, [one.fss_friction[s] for one in parts], [one.fss_friction_std[s] for one in parts])

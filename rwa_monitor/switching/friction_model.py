@@ -11,7 +11,6 @@ distinguishes the parts, all cases agree; where it does not, the mixture is the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import Final, NamedTuple
@@ -50,8 +49,7 @@ class Cases(NamedTuple):
     rest: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Posterior:
+class Posterior(NamedTuple):
     """Result of the linear model.
 
     Attributes
@@ -126,14 +124,14 @@ def measure(
     table = law_table(priors.laws).copy()
     table[table.any(axis=-1), 1] = FLAT_STD
     flat, unchanged = Case(1.0, priors.base[0].mean, FLAT_STD), Case(1.0, 0.0, 0.0)
-    _, cases = prior_tables(replace(priors, base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
+    _, cases = prior_tables(priors._replace(base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
     found = _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
     free = 1 + sum(int(np.count_nonzero(column >= 0)) for column in found.column)
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
     moving = [float(column.size) for column in found.column if column.size and (column >= 0).all()]
     lost = float(np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1])
     gained = (free - len(moving)) * math.log(FLAT_STD * math.sqrt(2.0 * math.pi)) + 0.5 * lost
-    return replace(found, log_evidence=found.log_evidence + gained)
+    return found._replace(log_evidence=found.log_evidence + gained)
 
 
 # ---- what is known of friction before a window: from the wheel file and from earlier windows -------------------------
@@ -176,8 +174,7 @@ class FrictionLaw(NamedTuple):
         return self.mid == 0.0 and self.scatter == 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Priors:
+class Priors(NamedTuple):
     """What is known before the window, normalised.
 
     Attributes

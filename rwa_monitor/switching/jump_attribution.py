@@ -45,8 +45,8 @@ LEVEL_ERROR: Final = 0.002
 BASE_SPREAD: Final = 0.02  # of the base, from one recording to another, before it is known
 ENOUGH_JUMPS: Final = 1500  # to estimate how many systems there are; more only sharpen what they are like
 # Passes, and paths followed in each: of every start, and of those that are not given up then.
-FIRST: Final = (2, 12)
-LAST: Final = (12, 64)
+QUICK: Final = (2, 12)
+THOROUGH: Final = (12, 64)
 KEPT_STARTS: Final = 2
 CONVERGED: Final = 0.01  # of the log-likelihood
 # What is known before any sojourn is seen, as if so many had been: a law neither as sharp as a clock nor broader than a
@@ -214,7 +214,7 @@ def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution
     order = sorted(known, key=lambda counts: -known[counts][0])
     while True:
         criterion, chains, _ = known[order[0]]
-        _, chains, paths = _alternate(records, chains, *LAST)
+        _, chains, paths = _alternate(records, chains, *THOROUGH)
         visits, bases = _visits(records, chains, paths)
         if not _is_halved(chains, visits):
             break
@@ -258,9 +258,9 @@ def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...]
 
 def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> _Description:
     """Return the best of the starts."""
-    tried = [_alternate(records, start, *FIRST) for start in _starts(records, counts, base)]
+    tried = [_alternate(records, start, *QUICK) for start in _starts(records, counts, base)]
     tried.sort(key=lambda one: -one[0])
-    finished = [_alternate(records, chains, *LAST) for _, chains, _ in tried[:KEPT_STARTS]]
+    finished = [_alternate(records, chains, *THOROUGH) for _, chains, _ in tried[:KEPT_STARTS]]
     return max(finished, key=lambda one: one[0])
 
 

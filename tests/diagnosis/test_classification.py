@@ -1,7 +1,5 @@
 """The classifiers: what they must find, what must widen them, what must not change them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -91,7 +89,7 @@ def test_a_sure_anomaly_beside_doubtful_ones_has_no_more_than_probability_one() 
     sure = []
     for _ in range(100):
         seen = features(rng.uniform(1.0, 1.3), rng.uniform(1.0, 1.2), factor_2=rng.uniform(1.0, 1.6), std=0.03)
-        sure.append(judged(replace(seen, systems=(pulses, seen.systems[1])))["fss_1"])
+        sure.append(judged(seen._replace(systems=(pulses, seen.systems[1])))["fss_1"])
     assert min(sure) > 1.0 - 1e-12
     assert max(sure) <= 1.0
 
@@ -110,8 +108,8 @@ def test_where_a_system_never_rests_the_split_that_is_handed_over_does_not_matte
     """Only base plus friction is seen there: any split of it gives the same judgement."""
     seen = features(dry=1.3, rests=False)
     rested, unrested = seen.systems
-    other = replace(
-        seen, base_dry=seen.base_dry - moved, systems=(rested, replace(unrested, friction=unrested.friction + moved))
+    other = seen._replace(
+        base_dry=seen.base_dry - moved, systems=(rested, unrested._replace(friction=unrested.friction + moved))
     )
     assert judged(other) == pytest.approx(judged(seen), abs=1e-9)
 
@@ -119,7 +117,7 @@ def test_where_a_system_never_rests_the_split_that_is_handed_over_does_not_matte
 def test_the_most_plausible_split_is_handed_back() -> None:
     seen = features(dry=1.0, rests=False)
     rested, unrested = seen.systems
-    wrong = replace(seen, base_dry=0.7, systems=(rested, replace(unrested, friction=unrested.friction + 0.3)))
+    wrong = seen._replace(base_dry=0.7, systems=(rested, unrested._replace(friction=unrested.friction + 0.3)))
     found = classify(wrong, MODELS, NAMES, MODEL, EMPTY).features
     assert found.base_dry == pytest.approx(1.0, abs=3 * found.base_dry_std)
     assert found.base_dry_std < 0.1
@@ -155,7 +153,7 @@ def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another()
     silent = features(std=50.0)
     expected = 0.1
     for _ in range(5):
-        after = classify(replace(silent, viscous=1.0, viscous_std=1e-3), MODELS, NAMES, MODEL, carried).to_carry
+        after = classify(silent._replace(viscous=1.0, viscous_std=1e-3), MODELS, NAMES, MODEL, carried).to_carry
         expected = probability_before(expected, 0.2)
         assert after["dry"] == pytest.approx(expected, abs=0.03)
         carried = carried.model_copy(update={"probability": after})
@@ -164,7 +162,7 @@ def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another()
 @pytest.mark.parametrize(("name", "change"), [("dry", {"base_dry": 1.3}), ("viscous", {"viscous": 1.1})])
 def test_a_coefficient_that_no_window_measures_well_does_not_add_up(name: str, change: dict[str, float]) -> None:
     """Its estimate is drawn to the same side each time: by friction without a name, by a speed that hardly moves."""
-    seen = replace(features(), **change, **{f"{'base_' if name == 'dry' else ''}{name}_std": 1.0})
+    seen = features()._replace(**change, **{f"{'base_' if name == 'dry' else ''}{name}_std": 1.0})
     carried, found = EMPTY, []
     for _ in range(50):
         judgement = classify(seen, MODELS, NAMES, MODEL, carried)
@@ -190,8 +188,7 @@ def test_paths_count_by_what_was_learned_of_friction(against: float) -> None:
     """One path has healthy friction throughout, the other a base that no anomaly has: the samples cannot decide."""
     healthy = features()
     shifted = features(dry=1.48, factor_2=0.8)
-    told = replace(
-        shifted,
+    told = shifted._replace(
         by_path=(
             FeaturesOfPath(0.0, shifted, same_jumps=True),
             FeaturesOfPath(against, healthy, same_jumps=True),
@@ -207,7 +204,7 @@ def test_paths_count_by_what_was_learned_of_friction(against: float) -> None:
 def test_paths_that_agree_change_nothing(weight: float) -> None:
     for seen in (features(), features(rests=False), features(factor_2=1.4)):
         one = FeaturesOfPath(weight, seen, same_jumps=True)
-        assert judged(replace(seen, by_path=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
+        assert judged(seen._replace(by_path=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
 
 
 # ---- a coefficient over windows --------------------------------------------------------------------------------------
@@ -284,4 +281,4 @@ def test_what_a_window_alone_measures_is_what_the_prior_was_multiplied_by() -> N
     alone = without_prior(seen, prior)
     assert alone.viscous == pytest.approx(value)
     assert alone.viscous_std == pytest.approx(std)
-    assert without_prior(replace(seen, viscous=1.04, viscous_std=0.05), prior).viscous_std == np.inf
+    assert without_prior(seen._replace(viscous=1.04, viscous_std=0.05), prior).viscous_std == np.inf

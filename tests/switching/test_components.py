@@ -1,7 +1,5 @@
 """Friction split into its parts: against simulated truth, uncertain where a window does not show it (errata 10)."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -133,7 +131,7 @@ def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
     rng = np.random.default_rng(46)
     slots, std = 60, 0.3
     x, z = rng.uniform(0.3, 1.0, slots), rng.normal(1.5, 0.5, slots)
-    priors = replace(priors_of(WHEEL, None, 1.0, 0.5), slope=SlopePrior(0.0, 1e-9))
+    priors = priors_of(WHEEL, None, 1.0, 0.5)._replace(slope=SlopePrior(0.0, 1e-9))
     rest, grid = np.zeros(1, dtype=np.int64), np.linspace(-4.0, 6.0, 401)
     none = np.zeros(0, dtype=np.int64)
     step = grid[1] - grid[0]
