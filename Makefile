@@ -151,7 +151,7 @@ detector-speed: $(VENV)/.installed-dev ## time of the detector a sample, with th
 
 $(DETECTOR_OUT)/%.o: $(wildcard rwa_monitor/kernels/*.?pp $(ONBOARD)/*)
 	@mkdir -p $(DETECTOR_OUT)
-	$(CXX) -std=c++17 -DRWA_ONBOARD -fno-exceptions -fno-rtti -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall \
+	$(CXX) -std=c++20 -DRWA_ONBOARD -fno-exceptions -fno-rtti -O3 -ffp-contract=off -fno-math-errno -fno-trapping-math -Wall \
 	  -Wextra -Wno-unused-function -c $(firstword $(wildcard $(ONBOARD)/$*.cpp rwa_monitor/kernels/$*.cpp)) -o $@
 
 # ---- what takes longer than the tests ---------------------------------------------------------------------------------

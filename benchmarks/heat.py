@@ -2,9 +2,9 @@
 
     python -m benchmarks.heat [--windows N] [--learned N] [--seed N] [--jobs N] [-o FILE]
 
-Windows of the recipes `orbit_still`, `orbit` and `orbit_blind` hold the same wheels, motions, jumps and noise. Each is
-diagnosed alone by the built-in model. The same windows again, with a temperature channel that is broken in one way or
-another. Last, wheels that are learned from three recordings.
+Windows of the recipe `orbit`, of the same at one temperature (`orbit_still`) and without the channel (`orbit_blind`)
+hold the same wheels, motions, jumps and noise. Each is diagnosed alone by the built-in model. The same windows again,
+with a temperature channel that is broken in one way or another. Last, wheels that are learned from three recordings.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray, Samples
-from rwa_monitor.simulation.datasets import MEAN_DEGC, ORBIT_SWING_K, RECIPES, LabelledWindow, wheel_windows
+from rwa_monitor.simulation.datasets import MEAN_DEGC, ORBIT_SWING_K, RECIPES, SEASON_K, LabelledWindow, wheel_windows
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
+from rwa_monitor.wheel.effects.catalogue import viscous_effects
+from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K
 from rwa_monitor.wheel.wheel import Wheel
 
 ANOMALIES: Final = ("dry", "viscous", "fss_1", "fss_2")
@@ -36,6 +38,7 @@ DIGITS_K: Final = 0.5
 LEARNED_AT_DEGC: Final = (8.0, 20.0, 32.0)
 JUDGED_AT_DEGC: Final = (6.0, 12.0, 26.0, 34.0, 45.0)  # the last is beyond what was learned
 FAULT: Final = 1.3
+SEASONS: Final = 31  # temperatures of a year, at which its recordings were made
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,32 @@ def _gone(temperature: FloatArray) -> None:
     del temperature
 
 
+def _without_temperature(window: LabelledWindow) -> LabelledWindow:
+    """Return a window whose temperature nobody measured, with the wheel file that recordings of all seasons show."""
+    wheel = window.wheel
+    (law,) = viscous_effects(wheel)
+    assert wheel.nominal is not None
+    year_K = MEAN_DEGC + np.linspace(-SEASON_K, SEASON_K, SEASONS) + ZERO_CELSIUS_K
+    factor = np.exp(law.values["activation_temperature_K"] * (1.0 / year_K - 1.0 / REFERENCE_K))
+    mean = float(np.mean(factor))
+    spread = {
+        "viscous_Nm_s_rad": mean * wheel.nominal.viscous_Nm_s_rad,
+        "viscous_spread": float(np.std(factor)) / mean,
+    }
+    samples = replace(window.telemetry.samples, bearing_temperature_degC=None)
+    return replace(
+        window,
+        wheel=wheel.model_copy(update={"effect": (), "nominal": wheel.nominal.model_copy(update=spread)}),
+        telemetry=replace(window.telemetry, samples=samples),
+    )
+
+
+def _still(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+    """What happens to a wheel of `orbit`, at one temperature of its surroundings."""
+    at_once = Temperature(mean_degC=MEAN_DEGC)
+    return RECIPES["orbit"].scenario(wheel, number, windows, rng).model_copy(update={"temperature": at_once})
+
+
 def _without_lag(window: LabelledWindow) -> LabelledWindow:
     (block,) = window.wheel.effect
     at_once = block.model_copy(update={"parameters": {**block.parameters, "sensor_lag_s": 0.0}})
@@ -102,8 +131,12 @@ class _Window:
     later: bool = False  # the second of two windows, which begins in the middle of an orbit
 
     def run(self) -> Seen:
-        windows = wheel_windows(self.recipe, self.number, self.seed, windows=2 if self.later else None)
+        orbit = RECIPES["orbit"]
+        recipe = replace(orbit, scenario=_still) if self.recipe == "orbit_still" else orbit
+        windows = wheel_windows(recipe, self.number, self.seed, windows=2 if self.later else None)
         window = next(islice(windows, int(self.later), None))
+        if self.recipe == "orbit_blind":
+            window = _without_temperature(window)
         if self.channel:
             window = CHANNELS[self.channel](window)
         return _seen(window.telemetry.samples, window.wheel, window.labels)

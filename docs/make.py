@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from pydantic import BaseModel
 
 import rwa_monitor as rwa
-from rwa_monitor.changepoints.candidates import threshold_for
+from rwa_monitor.changepoints.evidence import threshold_for
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.cli.options import FAILED, UNREADABLE, WRONG_USE
 from rwa_monitor.kernels.wglr import wglr

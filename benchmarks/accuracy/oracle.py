@@ -92,7 +92,8 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
     )
     components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
     if components.by_path:  # the likeliest under broad friction laws comes first
-        assignment = replace(assignment, configurations=components.by_path[0].path.configurations)
+        path = components.by_path[0].path
+        assignment = replace(assignment, configurations=path.split(path.configurations))
         components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
     return features_of(components, assignment, wheel)
 

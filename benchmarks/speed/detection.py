@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
+import subprocess
+import tempfile
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -11,7 +15,6 @@ from benchmarks.speed.peers import Peer
 from benchmarks.speed.race import Lap, Runner, laps
 from benchmarks.window import Window
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
-from rwa_monitor.kernels.segmentation import five_sums
 from rwa_monitor.kernels.wglr import Detector, wglr
 from rwa_monitor.paper.detection import SCALE, WEIGHT, Signal, detect
 from rwa_monitor.paper.detection import wglr as plain_wglr
@@ -38,10 +41,10 @@ def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
         Those that are installed.
     """
     x, z, used, series = window.x, window.z, window.good, window.series()
-    out, plain = np.empty((5, x.size)), Signal(x, z, used)
+    sums, plain = five_sums(x, z), Signal(x, z, used)
 
     runners = [
-        Runner(LIMIT, "limit", lambda: five_sums(x, z, out)),
+        Runner(LIMIT, "limit", sums),
         Runner("five running sums, numpy cumsum", "limit", lambda: [np.cumsum(v) for v in (x, z, x * x, x * z, z * z)]),
         Runner(OURS_ONE, "ours", lambda: wglr(x, z, used, ONE_SCALE, WEIGHT, NOMINAL_SLOPE)),
         Runner(OURS_SEVEN, "ours", seven_scales(window)),
@@ -51,6 +54,21 @@ def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
         *(Runner(peer.name, "peer", _bound(peer, series), peer.rounds) for peer in peers),
     ]
     return laps(runners)
+
+
+def five_sums(x: FloatArray, z: FloatArray) -> Callable[[], object]:
+    """Return what computes the five running sums of x and z, compiled with the kernels' flags."""
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "five_sums.so"
+        flags = ("-O3", "-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math", "-fPIC", "-shared")
+        subprocess.run(["cc", *flags, "-o", library, Path(__file__).with_name("five_sums.c")], check=True)
+        compiled = ctypes.CDLL(str(library)).five_sums
+    out = np.empty((5, x.size))
+
+    def run() -> object:
+        return compiled(*(ctypes.c_void_p(values.ctypes.data) for values in (x, z, out)), ctypes.c_long(x.size))
+
+    return run
 
 
 def _bound(peer: Peer, series: FloatArray) -> Callable[[], object]:

@@ -5,35 +5,35 @@ problem is an arrow (diagonal in the levels, one row for the slope), so the slop
 about their own means, and the levels follow: O(m) from the running sums, without a matrix (errata 6).
 """
 
-from __future__ import annotations
-
+import math
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence
-from rwa_monitor.kernels.running_sums import cut, slope_within
+from rwa_monitor.kernels.running_sums import slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
 
-@dataclass(frozen=True, slots=True)
-class SlopePrior:
+class SlopePrior(NamedTuple):
     """What is known of the viscous coefficient before the window: Gaussian, normalised.
 
     Attributes
     ----------
     mean, std
-        Centre and standard deviation.
+        Centre and standard deviation; NaN where nothing is known.
     """
 
-    mean: float
-    std: float
+    mean: float = math.nan
+    std: float = math.nan
 
 
+NOTHING_KNOWN: Final = SlopePrior()
 # A viscous anomaly raises f_v by tens of per cent; the prior must not hide it from a window that can show it.
-NOMINAL_SLOPE_SPREAD = 0.3  # [of the nominal coefficient]
+NOMINAL_SLOPE_SPREAD: Final = 0.3  # [of the nominal coefficient]
 
 
 def nominal_viscous(wheel: Wheel) -> float | None:
@@ -43,16 +43,14 @@ def nominal_viscous(wheel: Wheel) -> float | None:
     return wheel.nominal.viscous_Nm_s_rad * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
 
 
-def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
-    """Return the prior of f_v that the wheel's nominal values give, None where there are none."""
+def nominal_slope_prior(wheel: Wheel, spread: float = NOMINAL_SLOPE_SPREAD) -> SlopePrior:
+    """Return the prior of f_v that the wheel's nominal values give; nothing is known where there are none."""
     nominal = nominal_viscous(wheel)
-    if nominal is None:
-        return None
     # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
-    return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
+    return NOTHING_KNOWN if nominal is None else SlopePrior(nominal, spread * max(nominal, 0.1))
 
 
-def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = None) -> Estimate:
+def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KNOWN) -> Estimate:
     """Estimate the level of each interval and the shared slope.
 
     Parameters
@@ -72,11 +70,9 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = Non
     """
     index = np.asarray(index, dtype=np.int64)
     noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are left out beside a changepoint
-    known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
     variance = noise.std**2 * noise.long_run_factor
-    slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *known)
-    edges = np.concatenate(([0], index, [evidence.slots]))
-    sums = evidence.sums.between(edges[:-1], edges[1:])
+    slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *prior)
+    sums = evidence.sums.intervals(index)
     seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
     mean_variance = mean_variance_factor(noise, n) / n
     x_mean, z_mean = sums.x / n, sums.z / n
@@ -91,7 +87,7 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = Non
     # An interval without samples has the level of the last seen one before it, or of the first.
     place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     total = float(sums.n.sum())
-    rmse = float(np.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total)) if total else 0.0
+    rmse = math.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total) if total else 0.0
     return Estimate(
         index=index,
         level=level[place] if seen.any() else np.zeros(n.size),
@@ -152,8 +148,15 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
         Slots of a block; with a multiple of the running sums' stride no sample is read. The rest of the window that
         fills no block is left out.
     """
-    blocks, count = evidence.slots // size, estimate.index.size + 1
-    n, x, friction, residual, interval, usable = cut(
-        size, blocks, estimate.index, estimate.viscous, evidence.sums.arrays
-    )
-    return Blocks(size, n, x, friction, residual, interval, usable.view(np.bool_), count)
+    index, count = estimate.index, estimate.index.size + 1
+    edges = size * np.arange(evidence.slots // size + 1)
+    sums = evidence.sums.between(edges[:-1], edges[1:])
+    n = np.maximum(sums.n, 1.0)
+    friction = (sums.z - estimate.viscous * sums.x) / n
+    interval = np.searchsorted(index, edges[:-1], side="right")
+    usable = (sums.n >= size // 2) & (interval == np.searchsorted(index, edges[1:]))
+    # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
+    # in all blocks.
+    total, level = (np.bincount(interval, usable * n * values, count) for values in (np.ones(n.size), friction))
+    residual = friction - (level / np.maximum(total, 1.0))[interval]
+    return Blocks(size, n, sums.x / n, friction, residual, interval, usable, count)

@@ -8,45 +8,43 @@ Nothing depends on how the slots arrive: work is done in steps that end at fixed
 (variances, floors) that change at fixed slots only.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Annotated, Final, NamedTuple
 
 import numpy as np
 from pydantic import Field
 from scipy import special
 
-from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, choose, threshold_for, threshold_of_run_length
-from rwa_monitor.changepoints.estimation import nominal_slope_prior
+from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
 from rwa_monitor.changepoints.noise import (
-    NORMAL_MEDIAN,
+    FALSE_POSITIVE,
+    ar_coefficient,
     estimate_noise,
     gaussian_outlier,
     largest_outlier,
-    median_size,
     outlier_chance,
 )
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
-from rwa_monitor.kernels.evidence import ALL_DONE, FIRST_CHUNK, KEPT_STATISTIC, SMALLEST_WEIGHT, Window
-from rwa_monitor.kernels.noise import NOISE_BLOCK, SMALLEST_STD
-from rwa_monitor.kernels.wglr import CHUNK
+from rwa_monitor.kernels import changepoints as kernel
+from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
+from rwa_monitor.kernels.running_sums import STRIDE
+from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import SPEED_NOISES, Wheel
 
-SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [slots] (errata 5)
+SCALES: Final = tuple(1 << k for k in range(MAX_SCALE.bit_length()))  # half-widths [slots] (errata 5)
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
 # Samples around an outlier add this to it at most, at some slot and scale: set on Student-t noise with 4 degrees of
 # freedom, of which the run length is then what is asked for (docs/false_alarms.md).
 BESIDE_OUTLIER: Final = 2.7
-FALSE_CONFIRMED: Final = 1e-9  # probability that a test reports a false jump at once, as in the paper
 UNKNOWN_TAIL: Final = 2.0  # the factor to which a tail is known, where no run length is asked for
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
-SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: sure signs of ω beyond
 UNKNOWN_K: Final = 1.0  # K: with a larger error a temperature counts as unknown, viscosity as off by 2 to 8 %
 _NO_VALUES: Final[FloatArray] = np.empty(0)
 _NO_SLOTS: Final[BoolArray] = np.empty(0, dtype=np.bool_)
@@ -124,6 +122,10 @@ class WindowSettings(NamedTuple):
         Angle by which the wheel turns in one slot at x = 1 [rad].
     block_hop, stretch_hop
         Slots from one block of the noise, and one stretch of the structure, to the next.
+    dead_band
+        Below it samples are not used, normalised.
+    speed_noises
+        The same in standard deviations of the speed's noise, where it is not stated.
     start_std
         Standard deviation of the noise expected before any data, normalised.
     prior_mean, prior_std
@@ -144,6 +146,8 @@ class WindowSettings(NamedTuple):
     angle_per_x: float
     block_hop: int
     stretch_hop: int
+    dead_band: float
+    speed_noises: float
     start_std: float
     prior_mean: float
     prior_std: float
@@ -190,8 +194,6 @@ class WindowAccumulator:
         self.filled = 0
         self.good = 0
         self.slope_prior = nominal_slope_prior(wheel)
-        start_std = wheel.noise.friction_std_Nm
-        self._start_std = None if start_std is None else start_std / wheel.torque_unit_Nm
 
         self._x: FloatArray = np.empty(self.slots)
         # |ω|, and where viscous friction is in proportion to something else, at which temperature, known how well.
@@ -208,24 +210,28 @@ class WindowAccumulator:
 
         # Without any idea of the slope, two neighbouring samples show nothing of a jump.
         prior = self.slope_prior
-        self._scales: IntArray = np.array(SCALES if prior else SCALES[1:], dtype=np.int64)
-        asked, outlier = wheel.window.run_length, gaussian_outlier(outlier_chance(self.slots))
+        known = math.isfinite(prior.std)
+        self._scales: IntArray = np.array(SCALES if known else SCALES[1:], dtype=np.int64)
+        asked, stated = wheel.window.run_length, wheel.window.dead_band_rad_s
+        outlier = gaussian_outlier(outlier_chance(self.slots))
         self.settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
             angle_per_x=self._structure.angle_per_x,
             # Short windows let the blocks of the noise estimate overlap.
-            block_hop=NOISE_BLOCK if self.slots <= 128 * NOISE_BLOCK else 4 * NOISE_BLOCK,
+            block_hop=BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK,
             stretch_hop=self._structure.hop,
-            start_std=math.nan if self._start_std is None else self._start_std,
-            prior_mean=prior.mean if prior else math.nan,
-            prior_std=prior.std if prior else math.nan,
-            nominal_slope=prior.mean if prior else 0.0,
+            dead_band=math.nan if stated is None else stated / wheel.speed_unit_rad_s,
+            speed_noises=SPEED_NOISES,
+            start_std=(wheel.noise.friction_std_Nm or math.nan) / wheel.torque_unit_Nm,
+            prior_mean=prior.mean,
+            prior_std=prior.std,
+            nominal_slope=prior.mean if known else 0.0,
             outlier=outlier,
             sure_outlier=UNKNOWN_TAIL * outlier if asked is None else 0.0,
             sure_margin=0.0 if asked is None else BESIDE_OUTLIER,
             sure_statistic=(
-                threshold_for(FALSE_CONFIRMED, 1.0)
+                threshold_for(FALSE_POSITIVE, 1.0)
                 if asked is None
                 else threshold_of_run_length(asked, tuple(self._scales.tolist()))
             ),
@@ -311,7 +317,7 @@ class WindowAccumulator:
         self._gather(last=True)
         self._closed = True
         levels, counts, variances, quantiles = self._window.noise(self._done)
-        noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
+        noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self.settings.start_std)
         threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         evidence = Evidence(
             slots=self._done,
@@ -351,8 +357,9 @@ class WindowAccumulator:
     ) -> list[ConfirmedCandidate]:
         """Take new slots and detect in all that are there; return the jumps that became certain."""
         events: list[ConfirmedCandidate] = []
-        while True:
-            count, self._done, reported, why = self._window.gather(
+        heavy = True
+        while heavy:
+            count, self._done, reported, heavy = self._window.gather(
                 speed_rad_s, torque_Nm, good, viscous_speed_rad_s, self.filled, self._done, last
             )
             self.good += count
@@ -360,30 +367,10 @@ class WindowAccumulator:
             self._sums.slots = self._done
             if reported:
                 events += self._announced()
-            if why == ALL_DONE:
-                return events
-            if why == FIRST_CHUNK:
-                self._window.begin(*self._first_learned(min(self.filled, CHUNK)))
-            else:
+            if heavy:
                 self._window.set_outlier(*self._outliers(self._window.variances, self._window.quantiles))
             speed_rad_s, torque_Nm, good, viscous_speed_rad_s = _NO_VALUES, _NO_VALUES, _NO_SLOTS, _NO_VALUES
-
-    def _first_learned(self, stop: int) -> tuple[float, float, float]:
-        """Mark the used of the slots [0, stop); return the weight of the slope's prior, dead band and certain speed."""
-        x, z, motion, good = self._x[:stop], self._z[:stop], self._motion[:stop], self._good[:stop]
-        # The second difference of a smooth speed is noise, of √6 times its standard deviation.
-        certain = SPEED_NOISES * median_size(np.diff(motion[good], 2)) / (NORMAL_MEDIAN * math.sqrt(6.0))
-        unit, stated, prior = self.wheel.speed_unit_rad_s, self.wheel.window.dead_band_rad_s, self.slope_prior
-        band = certain if stated is None else stated / unit
-        used = self._sums.arrays.used[:stop]
-        used[:] = good & (motion >= band) & (motion > 0.0)
-        if prior is None:
-            return SMALLEST_WEIGHT, band, certain
-        std = self._start_std
-        if std is None:
-            std = median_size(np.diff((z - prior.mean * x)[used])) / (NORMAL_MEDIAN * math.sqrt(2.0))
-        std = max(std, SMALLEST_STD)
-        return std * std / (prior.std * prior.std), band, certain
+        return events
 
     def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> tuple[float, float]:
         """Return the largest outlier by chance, and the size from which one is reported at once."""
@@ -399,3 +386,129 @@ class WindowAccumulator:
         chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
         columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
         return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+
+# ---- from the peaks of all scales, kept compact and of bounded size, to the candidates of a closed window ------------
+# A big jump shows at every scale, with side lobes at half the scale's distance (errata 4), and two near jumps blur each
+# other at scales wider than their distance (errata 5). So peaks are taken narrow scale first, and each is judged
+# *given* the candidates already accepted: its halves end at its neighbours, the slope is the window's own. Positions
+# are refined by likelihood, and at last the weakest candidates are taken away until all that stay are significant by
+# themselves. Everything comes from running sums; a few samples are read around each candidate.
+
+
+# Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
+# candidate must also stand between its final neighbours: simulated windows without a jump show this many.
+TESTS_PER_SLOT: Final = 0.25
+_BOUNDS: Final = (2.0, 12.0, 10_001)  # standard deviations: run lengths of 10 to 1e30 samples
+_LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
+
+
+class Threshold(NamedTuple):
+    """What a jump must clear to be a candidate.
+
+    Attributes
+    ----------
+    variances
+        float64 (MAX_SCALE + 1,), see `variance_table`.
+    threshold
+        χ² threshold of the normalised statistic.
+    outlier
+        See `noise.largest_outlier`.
+    """
+
+    variances: FloatArray
+    threshold: float
+    outlier: float
+
+
+def choose(
+    evidence: Evidence, scales: IntArray, variances: FloatArray, outlier: float, slope_prior: SlopePrior
+) -> Candidates:
+    """Choose among the peaks of a window, and the jumps behind its gaps.
+
+    Parameters
+    ----------
+    evidence
+        Of the window, all its peaks as candidates.
+    scales, variances
+        int64 and float64 (S,), half-widths of the scales [slots] and the variance of each one's contrast; NaN where it
+        is not known.
+    outlier
+        See `noise.largest_outlier`.
+    slope_prior
+        What is known of the slope before the window.
+    """
+    known = np.isfinite(variances)
+    found, behind = evidence.candidates, peaks_behind_gaps(evidence.sums)
+    if len(found) + len(behind) == 0 or not known.any():
+        return found
+    table = variance_table(scales[known], variances[known])
+    noise = evidence.noise
+    chosen = kernel.choose(
+        np.concatenate((found.index, behind.index)),
+        np.concatenate((found.scale, behind.scale)),
+        np.concatenate((found.statistic, behind.statistic)),
+        evidence.slots,
+        evidence.sums.arrays,
+        Threshold(table, evidence.threshold, outlier),
+        ar_coefficient(noise),
+        noise.std**2 * noise.long_run_factor,
+        *slope_prior,
+    )
+    return Candidates(*chosen)
+
+
+def threshold_for(false_alarms: float, tests: float) -> float:
+    """Return the χ² (one degree of freedom) threshold that `tests` independent tests exceed `false_alarms` times."""
+    return float(special.chdtri(1, min(false_alarms / max(tests, 1.0), 0.5)))
+
+
+@lru_cache
+def threshold_of_run_length(run_length: float, half_widths: tuple[int, ...]) -> float:
+    """Return the χ² threshold that the wGLR at these half-widths exceeds once in so many samples without a jump.
+
+    At half-width w the contrast of both means is, over its standard deviation, a stationary process whose
+    autocorrelation falls by α = 3/(2w) from slot to slot. Its maxima beyond ±b come 2·α·b·φ(b)·ν(b·√(2α)) times a slot,
+    ν for the slots between which it is not seen (D. Siegmund, B. Yakir, The Statistics of Gene Mapping, Springer 2007,
+    section 5.3).
+    """
+    b = np.linspace(*_BOUNDS)
+    rate = np.zeros(b.size)
+    for w in half_widths:
+        alpha = 1.5 / w
+        x = b * np.sqrt(2.0 * alpha)
+        density, share = np.exp(-x * x / 8.0) / np.sqrt(2.0 * np.pi), special.ndtr(x / 2.0)
+        unseen = (2.0 / x) * (share - 0.5) / (x / 2.0 * share + density)
+        rate += 2.0 * alpha * b * np.exp(-b * b / 2.0) / np.sqrt(2.0 * np.pi) * unseen
+    return float(np.interp(-np.log(run_length), np.log(rate[::-1]), b[::-1])) ** 2
+
+
+def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
+    """Return v for a shorter half of 0 … MAX_SCALE used samples: the scales' variances, interpolated in log n."""
+    return np.exp(np.interp(_LOG_USED, np.log(scales), np.log(variances)))
+
+
+def peaks_behind_gaps(sums: RunningSums) -> Candidates:
+    """Return a peak behind each long stretch without a used sample: gaps of telemetry, the dead band around zero.
+
+    No contrast of the fixed scales spans such a stretch, so that a jump in it would never be seen. Its scale reaches
+    MAX_SCALE slots beyond the stretch; whether there is a jump is for the selection to decide. The statistic is
+    infinite, which only makes it the first of its scale to be tried.
+
+    Parameters
+    ----------
+    sums
+        Running sums of the window; their checkpoints alone show where no sample is used.
+    """
+    arrays, slots = sums.arrays, sums.slots
+    count = arrays.checkpoints[: slots // STRIDE + 1, 0]
+    empty = count[1:] == count[:-1]
+    begin, end = STRIDE * np.flatnonzero(np.diff(np.concatenate(([False], empty, [False])))).reshape(-1, 2).T
+    index, scale = [], []
+    for first, stop in zip(begin.tolist(), end.tolist(), strict=True):
+        there = np.flatnonzero(arrays.used[stop : min(stop + STRIDE, slots)])
+        if first > 0 and stop - first >= MAX_SCALE // 2 and there.size:
+            index.append(stop + int(there[0]))
+            scale.append(stop - first + MAX_SCALE)
+    found = np.array(index, dtype=np.int64)
+    return Candidates(found, np.array(scale, dtype=np.int64), np.full(found.size, np.inf), np.zeros(found.size))

@@ -11,8 +11,6 @@ How heavy its tails are, and so how large the largest outlier of a window is by 
 differences.
 """
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 from typing import Final
@@ -70,7 +68,7 @@ def estimate_noise(
     scales: IntArray,
     variances: FloatArray,
     samples: int,
-    start_std: float | None,
+    start_std: float,
 ) -> NoiseEstimate:
     """Combine the block differences and the scales' variances to the noise of the window.
 
@@ -83,12 +81,12 @@ def estimate_noise(
     samples
         Used samples of the window.
     start_std
-        Standard deviation expected before any data; used when there are no blocks and no variances.
+        Standard deviation expected before any data, or NaN; used when there are no blocks and no variances.
     """
     if not counts.any():
-        known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
+        known = [value for value in (float(variances[0]), start_std**2) if np.isfinite(value)]
         variance = max(known[0] if known else 0.0, _LEAST_VARIANCE)
-        return NoiseEstimate(float(np.sqrt(variance)), np.append(variance, np.zeros(LAGS - 1)), 1.0)
+        return NoiseEstimate(math.sqrt(variance), np.append(variance, np.zeros(LAGS - 1)), 1.0)
     variance, last = _white_level(levels, counts)
     # Beyond the last certain lag the autocovariance is noise of the estimate: 63 such lags would swamp the long run.
     autocovariance = np.zeros(LAGS)
@@ -147,6 +145,7 @@ def ar_coefficient(noise: NoiseEstimate) -> float:
 # ---- outliers --------------------------------------------------------------------------------------------------------
 
 
+FALSE_POSITIVE: Final = 1e-9  # probability that a sample is reported as a jump at once and is none (paper, section V-A)
 OUTLIERS: Final = 0.2  # outliers by chance in a window that are bearable; each looks like two jumps
 
 # Differences of two Student-t variables: 99.5 % quantile of the square over its median, against the degrees of
@@ -188,4 +187,4 @@ def gaussian_outlier(chance: float) -> float:
 
 def outlier_chance(samples: int) -> float:
     """Return the probability with which one of so many samples is an outlier, OUTLIERS of all."""
-    return max(OUTLIERS / max(samples, 2), 1e-9)
+    return max(OUTLIERS / max(samples, 2), FALSE_POSITIVE)

@@ -6,9 +6,6 @@ window's first slot, so that they do not depend on how the samples arrived; x an
 samples, so that an offset far larger than the noise costs no digits.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -17,8 +14,6 @@ from rwa_monitor.kernels.running_sums import STRIDE, extend_sums, range_moments
 from rwa_monitor.kernels.structure import BLOCK, STRETCH
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
-
-STATISTICS: Final = 6  # n, x, z, xx, xz, zz
 
 
 class SufficientStatistics(NamedTuple):
@@ -91,11 +86,11 @@ class RunningSums:
     """
 
     def __init__(self, x: FloatArray, z: FloatArray, used: BoolArray) -> None:
-        checkpoints = np.empty((x.size // STRIDE + 1, STATISTICS))
+        checkpoints = np.empty((x.size // STRIDE + 1, 6))
         checkpoints[0] = 0.0
         self.arrays = SumArrays(checkpoints, x, z, used, centre=np.zeros(2))
         self.slots = 0
-        self.running: FloatArray = np.zeros(STATISTICS)
+        self.running: FloatArray = np.zeros(6)
 
     @property
     def count(self) -> int:
@@ -103,12 +98,24 @@ class RunningSums:
         return int(self.running[0])
 
     def extend(self, stop: int) -> None:
-        """Add all slots up to `stop`: a multiple of CENTRE_BLOCK, or the last slot of all.
+        """Add all slots up to `stop`: a multiple of BLOCK, or the last slot of all.
 
         Then the sums do not depend on the steps in which they are extended.
         """
         extend_sums(self.arrays, self.running, self.slots, stop)
         self.slots = stop
+
+    @property
+    def mean(self) -> tuple[float, float]:
+        """Means of x and z over the used samples; 0 without any."""
+        whole = self.intervals(np.zeros(0, dtype=np.int64))
+        n = max(float(whole.n[0]), 1.0)
+        return float(whole.x[0]) / n, float(whole.z[0]) / n
+
+    def intervals(self, index: IntArray) -> SufficientStatistics:
+        """Return the sufficient statistics of the intervals between changepoints, int64 (m,): (m + 1,) each."""
+        edges = np.concatenate(([0], index, [self.slots]))
+        return self.between(edges[:-1], edges[1:])
 
     def between(self, start: IntArray, stop: IntArray) -> SufficientStatistics:
         """Return the sufficient statistics of the slots [start, stop), element by element; empty ranges give zeros.
@@ -124,10 +131,10 @@ class RunningSums:
             If a slot lies outside the window.
         """
         starts, stops = np.asarray(start, dtype=np.int64), np.asarray(stop, dtype=np.int64)
-        out = np.empty((STATISTICS, starts.size))
+        out = np.empty((6, starts.size))
         if not range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out):
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
-        table = out.reshape(STATISTICS, *starts.shape)
+        table = out.reshape(6, *starts.shape)
         n, x, z, xx, xz, zz = table
         return SufficientStatistics(n, x, z, xx, xz, zz, table)
 
@@ -138,14 +145,11 @@ class RunningSums:
 # dead band's samples, and how much of the friction repeats with the wheel's angle in some short stretches.
 
 
-ZERO_RUNS: Final = 5  # zeros in a row, the first and the second reading after them, zero runs and plateaus so far
-NEAR_ZERO: Final = 4  # n, Σx, Σz, Σz² of the dead band's samples of a block
 STRETCHES: Final = 20
 HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its double
 
 
-@dataclass(frozen=True, slots=True)
-class Structure:
+class Structure(NamedTuple):
     """What the running sums do not hold of a window.
 
     Attributes
@@ -178,7 +182,7 @@ class StructureArrays(NamedTuple):
     near_zero
         As in `Structure`.
     zeros
-        float64 (5,), see `ZERO_RUNS`.
+        float64 (5,): zeros in a row, the first and the second reading after them, zero runs and plateaus so far.
     ripple
         As in `Structure`; NaN for a stretch that is not complete or holds a masked slot.
     """
@@ -215,8 +219,8 @@ class StructureSums:
         self.arrays = StructureArrays(
             signs=np.zeros(blocks, dtype=np.int64),
             counts=np.zeros(blocks, dtype=np.int64),
-            near_zero=np.zeros((NEAR_ZERO, blocks)),
-            zeros=np.zeros(ZERO_RUNS),
+            near_zero=np.zeros((4, blocks)),
+            zeros=np.zeros(5),
             ripple=np.full((max(0, (slots - STRETCH) // self.hop + 1), HARMONICS), np.nan),
         )
 

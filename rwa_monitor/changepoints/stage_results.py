@@ -27,8 +27,7 @@ REJECTED: Final = assignment.REJECTED  # in Assignment.system: a candidate that 
 UNATTRIBUTED: Final = assignment.UNATTRIBUTED  # in Assignment.system: a changepoint that no switching system explains
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseEstimate:
+class NoiseEstimate(NamedTuple):
     """The noise of z, in normalised units.
 
     Attributes
@@ -77,8 +76,7 @@ class Candidates:
         return int(self.index.size)
 
 
-@dataclass(frozen=True, slots=True)
-class Temperature:
+class Temperature(NamedTuple):
     """The bearing's temperature in a window, as viscous friction was taken at it.
 
     Attributes
@@ -159,44 +157,18 @@ class Estimate:
     excess_rmse: float
 
 
-@dataclass(frozen=True, slots=True)
-class SwitchingPath:
-    """Who jumped when: all that the friction model needs of an assignment.
+class SwitchingPath(NamedTuple):
+    """Who jumped when: all that the friction model needs of an assignment, as kernels take it.
 
     Attributes
     ----------
     configurations, starts
-        For each system: int64 (sojourns,), configuration and first slot of each sojourn; the first starts at 0.
-    unattributed
-        int64, slots of the jumps that no system made.
-    """
-
-    configurations: tuple[IntArray, ...]
-    starts: tuple[IntArray, ...]
-    unattributed: IntArray
-
-    def flat(self) -> FlatPath:
-        """Return the same, all systems in one array."""
-        none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
-        return FlatPath(
-            np.concatenate((none, *self.configurations)),
-            np.concatenate((none, *self.starts)),
-            np.array([configurations.size for configurations in self.configurations], dtype=np.int64),
-            self.unattributed,
-        )
-
-
-class FlatPath(NamedTuple):
-    """A switching path as kernels take it.
-
-    Attributes
-    ----------
-    configurations, starts
-        int64 (all sojourns,), of all systems one after the other.
+        int64 (all sojourns,), configuration and first slot of each sojourn, system after system; the first of each
+        system starts at 0.
     sojourns
         int64 (systems,), how many of these each has.
     unattributed
-        As in `SwitchingPath`.
+        int64, slots of the jumps that no system made.
     """
 
     configurations: IntArray
@@ -204,14 +176,23 @@ class FlatPath(NamedTuple):
     sojourns: IntArray
     unattributed: IntArray
 
+    @classmethod
+    def of(
+        cls, configurations: tuple[IntArray, ...], starts: tuple[IntArray, ...], unattributed: IntArray
+    ) -> SwitchingPath:
+        """Return the path of sojourns by system."""
+        none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
+        sojourns = np.array([one.size for one in starts], dtype=np.int64)
+        return cls(np.concatenate((none, *configurations)), np.concatenate((none, *starts)), sojourns, unattributed)
+
+    def visited(self) -> bytes:
+        """Return a key of what it is but for when the systems jumped: of their configurations and the other jumps."""
+        return b"|".join(part.tobytes() for part in (self.configurations, self.sojourns, self.unattributed))
+
     def split(self, values: IntArray) -> tuple[IntArray, ...]:
         """Return values (all sojourns,) system by system."""
         ends = itertools.accumulate(self.sojourns.tolist(), initial=0)
         return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
-
-    def by_system(self) -> SwitchingPath:
-        """Return the same, system by system."""
-        return SwitchingPath(self.split(self.configurations), self.split(self.starts), self.unattributed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,8 +257,7 @@ class Assignment:
     alternatives: tuple[Alternative, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Components:
+class Components(NamedTuple):
     """Friction split into its parts, normalised.
 
     Attributes
@@ -301,8 +281,7 @@ class Components:
     by_path: tuple[ConditionalEstimate, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class ConditionalEstimate:
+class ConditionalEstimate(NamedTuple):
     """The estimate of friction given one path.
 
     Attributes

@@ -5,12 +5,11 @@ variance 1, whose mean at a jump Δ is √λ, λ = (Δ/σ)² · w/2, and elsewhe
 acceleration too, which costs information (errata 3): within a window a step and a ramp of the speed are alike.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.random import Generator
 from scipy import signal, special
 
 from rwa_monitor.errors import InputError
@@ -137,7 +136,7 @@ def tune(missed: float, run_length: float, jump_sigmas: float) -> Tuning:
 
 
 def check(
-    tuning: Tuning, jump_sigmas: float, acceleration: float, rng: np.random.Generator, *, trials: int = TRIALS
+    tuning: Tuning, jump_sigmas: float, acceleration: float, rng: Generator, *, trials: int = TRIALS
 ) -> TuningCheck:
     """Measure the rates of a tuning by simulation, however rare the events are.
 
@@ -187,7 +186,7 @@ def _contrast(w: int, acceleration: float, prior_weight: float) -> FloatArray:
 
 
 def _false_alarms(
-    contrast: FloatArray, threshold: float, rng: np.random.Generator, trials: int, length: int
+    contrast: FloatArray, threshold: float, rng: Generator, trials: int, length: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return for each trial its weighted count of samples above the threshold and of alarms; float64 (trials,) each."""
     w, norm = contrast.size // 2, float(np.linalg.norm(contrast))

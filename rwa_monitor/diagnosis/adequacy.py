@@ -25,13 +25,10 @@ is called failing with near certainty. `uncertainty_of` estimates two things:
   steps of the missing effect pass for sojourns of a system, the system may in truth never have rested.
 """
 
-from __future__ import annotations
-
 import functools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -49,48 +46,44 @@ from rwa_monitor.changepoints.stage_results import (
     NoiseEstimate,
 )
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.kernels.running_sums import lagged_products
+from rwa_monitor.kernels.running_sums import STRIDE, lagged_products
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.switching_systems import jumping_chain_law
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
-# An interval disagrees when its slope is this many standard deviations from the common one: 1 in 16,000 by chance.
+# Standard deviations from which an interval's slope disagrees with the common one, and that one block counts at most: 1
+# in 16,000 by chance.
 DISAGREEING_SIGMAS: Final = 4.0
-# A single missed jump bends one or two intervals. Only more than these are held against the model.
-DISAGREEING_INTERVALS: Final = 3
+# A single jump or sojourn that was missed bends one or two intervals, or falls into two crossings, and a healthy window
+# may have an unattributed one. Only more than these are held against the model.
+NO_ACCIDENT: Final = 3
 DISAGREEING_SHARE: Final = 0.25
 MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not known
-SMALLEST_SPREAD: Final = 1e-9  # of Σx²: of less, rounding is a part
-# Healthy windows have at most one unattributed jump, and at most 1.2 standard deviations more jumps than expected
-# (their durations are more regular than a Poisson process, whose spread is used).
-UNATTRIBUTED_JUMPS: Final = 3
+SMALLEST_SPREAD: Final = 1e-9  # of a sum of squares: of less, rounding is a part
+# Healthy windows have at most 1.2 standard deviations more jumps than expected (their durations are more regular than a
+# Poisson process, whose spread is used).
 EXCESS_SIGMAS: Final = 3.0
-SYSTEMATIC_SHARE: Final = 0.5  # of all jumps unattributed: more than accidents of an assignment
 CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign names an effect
 
 PERSISTENCE_LAGS: Final = range(2, 9)
 FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
-FEWEST_INTERVALS: Final = 3  # from which one may be left out
-LARGEST_BLOCK: Final = 4.0  # standard deviations that one block counts at most
 # Blocks whose residuals are compared with those two to eight blocks on: at least as far apart as a block is long. Noise
 # of a shorter memory than that gives a χ² value of seven degrees of freedom; one of AR(1) type is allowed for.
 # Least significance, and least size in standard deviations of the noise: friction derived from speed by a filter of 2 s
-# keeps up to 0.14 of a smooth motion in healthy windows, at a significance of 60 in blocks of 16 slots and 310 of 64.
-SHORT_BLOCK: Final = 16
+# keeps up to 0.14 of a smooth motion in healthy windows, at a significance of 60 in blocks of STRIDE slots and 310 of
+# BLOCK.
 SHORT_PERSISTS: Final = (400.0, 0.10)
 PERSISTS: Final = (60.0, 0.18)
 
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
 FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
-CROSSING_SHARE: Final = 0.5  # of all crossings
 FEWEST_NEAR_ZERO: Final = 4.0  # samples of a crossing
 
 SIDE_BLOCKS: Final = 4  # on either side of a crossing
-FEWEST_SIDES: Final = 3  # crossings that must disagree alike: jumps up and down may fall into two
 SIDE_SHARE: Final = 0.75  # of all crossings
 SIDES_ALIKE: Final = 2.0  # the largest of these differences over the smallest: jumps have many sizes
-SIDE_SIGMAS: Final = 5.0
+CLEAR_SIGMAS: Final = 5.0  # from which a difference of sides, or what a missing effect explains, counts at all
 SMALLEST_SIDE: Final = 0.2  # of the noise: a smaller difference is none
 
 RIPPLE_CAP: Final = 40.0  # counts at most, of the power in one stretch: a jump in it looks like any frequency
@@ -100,16 +93,19 @@ RIPPLE_CHANCE: Final = 1e-4  # of any harmonic in a window by chance, for white 
 RIPPLE_COLOUR: Final = (2.0, 8.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Adequacy:
-    """Whether the friction model fits, which effect of the catalogue may be missing, and the finding in words."""
+class Adequacy(NamedTuple):
+    """Which effect of the catalogue may be missing, and the finding in words; "" where the friction model fits."""
 
-    adequate: bool
     suspected_effect: str | None
     finding: str
 
+    @property
+    def adequate(self) -> bool:
+        """Whether the friction model fits."""
+        return not self.finding
 
-FITS: Final = Adequacy(True, None, "")
+
+FITS: Final = Adequacy(None, "")
 
 
 def check(
@@ -130,16 +126,16 @@ def check(
         The first of the tests that fails names the finding: those that suspect an effect come first.
     """
     blocks = residual_blocks(evidence, estimate, BLOCK)
-    tests: tuple[Callable[[], Adequacy | None], ...] = (
-        lambda: slope_finding(evidence, estimate),
-        lambda: side_finding(evidence, blocks),
-        lambda: near_zero_finding(evidence, estimate),
-        lambda: ripple_finding(evidence),
-        lambda: jump_finding(evidence, assignment, systems),
-        lambda: persistence_finding(evidence, blocks, PERSISTS),
-        lambda: persistence_finding(evidence, residual_blocks(evidence, estimate, SHORT_BLOCK), SHORT_PERSISTS),
+    return (
+        slope_finding(evidence, estimate)
+        or side_finding(evidence, blocks)
+        or near_zero_finding(evidence, estimate)
+        or ripple_finding(evidence)
+        or jump_finding(evidence, assignment, systems)
+        or persistence_finding(evidence, blocks, PERSISTS)
+        or persistence_finding(evidence, residual_blocks(evidence, estimate, STRIDE), SHORT_PERSISTS)
+        or FITS
     )
-    return next((found for test in tests if (found := test()) is not None), FITS)
 
 
 # ---- slopes ----------------------------------------------------------------------------------------------------------
@@ -149,12 +145,12 @@ def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
     """Compare the slopes of the intervals."""
     deviation, speed = _slope_deviations(evidence, estimate)
     disagreeing = int((np.abs(deviation) > DISAGREEING_SIGMAS).sum())
-    if disagreeing < max(DISAGREEING_INTERVALS, DISAGREEING_SHARE * deviation.size):
+    if disagreeing < max(NO_ACCIDENT, DISAGREEING_SHARE * deviation.size):
         return None
     finding = f"the viscous slope differs between intervals ({disagreeing} of {deviation.size})"
     trend = _rank_correlation(speed, deviation) if np.ptp(speed) > 0 and np.ptp(deviation) > 0 else 0.0
     suspect = "sublinear_viscous" if trend < 0.0 else "quadratic_drag"
-    return Adequacy(False, suspect if abs(trend) > CLEAR_TREND else None, finding)
+    return Adequacy(suspect if abs(trend) > CLEAR_TREND else None, finding)
 
 
 def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
@@ -168,8 +164,7 @@ def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
 
 def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Return each interval's slope less the common one in standard deviations, and its mean speed; (intervals,)."""
-    edges = np.concatenate(([0], estimate.index, [evidence.slots]))
-    sums = evidence.sums.between(edges[:-1], edges[1:])
+    sums = evidence.sums.intervals(estimate.index)
     variance = evidence.noise.long_variance
     n = np.maximum(sums.n, 1.0)
     spread, cross = sums.xx - sums.x * sums.x / n, sums.xz - sums.x * sums.z / n
@@ -188,17 +183,16 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
 def side_finding(evidence: Evidence, blocks: Blocks) -> Adequacy | None:
     """Test whether friction differs between the directions of rotation, from the levels just before and after zero."""
     half = half_differences(evidence, blocks)
-    if half.size < FEWEST_SIDES:
+    if half.size < NO_ACCIDENT:
         return None
     same = half if np.median(half) > 0.0 else -half
-    same = same[same > SIDE_SIGMAS]
-    if same.size < max(FEWEST_SIDES, SIDE_SHARE * half.size):
-        return None
-    alike = same[(same < SIDES_ALIKE * np.median(same)) & (same > np.median(same) / SIDES_ALIKE)]
-    if alike.size < max(FEWEST_SIDES, SIDE_SHARE * half.size):
+    same = same[same > CLEAR_SIGMAS]
+    middle = np.median(same) if same.size else 0.0
+    alike = same[(same < SIDES_ALIKE * middle) & (same > middle / SIDES_ALIKE)]
+    if alike.size < max(NO_ACCIDENT, SIDE_SHARE * half.size):
         return None
     finding = f"friction differs between the directions of rotation ({alike.size} of {half.size} crossings)"
-    return Adequacy(False, "torque_bias", finding)
+    return Adequacy("torque_bias", finding)
 
 
 def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
@@ -208,7 +202,7 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     crossing itself are in it, and they do not follow the direction.
     """
     variance = evidence.noise.long_variance
-    smallest = SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS
+    smallest = SMALLEST_SIDE * evidence.noise.std / CLEAR_SIGMAS
     direction = evidence.structure.direction[: blocks.n.size]
     one_way = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
     turns = np.flatnonzero(np.diff(direction[one_way]))
@@ -237,15 +231,15 @@ def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None
     structure = evidence.structure
     if structure.plateaus and 2 * structure.plateaus >= structure.zero_runs:
         finding = f"the speed reads zero while the wheel passes through it ({structure.plateaus} times)"
-        return Adequacy(False, "speed_dead_zone", finding)
+        return Adequacy("speed_dead_zone", finding)
     ratio, excess = near_zero_deviations(evidence, estimate)
     disagreeing = int((ratio > NEAR_ZERO_RATIO).sum())
-    if disagreeing < max(FEWEST_CROSSINGS, CROSSING_SHARE * ratio.size):
+    if disagreeing < FEWEST_CROSSINGS or 2 * disagreeing < ratio.size:
         return None
     # Drag that lags the sign is missing just after a reversal; boundary lubrication adds drag on both sides of it.
     suspect = "presliding" if excess[ratio > NEAR_ZERO_RATIO].sum() < 0.0 else "stribeck"
     finding = f"friction near zero speed differs from the levels around it ({disagreeing} of {ratio.size} crossings)"
-    return Adequacy(False, suspect, finding)
+    return Adequacy(suspect, finding)
 
 
 def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
@@ -294,11 +288,10 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(shown, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is looked at first: as nearly always, nothing is left to allow for.
-    if over_chance[strongest] < RIPPLE_COLOUR[0]:
+    least, most = RIPPLE_COLOUR
+    if over_chance[strongest] < least or over_chance[strongest] < min(_spectral_peak(evidence.noise), most):
         return None
-    if over_chance[strongest] < float(np.clip(_spectral_peak(evidence.noise), *RIPPLE_COLOUR)):
-        return None
-    return Adequacy(False, "torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
+    return Adequacy("torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
 
 
 @functools.lru_cache(maxsize=256)
@@ -323,14 +316,14 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
     unattributed = int((assignment.system == UNATTRIBUTED).sum())
     jumps = int((assignment.system != REJECTED).sum())
     expected = expected_jumps(systems, evidence.slots)
-    if systems and unattributed >= UNATTRIBUTED_JUMPS:
+    if systems and unattributed >= NO_ACCIDENT:
         finding = f"{unattributed} of {jumps} jumps fit no switching system"
-    elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + UNATTRIBUTED_JUMPS:
+    elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + NO_ACCIDENT:
         finding = f"there are {jumps} jumps where the switching systems make about {expected:.0f}"
     else:
         return None
-    # Jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
-    return Adequacy(False, "extra_switching_system" if unattributed > SYSTEMATIC_SHARE * jumps else None, finding)
+    # Most jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
+    return Adequacy("extra_switching_system" if 2 * unattributed > jumps else None, finding)
 
 
 def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:
@@ -341,11 +334,8 @@ def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:
 @functools.lru_cache(maxsize=256)
 def _jump_rate(systems: tuple[SwitchingSystem, ...]) -> float:
     """Return the jumps of all systems together per slot; a wheel's never changes, its windows come for months."""
-    total = 0.0
-    for system in systems:
-        means = np.array([law.mean() for law in system.durations])
-        total += 1.0 / float(jumping_chain_law(system) @ means)
-    return total
+    means = [np.array([law.mean() for law in system.durations]) for system in systems]
+    return sum(1.0 / float(jumping_chain_law(one) @ mean) for one, mean in zip(systems, means, strict=True))
 
 
 # ---- persistence -----------------------------------------------------------------------------------------------------
@@ -355,7 +345,7 @@ def persistence_finding(evidence: Evidence, blocks: Blocks, least: tuple[float, 
     """Compare what is left of each block of samples with what is left of later ones; `least` as in PERSISTS."""
     significance, size = persistence(blocks, ar_coefficient(evidence.noise))
     if significance > least[0] and size > least[1] * evidence.noise.std:
-        return Adequacy(False, None, "what friction is left beside levels and slope goes on for longer than noise")
+        return Adequacy(None, "what friction is left beside levels and slope goes on for longer than noise")
     return None
 
 
@@ -385,13 +375,13 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     if not scale > 0.0:
         return 0.0, 0.0
     first, lags, usable = PERSISTENCE_LAGS.start, len(PERSISTENCE_LAGS), blocks.usable.astype(np.float64)
-    capped = np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK) * usable
+    capped = np.clip(value / scale, -DISAGREEING_SIGMAS, DISAGREEING_SIGMAS) * usable
     pairs = lagged_products(usable, interval, intervals, first, lags)
     # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
     expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
     level = 1.0 / np.maximum(np.bincount(interval, usable, intervals), 1.0)
     products = lagged_products(capped, interval, intervals, first, lags) - pairs * (expected - level[:, None])
-    if np.count_nonzero(pairs[:, 0]) >= FEWEST_INTERVALS:
+    if np.count_nonzero(pairs[:, 0]) >= NO_ACCIDENT:
         worst = np.argmax(np.square(products).sum(axis=1))
         products[worst] = pairs[worst] = 0.0
     total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
@@ -399,9 +389,8 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     return float((total * total / count).sum()), math.sqrt(mean_product / blocks.size)
 
 
-def _ar_agreement(correlation: float, size: int, lag: int) -> float:
+def _ar_agreement(phi: float, size: int, lag: int) -> float:
     """Return the correlation of the means of two blocks of AR(1) noise, `lag` blocks apart; 0 unless φ is positive."""
-    phi = correlation
     if phi <= 0.0:
         return 0.0
     apart = phi ** ((lag - 1) * size + 1) * ((1.0 - phi**size) / (1.0 - phi)) ** 2
@@ -412,7 +401,6 @@ def _ar_agreement(correlation: float, size: int, lag: int) -> float:
 # ---- how far a missing effect may have moved the estimates -----------------------------------------------------------
 
 
-SUPPORTED: Final = 25.0  # fall of the deviance with which a shape counts at all: five standard deviations
 COMPARABLE: Final = 0.5  # share of the best shape's fall from which another counts beside it: none need be the true one
 LONG_INTERVAL: Final = 0.01  # of the window: the lowest level is that of an interval at least as long
 CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojourn with less is none
@@ -425,8 +413,7 @@ SUBLINEAR: Final = (0.3, 0.6, 0.9)
 LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min that lubricant takes to follow
 
 
-@dataclass(frozen=True, slots=True)
-class ModelErrorUncertainty:
+class ModelErrorUncertainty(NamedTuple):
     """By how much a missing effect may have moved each estimate, one standard deviation each, normalised.
 
     Attributes
@@ -446,9 +433,8 @@ class ModelErrorUncertainty:
         systems = []
         for system in features.systems:
             wide = np.where(system.configuration > 0, np.hypot(system.friction_std, self.systems), system.friction_std)
-            systems.append(replace(system, friction_std=wide))
-        return replace(
-            features,
+            systems.append(system._replace(friction_std=wide))
+        return features._replace(
             base_dry_std=float(np.hypot(features.base_dry_std, self.base_dry)),
             viscous_std=float(np.hypot(features.viscous_std, self.viscous / features.viscous_unit)),
             systems=tuple(systems),
@@ -482,9 +468,9 @@ def uncertainty_of(
         )
     )
     return ModelErrorUncertainty(
-        base_dry=float(np.sqrt(level**2 + above**2 + hidden**2)),
+        base_dry=math.sqrt(level**2 + above**2 + hidden**2),
         viscous=slope,
-        systems=float(np.sqrt(spread**2 + above**2 + below**2 + hidden**2)),
+        systems=math.sqrt(spread**2 + above**2 + below**2 + hidden**2),
     )
 
 
@@ -539,7 +525,7 @@ def _lagged(speed: FloatArray, share: float) -> FloatArray:
     lagged = speed.copy()
     stay = np.exp(-share)
     for b in range(1, speed.size):
-        lagged[b] = speed[b] + stay * (lagged[b - 1] - speed[b])
+        lagged[b] += stay * (lagged[b - 1] - speed[b])
     return lagged
 
 
@@ -569,15 +555,15 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         tilt = float(weight @ (x * inside)) / xx
         alone = inside - tilt * x
         energy = float(weight @ alone**2)
-        if not energy > 1e-9 * float(weight @ shape**2):
+        if not energy > SMALLEST_SPREAD * float(weight @ shape**2):
             continue  # levels and slope take it up
         strength = float(weight @ (alone * left)) / energy
         moved = strength * (shape_level - tilt * x_level)
         mean = float(total @ moved) / whole
-        together = float(np.sqrt(total @ moved**2 / whole))
-        apart = float(np.sqrt(total @ (moved - mean) ** 2 / whole))
+        together = math.sqrt(total @ moved**2 / whole)
+        apart = math.sqrt(total @ (moved - mean) ** 2 / whole)
         found.append((strength**2 * energy / variance, abs(strength * tilt), together, apart))
     best = max((fall for fall, *_ in found), default=0.0)
-    kept = [moves for fall, *moves in found if fall >= max(SUPPORTED, COMPARABLE * best)]
+    kept = [moves for fall, *moves in found if fall >= max(CLEAR_SIGMAS**2, COMPARABLE * best)]
     slope, level, spread = np.max([[0.0, 0.0, 0.0], *kept], axis=0).tolist()
     return slope, level, spread

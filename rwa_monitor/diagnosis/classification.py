@@ -33,15 +33,17 @@ import functools
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Final, TypeGuard
+from dataclasses import dataclass
+from typing import Final, NamedTuple, TypeGuard
 
 import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, stray_probabilities, system_evidence
+from rwa_monitor.kernels.noise import SMALLEST_STD
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.switching.assignment import softmax
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before, rate_after_change
 
 # A value shows nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
@@ -51,12 +53,9 @@ SHOWING_STD: Final = 0.25
 # From this probability that a value is still the one measured earlier, a window that does not show it leans on it: it
 # was seen within the last ten windows.
 LEANING_HELD: Final = 0.8
-SMALLEST_PROBABILITY: Final = 1e-12
-SMALLEST_STD: Final = 1e-9  # normalised: keeps densities finite where there is no noise
 
 
-@dataclass(frozen=True, slots=True)
-class Coefficient:
+class Coefficient(NamedTuple):
     """A coefficient before a window, in the features' unit.
 
     Attributes
@@ -76,13 +75,13 @@ class Coefficient:
         """The probability of the anomaly before the window."""
         if self.before is None:
             return self.rate
-        return self.before.held * self._anomalous_before() + (1.0 - self.before.held) * self._rate_after_change()
+        return self.before.held * self._anomalous(self.before) + (1.0 - self.before.held) * self._rate_after_change()
 
     def log_evidence(self, value: FloatArray, std: FloatArray) -> FloatArray:
         """Return the log density of measuring `value` ± `std`, (n,) each, if nominal (row 0) or anomalous (row 1)."""
         if self.before is None:
             return log_densities(self.levels, value, std)
-        prior = min(max(self.prior, SMALLEST_PROBABILITY), 1.0 - SMALLEST_PROBABILITY)
+        prior = _clipped(self.prior)
         return np.asarray(np.logaddexp(*self.log_parts(value, std)) - np.log(np.array([[1.0 - prior], [prior]])))
 
     def log_parts(self, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -99,15 +98,13 @@ class Coefficient:
     def _log_joint(self, value: FloatArray, std: FloatArray, rate: float) -> FloatArray:
         return np.asarray(log_densities(self.levels, value, std) + np.log(np.array([[1.0 - rate], [rate]])))
 
-    def _anomalous_before(self) -> float:
-        """Return the probability that the value of earlier windows is anomalous; the rate without any."""
-        if self.before is None:
-            return self.rate
-        joint = self._log_joint(np.array([self.before.mean]), np.array([self.before.std]), self.rate)[:, 0]
+    def _anomalous(self, before: Tracked) -> float:
+        """Return the probability that the value of earlier windows is anomalous."""
+        joint = self._log_joint(np.array([before.mean]), np.array([before.std]), self.rate)[:, 0]
         return float(np.exp(joint[1] - np.logaddexp(joint[0], joint[1])))
 
     def _rate_after_change(self) -> float:
-        return self.rate if self.before is None else rate_after_change(self._anomalous_before(), self.rate)
+        return self.rate if self.before is None else rate_after_change(self._anomalous(self.before), self.rate)
 
     def informative(self, std: float) -> bool:
         """Return whether a measurement this good distinguishes nominal from anomalous at all."""
@@ -212,8 +209,7 @@ class Judged:
     known: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Judgement:
+class Judgement(NamedTuple):
     """Judgement on all anomalies of a wheel.
 
     Attributes
@@ -244,7 +240,7 @@ def assigned_configurations(features: Features) -> tuple[IntArray, ...]:
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    return Judgement(tuple(_not_judged(name) for name in names), features, {}, assigned_configurations(features))
+    return Judgement(tuple(map(_not_judged, names)), features, {}, assigned_configurations(features))
 
 
 def _not_judged(name: str) -> Judged:
@@ -286,7 +282,7 @@ def classify(
     log_likelihood = np.array([one.log_weight + found[0] for one, found in zip(conditional, weighed, strict=True)])
     prior = _prior(combinations, models, names, model, carried, history)
     log_prior = np.log(prior)
-    by_path = _softmax(log_prior + log_likelihood)
+    by_path = softmax(log_prior + log_likelihood)
     posterior = by_path.sum(axis=0)
     likeliest = max(
         (s for s, one in enumerate(conditional) if one.same_jumps), key=lambda s: float(by_path[s].sum()), default=None
@@ -347,12 +343,6 @@ def shares_of(combinations: BoolArray, weights: FloatArray) -> list[float]:
     return [float(np.sum(weights[there])) for there in combinations.T]
 
 
-def _softmax(scores: FloatArray) -> FloatArray:
-    """Return exp(scores) over their sum; scipy's does the same behind a dispatch that costs more than it."""
-    weights = np.exp(scores - scores.max())
-    return np.asarray(weights / weights.sum())
-
-
 def _repeats(features: Features, a: int) -> bool:
     """Return whether of this anomaly the next window shows the same again, so that it must not add up to certainty.
 
@@ -371,8 +361,8 @@ def _widened(features: Features, conditional: Sequence[FeaturesOfPath], weights:
     configuration lower, is another path of the same samples.
     """
     apart = [(one.features.base_dry - features.base_dry) * one.features.base_known for one in conditional]
-    spread = float(np.sqrt(weights @ np.square(apart)))
-    return replace(features, base_dry_std=math.hypot(features.base_dry_std, spread))
+    spread = math.sqrt(weights @ np.square(apart))
+    return features._replace(base_dry_std=math.hypot(features.base_dry_std, spread))
 
 
 def _log_likelihood(
@@ -451,7 +441,7 @@ def _learned_prior(
         before = float(prior[combinations[:, a]].sum())
         rates.append(before if rate is None else rate)
         log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
-    return _softmax(log_prior), tuple(rates)
+    return softmax(log_prior), tuple(rates)
 
 
 def _shown_before(
@@ -469,7 +459,7 @@ def _shown_before(
             shown[a] = value.prior
         elif name in carried.probability:
             shown[a] = probability_before(carried.probability[name], rate)
-    return {a: min(max(p, LEAST_PRIOR), 1.0 - LEAST_PRIOR) for a, p in shown.items()}
+    return {a: _clipped(p) for a, p in shown.items()}
 
 
 def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
@@ -493,14 +483,18 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
 
 
 def _logit(probability: float) -> float:
-    return float(special.logit(min(max(probability, 1e-9), 1.0 - 1e-9)))
+    return float(special.logit(_clipped(probability)))
+
+
+def _clipped(probability: float) -> float:
+    """Return a probability that rules nothing out for ever."""
+    return min(max(probability, LEAST_PRIOR), 1.0 - LEAST_PRIOR)
 
 
 # ---- the offset that a system which never rests shares with the base (errata 10) -------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class BaseSystemAmbiguity:
+class BaseSystemAmbiguity(NamedTuple):
     """The unknown offset, integrated out, for each combination of dry and the k systems that never rest.
 
     Attributes
@@ -535,15 +529,14 @@ class BaseSystemAmbiguity:
         mean = float(np.sum(weights * self.base))
         std = math.sqrt(max(np.sum(weights * (self.base_variance + (self.base - mean) ** 2)), 0.0))
         if len(self.systems) != 1:
-            return replace(features, base_dry_std=max(std, features.base_dry_std))
+            return features._replace(base_dry_std=max(std, features.base_dry_std))
         systems = list(features.systems)
         system = systems[self.systems[0]]
-        systems[self.systems[0]] = replace(
-            system,
+        systems[self.systems[0]] = system._replace(
             friction=system.friction + (features.base_dry - mean),
             friction_std=np.hypot(system.friction_std, std),
         )
-        return replace(features, base_dry=mean, base_dry_std=std, systems=tuple(systems))
+        return features._replace(base_dry=mean, base_dry_std=std, systems=tuple(systems))
 
     def held_after(self, posterior: FloatArray, number: IntArray) -> float:
         """Return the probability after the window that the base is still the one of earlier windows."""

@@ -8,8 +8,7 @@ the window (q = 0), its friction is known only up to a offset that is missing fr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -21,8 +20,7 @@ from rwa_monitor.wheel.wheel import Wheel
 LEAST_INFORMATION: Final = 1e-3  # share of what is known of the slope that the window adds; with less it shows nothing
 
 
-@dataclass(frozen=True, slots=True)
-class SystemFeatures:
+class SystemFeatures(NamedTuple):
     """Sojourns of one switching system.
 
     Attributes
@@ -65,8 +63,7 @@ class SystemFeatures:
         return q, float(np.sum(self.friction[there])) / count, std
 
 
-@dataclass(frozen=True, slots=True)
-class Features:
+class Features(NamedTuple):
     """All that the classifiers see of a window, each coefficient in units of its nominal value.
 
     Attributes
@@ -106,8 +103,7 @@ class Features:
         return (0, self.viscous, self.viscous_std) if anomaly == 1 else self.systems[anomaly - 2].highest()
 
 
-@dataclass(frozen=True, slots=True)
-class FeaturesOfPath:
+class FeaturesOfPath(NamedTuple):
     """The features if one path of who jumped when is true.
 
     Attributes
@@ -141,17 +137,16 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
     by_path = tuple(
         FeaturesOfPath(
             one.log_weight,
-            replace(
-                features,
+            features._replace(
                 base_dry=one.components.base_dry,
                 base_dry_std=one.components.base_dry_std,
-                systems=_systems(one.components, one.path.configurations, assignment, wheel),
+                systems=_systems(one.components, one.path.split(one.path.configurations), assignment, wheel),
             ),
-            same_jumps=all(map(np.array_equal, one.path.starts, assignment.starts)),
+            same_jumps=all(map(np.array_equal, one.path.split(one.path.starts), assignment.starts)),
         )
         for one in components.by_path
     )
-    return replace(features, by_path=by_path)
+    return features._replace(by_path=by_path)
 
 
 def without_prior(features: Features, prior: SlopePrior) -> Features:
@@ -176,10 +171,10 @@ def without_prior(features: Features, prior: SlopePrior) -> Features:
         viscous = (features.viscous - left * mean) / own
         viscous_std = features.viscous_std / np.sqrt(own)
     by_path = tuple(
-        replace(one, features=replace(one.features, viscous=float(viscous), viscous_std=float(viscous_std)))
+        one._replace(features=one.features._replace(viscous=float(viscous), viscous_std=float(viscous_std)))
         for one in features.by_path
     )
-    return replace(features, viscous=float(viscous), viscous_std=float(viscous_std), by_path=by_path)
+    return features._replace(viscous=float(viscous), viscous_std=float(viscous_std), by_path=by_path)
 
 
 def _systems(

@@ -5,12 +5,10 @@ speed), so a model serves every wheel whose [nominal] is known. For each anomaly
 side: the paper's linear support vector machine, and the densities of the joint classifier (see `classification`).
 """
 
-from __future__ import annotations
-
 import math
 import pkgutil
 from functools import cached_property, lru_cache
-from typing import Annotated, ClassVar, Final, Self
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +21,6 @@ from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Range, Rounded, Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
-MODEL_VERSION: Final = 1
 BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
 
 # Where a system's healthy friction is stated in the wheel file and no anomaly was learned: softness of the stated
@@ -206,7 +203,7 @@ class Model(Hashed):
 
     what: ClassVar[str] = "model file"
 
-    version: Annotated[int, Field(ge=MODEL_VERSION, le=MODEL_VERSION)] = MODEL_VERSION
+    version: Literal[1] = 1
     trained: Provenance
     anomalies: Annotated[tuple[AnomalyModel, ...], Field(min_length=1, max_length=10)]
     simultaneous: Annotated[tuple[Annotated[Rounded, Field(gt=0, le=1)], ...], Field(min_length=2, max_length=11)]

@@ -3,11 +3,8 @@
 The bands of nominal and anomalous values are fitted in closed form, with strays left out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -34,8 +31,7 @@ PSEUDO_WINDOWS: Final = 1.0
 PSEUDO_SHARE: Final = 0.01  # of the training windows, on top, for each number of simultaneous anomalies
 
 
-@dataclass(frozen=True, slots=True)
-class LabelledFeatures:
+class LabelledFeatures(NamedTuple):
     """One window's features, and for each anomaly whether it is there."""
 
     features: Features

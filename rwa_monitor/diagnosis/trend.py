@@ -15,10 +15,7 @@ where L is the length of the curve that the normalised regressors draw on the sp
 when a nuisance parameter is present only under the alternative", Biometrika 74, 1987). No random numbers are needed.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import linalg, special
@@ -30,8 +27,7 @@ SIGNIFICANCE: Final = 1e-3  # p-value below which a trend is announced: it is te
 MIN_WINDOWS: Final = 8  # for a line, its beginning, and the scatter around it
 MAX_WINDOWS: Final = 300  # the newest are used; at 2.2 hours each that is four weeks
 ONSETS: Final = 48  # beginnings that are tried, evenly over the time
-LAST_ONSET: Final = 1  # windows at least after a beginning
-LAST_TESTED: Final = 5  # the same for a beginning that may announce a trend: fewer may be gross errors in a row
+LAST_TESTED: Final = 5  # windows after a beginning that may announce a trend: fewer may be gross errors in a row
 DEGREES_OF_FREEDOM: Final = 2.0  # of Student's t: gross errors of dry friction, a whole jump, are 50 deviations
 ROUNDS: Final = 12  # of reweighting
 SCATTERS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # beside the median standard deviation of the estimates
@@ -40,8 +36,7 @@ QUANTILES: Final = (0.025, 0.5, 0.975)  # of a 95 % interval
 FARTHEST: Final = 1e3  # times the span of the data; a limit beyond is never reached
 
 
-@dataclass(frozen=True, slots=True)
-class Reach:
+class Reach(NamedTuple):
     """When the line reaches a limit [s], on the clock of the times given; infinite where it may never.
 
     Attributes
@@ -58,8 +53,7 @@ class Reach:
     high_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Lines:
+class Lines(NamedTuple):
     """All lines that may be: each a beginning, with level and slope normally distributed, and a weight.
 
     Attributes
@@ -109,8 +103,7 @@ class Lines:
         return float(optimize.brentq(lambda t: self.beyond(t, limit, side) - share, self.now_s, far))
 
 
-@dataclass(frozen=True, slots=True)
-class Trend:
+class Trend(NamedTuple):
     """What many windows show of the history of one coefficient.
 
     Attributes
@@ -190,7 +183,7 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     # Inside, time is a share of the span and values are in median standard deviations: nothing over- or underflows.
     span_s, middle, scale = float(time_s[-1] - time_s[0]), float(np.median(value)), float(np.median(std))
     at, y = (time_s - time_s[0]) / span_s, (value - middle) / scale
-    onsets = np.linspace(0.0, at[-1 - LAST_ONSET], ONSETS)
+    onsets = np.linspace(0.0, at[-2], ONSETS)  # a window at least after each
     hinges = np.maximum(at - onsets[:, None], 0.0)
     variance = _tone_down(at, hinges, y, (std / scale) ** 2)
     cells = [(0.0, 0.0), *((scatter, memory) for scatter in SCATTERS[1:] for memory in MEMORIES)]
@@ -269,8 +262,7 @@ def _weighted_line(h: FloatArray, y: FloatArray, weight: FloatArray) -> tuple[Fl
 # ---- lines under one size and memory of the scatter ------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class _Fit:
+class _Fit(NamedTuple):
     """All lines under one covariance: restricted log-likelihood, mean, covariance by beginning; p-value of the test."""
 
     log_likelihood: FloatArray  # (onsets,)

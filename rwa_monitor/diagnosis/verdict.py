@@ -3,13 +3,9 @@
 The reason is one sentence, the explanation two or three to act on. They name numbers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Final
-
-import numpy as np
 
 from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, DiagnosisInput, Findings, Verdict
 from rwa_monitor.wheel.wheel import Wheel
@@ -300,9 +296,8 @@ def _exchanged(findings: Findings) -> AnomalyDiagnosis | None:
     Where the speed hardly moves, noise of its measurement flattens the slope (errors in variables: Fuller 1987,
     section 1.1), and the base takes up the rest.
     """
-    evidence, (dry, viscous) = findings.inputs.evidence, findings.anomalies[:2]
-    whole = evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([evidence.slots]))
-    speed_rad_s = float(whole.x[0] / whole.n[0]) * findings.inputs.wheel.speed_unit_rad_s
+    inputs, (dry, viscous) = findings.inputs, findings.anomalies[:2]
+    speed_rad_s = inputs.evidence.sums.mean[0] * inputs.wheel.speed_unit_rad_s
     found = None
     for high, lacking, lever in ((dry, viscous, speed_rad_s), (viscous, dry, 1.0 / max(speed_rad_s, 1e-9))):
         bounds = (high.nominal_high, lacking.nominal_low, lacking.nominal_high)

@@ -6,17 +6,15 @@ Everything inside is normalised; what leaves is in SI units. A diagnosis is a fu
 model and the carried state, of nothing else.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from rwa_monitor.changepoints.stage_results import REJECTED, Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis.adequacy import Adequacy, check, uncertainty_of
+from rwa_monitor.diagnosis.adequacy import Adequacy, ModelErrorUncertainty, check, uncertainty_of
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
 from rwa_monitor.diagnosis.features import (
     Features,
@@ -25,7 +23,6 @@ from rwa_monitor.diagnosis.features import (
     without_prior,
 )
 from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.diagnosis.temperature import KNOWN, TemperatureUncertainty, temperature_uncertainty
 from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
@@ -46,9 +43,42 @@ from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
 from rwa_monitor.switching.components import split
 from rwa_monitor.switching.friction_model import slope_prior
+from rwa_monitor.wheel.effects.catalogue import viscous_per_K
 from rwa_monitor.wheel.wheel import Wheel
 
 MIN_USED: Final = 16  # samples below which nothing is estimated at all
+
+
+class TemperatureUncertainty(NamedTuple):
+    """How uncertain viscous friction is for the temperature's sake.
+
+    Attributes
+    ----------
+    share
+        Standard deviation, of the viscous friction itself.
+    level
+        By how much that may move the levels, normalised.
+    reason
+        Why, as the end of a sentence; "" where it is not worth saying.
+    """
+
+    share: float = 0.0
+    level: float = 0.0
+    reason: str = ""
+
+    def widen(self, features: Features) -> Features:
+        """Return the features with viscous friction, and the levels, as uncertain."""
+        if self.share == 0.0:
+            return features
+        viscous = self.share * max(abs(features.viscous), 1.0)
+        if self.level > 0.0:
+            of_levels = ModelErrorUncertainty(self.level, viscous * features.viscous_unit, self.level)
+            return of_levels.widen(features)
+        by_path = tuple(one._replace(features=self.widen(one.features)) for one in features.by_path)
+        return features._replace(viscous_std=math.hypot(features.viscous_std, viscous), by_path=by_path)
+
+
+KNOWN: Final = TemperatureUncertainty()
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,10 +160,69 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
         uncertainty = uncertainty_of(evidence, estimate, assignment, components, wheel)
         features, measured = uncertainty.widen(features), uncertainty.widen(measured)
         wide = float(np.hypot(components.viscous_std, uncertainty.viscous))
-        components = replace(components, viscous_std=wide)
+        components = components._replace(viscous_std=wide)
     of_temperature = temperature_uncertainty(evidence, components, wheel, adequate=fits.adequate)
     features, measured = of_temperature.widen(features), of_temperature.widen(measured)
     return Stages(assignment, estimate, components, features, measured, fits, of_temperature)
+
+
+# ---- what the bearing's temperature leaves open of viscous friction, and of what is measured beside it ---------------
+# Where the wheel file holds the law, viscous friction is judged at the temperature that was measured. Where that is not
+# known, or is one at which the law was not learned, it may be anything that the law makes of the temperatures it can
+# be. Where the friction model then does not fit, viscous friction comes and goes within the window, too, and what it
+# does at the window's speed is in the levels.
+
+
+UNSEEN_K: Final = 15.0  # K: what a sensor that never moves may miss, the swing of the seasons; a working assumption
+# Of what is not known of a wheel's heat, what may come and go within a window. A working assumption: of an orbit's ±3 K
+# and a year's ±15 K it is a fifth, of an orbit's alone it is all.
+WITHIN_WINDOW: Final = 0.5
+ANYTHING: Final = 10.0  # times viscous friction: no window shows anything of it then
+WORTH_SAYING: Final = 0.01  # of viscous friction: half of what healthy wheels spread by
+
+
+def temperature_uncertainty(
+    evidence: Evidence, components: Components, wheel: Wheel, *, adequate: bool
+) -> TemperatureUncertainty:
+    """Return how uncertain viscous friction is for the temperature's sake.
+
+    Parameters
+    ----------
+    evidence, components
+        The window, and its friction.
+    wheel
+        Its law and the range of temperature that it holds over, or by how much its viscous friction varies.
+    adequate
+        Whether the friction model fits.
+    """
+    heat, known = evidence.heat, wheel.temperature
+    share, reason = 0.0, ""
+    if heat is None:
+        # What lies beyond the spread is what is judged (`model.spread_out`), unless the heat shows within the window.
+        share = (wheel.nominal.viscous_spread or 0.0) if wheel.nominal and not adequate else 0.0
+        reason = "its viscous friction varies with a temperature that is not recorded"
+    elif heat.unknown < 0.5 and known and not known.low_degC <= heat.mean_degC <= known.high_degC:
+        return TemperatureUncertainty(
+            ANYTHING,
+            reason=f"the bearing is at {heat.mean_degC:.3g} °C, and its viscous friction was learned from"
+            f" {known.low_degC:.3g} °C to {known.high_degC:.3g} °C",
+        )
+    else:
+        error_K = heat.error_K
+        reason = f"the bearing's temperature is missing, or stuck, for {100.0 * heat.unknown:.0f} % of the window"
+        if not adequate and heat.low_degC == heat.high_degC and not heat.unknown:
+            error_K = math.hypot(error_K, UNSEEN_K)
+            reason = f"the bearing's temperature stands still at {heat.mean_degC:.3g} °C while friction does not"
+        share = abs(viscous_per_K(wheel, heat.mean_degC)) * error_K
+    if share == 0.0:
+        return KNOWN
+    level = 0.0
+    if not adequate:
+        level = WITHIN_WINDOW * share * max(components.viscous, 0.0) * evidence.sums.mean[0]
+    return TemperatureUncertainty(share, level, reason if share > WORTH_SAYING else "")
+
+
+# ---- the judgement, and what is made of it ---------------------------------------------------------------------------
 
 
 def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
@@ -142,14 +231,14 @@ def _judge(inputs: DiagnosisInput, stages: Stages) -> Judgement:
         return unjudged(features, names)
     if not covered(inputs):
         # What is carried stays as it is, too: the few samples there are may be of another pace, or of another wheel.
-        return replace(unjudged(features, names), to_carry=dict(inputs.carried.probability))
+        return unjudged(features, names)._replace(to_carry=dict(inputs.carried.probability))
     window = inputs.wheel.window
     new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:
         new_share = 0.0  # what is missing shows alike in every window: it must not add up to certainty
     judgement = classify(stages.measured, inputs.models, names, inputs.model, inputs.carried, new_share)
-    seen = replace(judgement.features, viscous=features.viscous, viscous_std=features.viscous_std)
-    return replace(judgement, features=seen)
+    seen = judgement.features._replace(viscous=features.viscous, viscous_std=features.viscous_std)
+    return judgement._replace(features=seen)
 
 
 def _tracked(inputs: DiagnosisInput, stages: Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:

@@ -3,13 +3,11 @@
 Slots and indices count within the window; nothing here depends on the time of day, the spacecraft or the file.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -195,8 +193,7 @@ class DiagnosisInput:
         }
 
 
-@dataclass(frozen=True, slots=True)
-class Findings:
+class Findings(NamedTuple):
     """What a verdict is drawn from, and explained by.
 
     Attributes
@@ -246,13 +243,9 @@ def viscous_unit(wheel: Wheel) -> float:
     return wheel.torque_unit_Nm / wheel.speed_unit_rad_s
 
 
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def scaled(value: float, unit: float) -> float | None:
     """Return a value in another unit; None where it is not finite."""
-    return _finite(value * unit)
+    return float(value * unit) if math.isfinite(value * unit) else None
 
 
 def value_of(value: float, std: float, unit: float, name: str) -> Value:
@@ -284,8 +277,8 @@ def _anomaly_of(
     elif levels is not None:
         low, high = levels.nominal_low * unit, levels.nominal_high * unit
         if (width := levels.severity_unit) is not None:
-            severity = _finite(max(0.0, (value - levels.nominal_high) / width))
-            severity_std = _finite(std / width)
+            severity = scaled(max(0.0, (value - levels.nominal_high) / width), 1.0)
+            severity_std = scaled(std / width, 1.0)
     return AnomalyDiagnosis(
         **asdict(judged),
         severity=severity,

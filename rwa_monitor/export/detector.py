@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.evidence import SPEED_NOISES, UNKNOWN_TAIL, WindowAccumulator
+from rwa_monitor.changepoints.evidence import UNKNOWN_TAIL, WindowAccumulator
 from rwa_monitor.changepoints.noise import TAIL_RATIO, largest_outlier, outlier_chance
 from rwa_monitor.errors import InputError
 from rwa_monitor.export.model import FrictionModel
@@ -32,7 +32,7 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
         names = " and ".join(effect.name for effect in viscous)
         what = f"{names} changes its viscous friction, which the detector takes to be in proportion to the speed"
         raise InputError(f"wheel {wheel.name}", f"{what}: remove the effect, or run the monitor", "effect")
-    slots, asked, stated = wheel.window.samples, wheel.window.run_length, wheel.window.dead_band_rad_s
+    slots, asked = wheel.window.samples, wheel.window.run_length
     by = WindowAccumulator(wheel).settings
     ratio = np.geomspace(TAIL_RATIO[0], TAIL_RATIO[-1], NODES).tolist()
     ratio[0] = float(np.nextafter(TAIL_RATIO[0], np.inf))  # at the first, tails are Gaussian
@@ -45,7 +45,7 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
         "slots": slots,
         "speed_unit": by.speed_unit,
         "torque_unit": by.torque_unit,
-        "dead_band": math.nan if stated is None else stated / by.speed_unit,
+        "dead_band": by.dead_band,
         "block_hop": by.block_hop,
         "start_std": by.start_std,
         "prior_mean": by.prior_mean,
@@ -55,7 +55,7 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
         "sure_outlier": by.sure_outlier,
         "sure_margin": by.sure_margin,
         "sure_statistic": by.sure_statistic,
-        "speed_noises": SPEED_NOISES,
+        "speed_noises": by.speed_noises,
         "tail_ratio": ratio,
         "tail_outlier": largest(chance, 1.0),
         "tail_sure": largest(chance, UNKNOWN_TAIL) if asked is None else largest(1.0 / asked, 1.0),

@@ -21,11 +21,8 @@ Records cut sojourns (errata 9). With S(e) = P(τ ≥ e), μ the mean and N the 
 Leaving the cut ones out would learn too short durations: the longest are cut the most often.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel
@@ -33,13 +30,12 @@ from scipy import special
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.duration_likelihoods import broad_pmf
-from rwa_monitor.switching.jump_attribution import Sojourn
+from rwa_monitor.switching.jump_attribution import SIGMAS, Sojourn
 from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
 
 NODES: Final = 41  # of each parameter over its posterior
 REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; sojourns that were cut only lengthen it
 SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from what comes in bursts to what is nearly a clock
-SIGMAS: Final = (0.05, 2.0)  # of a log-normal law, likewise
 SCALES: Final = float(np.log(1e6))  # width of the prior of a scale's logarithm: from a slot to a day and a half at 8 Hz
 # Of the sojourns that are none: a visit of a few slots is not seen, and the rests before and after it pass for one.
 STRAY_SHARE: Final = 0.02
@@ -55,8 +51,7 @@ EDGES: Final = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class LearnedLaw:
+class LearnedLaw(NamedTuple):
     """What is known of a configuration's durations.
 
     Attributes
@@ -76,8 +71,7 @@ class LearnedLaw:
     error: float
 
 
-@dataclass(frozen=True, slots=True)
-class _Nodes:
+class _Nodes(NamedTuple):
     """A family at nodes over its parameters: laws whose parameters are arrays (nodes, 1), log weights, means (nodes,).
 
     The weights are the prior's mass at each node.
@@ -88,8 +82,7 @@ class _Nodes:
     mean: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
+class _Group(NamedTuple):
     """Configurations of one law: the log evidence, and the posterior over the nodes of all families."""
 
     log_evidence: float

@@ -5,8 +5,6 @@ the jumps are fitted in turns, levels and slope by least squares (`base_fit`). W
 viscous friction that differs between recordings is a spread, and no more can be judged.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -7,13 +7,11 @@
 3. Each configuration's sojourns give its duration law (`duration_laws`), its friction a range.
 """
 
-from __future__ import annotations
-
+import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import combinations, pairwise
-from typing import Final
+from itertools import pairwise
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -27,13 +25,12 @@ from rwa_monitor.identification.duration_laws import LearnedLaw, learn_laws
 from rwa_monitor.identification.heat import learn_heat
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 from rwa_monitor.switching.jump_attribution import (
-    MOST_CONFUSED,
     TIERS,
     JumpAttribution,
     Segments,
     Visit,
     attribute_jumps,
-    confused_share,
+    confused_pairs,
     ways_up,
 )
 from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
@@ -43,14 +40,14 @@ MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show t
 # Of a mean duration, one standard deviation. The law written holds it, so that it misleads no diagnosis; but a law that
 # is known less well hardly shows anything.
 LARGEST_LAW_ERROR: Final = 0.3
-# Of the friction at rest, that of a jump below which it is none of a switching system: a third of what healthy base dry
-# friction spreads by. A slope that differs between recordings makes such jumps.
-SMALLEST_JUMP: Final = 0.02
+# A third of what healthy base dry friction spreads by. Of the friction at rest, a jump below it is none of a switching
+# system (a slope that differs between recordings makes such jumps), a drift below it none; of all friction, a torque
+# below it does no harm to what is learned.
+HARMLESS: Final = 0.02
 TYPICAL_WITHIN: Final = 2.5  # standard deviations of a configuration's friction; a uniform law's reach 1.7
 
 
-@dataclass(frozen=True, slots=True)
-class Learned:
+class Learned(NamedTuple):
     """A wheel learned from recordings.
 
     Attributes
@@ -65,8 +62,7 @@ class Learned:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _System:
+class _System(NamedTuple):
     """What was learned of one system: per configuration, its visits, friction above the lowest [N m], and ways up."""
 
     visits: list[list[Visit]]
@@ -176,7 +172,7 @@ def _segments(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[Segme
         if end > begin:
             inside = (jumps[(jumps > begin) & (jumps < end)] - begin).tolist()
             found.append((rest[begin:end], problem.slot[begin:end], inside))
-    smallest = SMALLEST_JUMP * abs(min(float(_levels(values, inside)[0].min()) for values, _, inside in found))
+    smallest = HARMLESS * abs(min(float(_levels(values, inside)[0].min()) for values, _, inside in found))
     variance = problem.noise.long_run_variance
     records = []
     for values, slot, inside in found:
@@ -360,9 +356,6 @@ def _rounded(value: float, digits: int) -> float:
 # healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
 LARGEST_ERROR: Final = 0.025
 DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which nothing is made of it
-# Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
-# most of it away from what is seen between jumps.
-LARGEST_DRIFT: Final = 0.02
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
 MOST_ODD: Final = 0.1  # of the segments, that fit no system: more are no accident
 SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
@@ -373,7 +366,7 @@ def friction_errors(problem: Problem) -> tuple[float, float]:
     """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
     variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
     inner = problem.speed - mean
-    viscous_std = float(np.sqrt(variance / max(float(inner @ inner), 1e-300)))
+    viscous_std = math.sqrt(variance / max(float(inner @ inner), 1e-300))
     return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
 
 
@@ -400,7 +393,8 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
 def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> str:
     """Report whether friction drifts between jumps, where a healthy wheel's stays: "" if not.
 
-    The common slope in time of what levels and viscous friction leave, each interval taken by itself.
+    The common slope in time of what levels and viscous friction leave, each interval taken by itself. Drift that is
+    large also makes jumps, which take most of it away from what is seen between jumps.
     """
     cuts = np.unique(np.concatenate([problem.starts, jumps])).astype(np.int64)
     interval = np.repeat(np.arange(cuts.size - 1), np.diff(cuts))
@@ -412,8 +406,8 @@ def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base
         return ""
     per_slot = float(time @ residual) / spread
     over_all = per_slot * sum(record.used.size for record in problem.records)
-    certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
-    if not certain or abs(over_all) < LARGEST_DRIFT * base:
+    certain = abs(per_slot) > DRIFT_VISIBLE_AT * math.sqrt(problem.noise.long_run_variance / spread)
+    if not certain or abs(over_all) < HARMLESS * base:
         return ""
     return (
         f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
@@ -461,19 +455,15 @@ def check_distinguished(attribution: JumpAttribution, base: float, hours: float)
             " `discrepancy`, or write the systems into the wheel file",
         )
     counts = attribution.chains.counts
-    for i, j in combinations(range(len(counts)), 2):
-        if (
-            counts[i] == counts[j] == 2
-            and (share := confused_share(attribution.chains, attribution.visits, i, j)) > MOST_CONFUSED
-        ):
-            sizes = " and ".join(f"{attribution.chains.size[k, 1] / base:.2g}" for k in (i, j))
-            raise InputError(
-                "identify",
-                "two switching systems are seen, of two configurations each, but not which jump is of which:"
-                f" their jumps are of nearly the same size ({sizes} of base dry friction) and last alike, so that"
-                f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
-                " systems with their duration laws into the wheel file ([[fss]])",
-            )
+    for i, j, share in confused_pairs(attribution.chains, attribution.visits):
+        sizes = " and ".join(f"{attribution.chains.size[k, 1] / base:.2g}" for k in (i, j))
+        raise InputError(
+            "identify",
+            "two switching systems are seen, of two configurations each, but not which jump is of which:"
+            f" their jumps are of nearly the same size ({sizes} of base dry friction) and last alike, so that"
+            f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
+            " systems with their duration laws into the wheel file ([[fss]])",
+        )
     for alternative, worse in attribution.alternatives:
         # A system more that is not worth its parameters is no alternative.
         if worse < SURE_BY and Counter(counts) - Counter(alternative):
@@ -497,7 +487,6 @@ def _in_words(counts: tuple[int, ...]) -> str:
 
 
 VISIBLE_AT: Final = 10.0  # standard deviations of a torque left in friction, its noise taken to be white
-SHARE_OF_FRICTION: Final = 0.02  # of all friction (rms): less does no harm to what is learned
 
 
 def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> str:
@@ -549,7 +538,7 @@ def _share_of(problem: Problem, fitted: Fit, column: FloatArray, size: float) ->
     first = segment_starts(problem, fitted.jumps)
     design = remove_levels(np.column_stack([column, problem.speed]), first)
     value, std = first_slope(design, remove_levels(problem.z, first))
-    large = abs(value) * size >= SHARE_OF_FRICTION * float(np.sqrt(np.mean(problem.z**2)))
+    large = abs(value) * size >= HARMLESS * math.sqrt(np.mean(problem.z**2))
     return value, std, large and abs(value) >= VISIBLE_AT * std
 
 

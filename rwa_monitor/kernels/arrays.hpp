@@ -20,6 +20,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <concepts>
 #include <cstddef>
 #include <cstdint>
 #include <cstdlib>
@@ -66,18 +67,36 @@
 namespace rwa {
 using std::abs, std::clamp, std::erfc, std::exp, std::floor, std::hypot, std::isfinite, std::isnan, std::log, std::log1p,
     std::max, std::min, std::pow, std::rint, std::sqrt;
-using std::all_of, std::any_of, std::copy, std::copy_n, std::fill, std::fill_n, std::find, std::iota, std::max_element,
-    std::min_element, std::none_of, std::nth_element, std::reverse, std::sort, std::stable_sort, std::swap;
-using std::array, std::int64_t, std::make_tuple, std::tie, std::tuple;
+using std::iota, std::swap;
+using std::ranges::all_of, std::ranges::any_of, std::ranges::copy, std::ranges::copy_n,
+    std::ranges::fill, std::ranges::fill_n, std::ranges::find, std::ranges::lower_bound, std::ranges::max_element,
+    std::ranges::min_element, std::ranges::none_of, std::ranges::nth_element, std::ranges::partial_sort,
+    std::ranges::reverse, std::ranges::sort, std::ranges::stable_sort;
+using std::array, std::int64_t, std::make_tuple, std::move, std::size_t, std::tie, std::tuple;
 #ifdef RWA_ONBOARD
 template <typename T>
 using vector = std::vector<T, Pooled<T>>;
 #else
 using std::vector;
 #endif
-constexpr double INFINITE = std::numeric_limits<double>::infinity();
 
-template <typename T, std::size_t N>
+// The whole numbers from `first` up to `last`, without it.
+struct range {
+    struct iterator {
+        int64_t at;
+        constexpr int64_t operator*() const { return at; }
+        constexpr void operator++() { ++at; }
+        constexpr bool operator!=(iterator end) const { return at < end.at; }
+    };
+    int64_t first, last;
+
+    constexpr explicit range(int64_t count) : range(0, count) {}
+    constexpr range(int64_t from, int64_t end) : first(from), last(end) {}
+    constexpr iterator begin() const { return {first}; }
+    constexpr iterator end() const { return {last}; }
+};
+
+template <typename T, size_t N>
 struct Array {
     T* data = nullptr;
     array<int64_t, N> shape{};
@@ -85,11 +104,9 @@ struct Array {
     Array() = default;
     Array(T* first, const array<int64_t, N>& extents) : data(first), shape(extents) {}
     // Of a vector.
-    template <typename Values,
-              typename = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Values&>().data()), T*>>>
-    Array(Values& values) : Array(values.data(), {static_cast<int64_t>(values.size())}) {
-        static_assert(N == 1, "a vector has one axis");
-    }
+    template <typename Values>
+    Array(Values& values) requires(N == 1) && std::convertible_to<decltype(values.data()), T*>
+        : Array(values.data(), {static_cast<int64_t>(values.size())}) {}
 
     int64_t size() const {
         int64_t product = 1;
@@ -100,10 +117,9 @@ struct Array {
     T* end() const { return data + size(); }
 
     template <typename... Index>
-    T& operator()(Index... index) const {
-        static_assert(sizeof...(Index) == N, "one index for each axis");
+    T& operator()(Index... index) const requires(sizeof...(Index) == N) {
         int64_t place = 0;
-        std::size_t axis = 0;
+        size_t axis = 0;
         ((REQUIRE(index >= 0 && index < shape[axis]), place = place * shape[axis++] + index), ...);
         return data[place];
     }
@@ -137,7 +153,7 @@ using FloatCube = Array<const double, 3>;
 using NewFloats = vector<double>;
 using NewIntegers = vector<int64_t>;
 
-template <typename T, std::size_t N>
+template <typename T, size_t N>
 struct Table : Array<T, N> {
     vector<T> values;
 
@@ -156,8 +172,8 @@ using NewCube = Table<double, 3>;
 
 // The mean of the two values in the middle, as numpy.median, in linear time; the values are reordered.
 inline double median_in_place(vector<double>& values) {
-    const std::size_t n = values.size(), half = n / 2;
-    nth_element(values.begin(), values.begin() + half, values.end());
+    const size_t n = values.size(), half = n / 2;
+    nth_element(values, values.begin() + half);
     const double above = values[half];
     return n % 2 == 1 ? above : 0.5 * (*max_element(values.begin(), values.begin() + half) + above);
 }
@@ -195,7 +211,7 @@ struct type_caster<rwa::Array<T, N>> {
         if (!held.from_python(source, flags & ~static_cast<std::uint8_t>(cast_flags::convert), cleanup)) return false;
         const Held& array = held.value;
         value.data = array.data();
-        for (std::size_t axis = 0; axis < N; ++axis) value.shape[axis] = array.shape(axis);
+        for (int64_t axis : rwa::range(N)) value.shape[axis] = array.shape(axis);
         return true;
     }
 
@@ -226,16 +242,12 @@ struct type_caster<std::vector<T>> : type_caster<rwa::Table<T, 1>> {
     }
 };
 
-template <typename T, typename = int>
-struct is_named_tuple : std::false_type {};
-template <typename T>
-struct is_named_tuple<T, decltype((void)std::declval<T&>().fields(), 0)> : std::true_type {};
-
 template <typename... Field>
 std::tuple<Field...> values_of(const std::tuple<Field&...>&);
 
 template <typename T>
-struct type_caster<T, enable_if_t<is_named_tuple<T>::value>> {
+    requires requires(T& value) { value.fields(); }
+struct type_caster<T> {
     using Values = decltype(values_of(std::declval<T&>().fields()));
     NB_TYPE_CASTER(T, make_caster<Values>::Name)
 

@@ -1,5 +1,6 @@
 from typing import Final
 
+from rwa_monitor.changepoints.stage_results import SwitchingPath
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.assignment import Scores
 from rwa_monitor.switching.friction_model import Cases
@@ -10,19 +11,15 @@ STEPS: Final[int]
 REJECTED: Final[int]
 UNATTRIBUTED: Final[int]
 
-_FlatPath = tuple[IntArray, IntArray, IntArray, IntArray]
-
 def find_paths(
-    scores: Scores, paths: int, margin: float, budget: int, quick_budget: int, kept: int
+    scores: Scores, paths: int, margin: float, budget: int
 ) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
     """Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all.
 
     Parameters
     ----------
     scores, paths, margin, budget
-        As for `assignment.search`; the margin with what rounding may take from it.
-    quick_budget, kept
-        Width of the narrow beam, and entries kept per state by the other.
+        As for `assignment.search`; the narrow beam is as wide as paths are asked for.
 
     Returns
     -------
@@ -45,7 +42,7 @@ def weigh(
     cases: Cases,
     variance: float,
     scatter: float,
-) -> tuple[_FlatPath, IntArray, IntArray, IntArray, FloatArray, float, float]:
+) -> tuple[SwitchingPath, IntArray, IntArray, IntArray, FloatArray, float, float]:
     """Weigh a path by its full likelihood.
 
     Parameters
@@ -64,7 +61,7 @@ def weigh(
     Returns
     -------
     path, system, direction, borders, statistics, log_evidence, score
-        Who jumped when, see `stage_results.FlatPath`; int64 (m, 2), who jumped at each candidate and which way:
+        Who jumped when, see `stage_results.SwitchingPath`; int64 (m, 2), who jumped at each candidate and which way:
         REJECTED or UNATTRIBUTED alone, REJECTED in second place; slots at which the path's segments begin and end, and
         their statistics; the samples' log-likelihood, and the same with the laws'.
     """

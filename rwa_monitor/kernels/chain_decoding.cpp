@@ -10,7 +10,6 @@ constexpr double OUTLIER_SHARE = 3e-3;  // of the segments: too short for their 
 constexpr double BROAD_SHARE = 0.03;    // of the sojourns, as far from the others as a decade
 constexpr double BROAD_SIGMA = 2.3;
 constexpr double NEVER = 1e-300;  // a probability whose logarithm is finite
-constexpr double TWO_PI = 2.0 * 3.141592653589793;
 constexpr int64_t MOST_SYSTEMS = 3;
 constexpr int64_t PARTS = 1 + MOST_SYSTEMS;  // of a level: the base, then what each system adds
 
@@ -46,7 +45,7 @@ double sum(const Values& values) {
 double log_density(int64_t slots, double mu, double sigma) {
     const double x = log(slots) - mu, u = x / sigma, v = x / BROAD_SIGMA;
     const double near = exp(-0.5 * (u * u)) / sigma, far = exp(-0.5 * (v * v)) / BROAD_SIGMA;
-    return log(((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far) / sqrt(TWO_PI) + NEVER) -
+    return log(((1.0 - BROAD_SHARE) * near + BROAD_SHARE * far) / sqrt((2.0 * M_PI)) + NEVER) -
            log(slots);
 }
 
@@ -58,7 +57,7 @@ double log_survival(int64_t slots, double mu, double sigma) {
 }
 
 double log_gauss(double deviation, double variance) {
-    return -0.5 * (deviation * deviation / variance + log(TWO_PI * variance));
+    return -0.5 * (deviation * deviation / variance + log((2.0 * M_PI) * variance));
 }
 
 // A path that is followed: where each system is, since which slot, and whether that is in the record; the Kalman state
@@ -76,7 +75,7 @@ struct Track {
         configuration[i] = q;
         since[i] = slot;
         mean[i + 1] = laws.size(i, q);
-        for (int64_t k = 0; k < PARTS; ++k) covariance[(i + 1) * PARTS + k] = covariance[k * PARTS + i + 1] = 0.0;
+        for (int64_t k : range(PARTS)) covariance[(i + 1) * PARTS + k] = covariance[k * PARTS + i + 1] = 0.0;
         covariance[(i + 1) * PARTS + i + 1] = laws.variance(i, q);
     }
 
@@ -84,20 +83,20 @@ struct Track {
     void observe(double level, double level_variance) {
         const double variance = sum(covariance) + level_variance, off = level - sum(mean);
         array<double, PARTS> gain{};
-        for (int64_t i = 0; i < PARTS; ++i) {
-            for (int64_t k = 0; k < PARTS; ++k) gain[i] += covariance[i * PARTS + k];
+        for (int64_t i : range(PARTS)) {
+            for (int64_t k : range(PARTS)) gain[i] += covariance[i * PARTS + k];
             gain[i] /= variance;
         }
-        for (int64_t i = 0; i < PARTS; ++i) {
+        for (int64_t i : range(PARTS)) {
             mean[i] += gain[i] * off;
-            for (int64_t k = 0; k < PARTS; ++k) covariance[i * PARTS + k] -= gain[i] * gain[k] * variance;
+            for (int64_t k : range(PARTS)) covariance[i * PARTS + k] -= gain[i] * gain[k] * variance;
         }
     }
 
     // Mean and variance of the level after a move.
     std::pair<double, double> expected_level(Integers move, const Laws& laws) const {
         double expected = 0.0, variance = 0.0;
-        for (int64_t i = 0; i <= move.size(); ++i) {
+        for (int64_t i : range(move.size() + 1)) {
             if (i > 0 && move[i - 1] != 0) {
                 const int64_t q = configuration[i - 1] + move[i - 1];
                 expected += laws.size(i - 1, q);
@@ -105,7 +104,7 @@ struct Track {
                 continue;
             }
             expected += mean[i];
-            for (int64_t k = 0; k <= move.size(); ++k) {
+            for (int64_t k : range(move.size() + 1)) {
                 if (k == 0 || move[k - 1] == 0) variance += covariance[i * PARTS + k];
             }
         }
@@ -130,11 +129,11 @@ struct Way {
 // Begin two paths in each joint state, with the first segment as it is and as an outlier.
 vector<Track> begin_paths(const Record& record, const Laws& laws, const States& states, double outlier_score) {
     vector<Track> tracks;
-    for (int64_t s = 0; s < states.configuration.shape[0]; ++s) {
+    for (int64_t s : range(states.configuration.shape[0])) {
         Track track;
         track.mean[0] = laws.base;
         track.covariance[0] = laws.base_variance;
-        for (int64_t i = 0; i < laws.counts.size(); ++i) track.enter(i, states.configuration(s, i), record.at[0], laws);
+        for (int64_t i : range(laws.counts.size())) track.enter(i, states.configuration(s, i), record.at[0], laws);
         Track& plain = tracks.emplace_back(track);
         const double off = record.level[0] - sum(track.mean), variance = sum(track.covariance) + record.variance[0];
         plain.score = states.log_probability[s] + log(1.0 - OUTLIER_SHARE) + log_gauss(off, variance);
@@ -152,15 +151,15 @@ void ways_on(
     const int64_t systems = laws.counts.size(), slot = record.at[j], later = record.at[j + 1];
     ways.clear();
     NewMatrix entering(laws.mu.shape);
-    for (int64_t i = 0; i < systems; ++i) {
-        for (int64_t q = 0; q < laws.counts[i]; ++q) {
+    for (int64_t i : range(systems)) {
+        for (int64_t q : range(laws.counts[i])) {
             entering(i, q) = log_survival(later - slot, laws.mu(i, q), laws.sigma(i, q));
         }
     }
-    for (std::size_t b = 0; b < tracks.size(); ++b) {
+    for (int64_t b : range(tracks.size())) {
         const Track& track = tracks[b];
         array<double, MOST_SYSTEMS> gone, staying;
-        for (int64_t i = 0; i < systems; ++i) {
+        for (int64_t i : range(systems)) {
             const int64_t q = track.configuration[i], since = track.since[i];
             const double m = laws.mu(i, q), s = laws.sigma(i, q);
             // What was there when the record began is seen from a random moment on: S(e)/mean.
@@ -168,7 +167,7 @@ void ways_on(
                                      : log_survival(slot - since, m, s) - m - 0.5 * s * s;
             staying[i] = log_survival(later - since, m, s);
         }
-        for (int64_t option = 0; option < moves.shape[0]; ++option) {
+        for (int64_t option : range(moves.shape[0])) {
             const auto move = moves.row(option);
             double worth = 0.0, ahead = 0.0;  // log-likelihood of the move, and of what has not happened after it
             bool moved = false, possible = true;
@@ -189,7 +188,7 @@ void ways_on(
                 log_gauss(record.level[j] - expected, spread + record.variance[j]) + log(1.0 - OUTLIER_SHARE);
             for (bool outlier : {false, true}) {
                 const double value = track.score + worth + (outlier ? outlier_score : plain);
-                if (value > -INFINITE) ways.push_back({static_cast<int64_t>(b), option, outlier, value, value + ahead});
+                if (value > -INFINITY) ways.push_back({b, option, outlier, value, value + ahead});
             }
         }
     }
@@ -204,23 +203,23 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     const auto& [level, variance, at] = record;
     const int64_t n = level.size(), systems = laws.counts.size();
     REQUIRE(systems <= MOST_SYSTEMS);
-    const double highest = *max_element(level.begin(), level.end());
-    const double lowest = *min_element(level.begin(), level.end());
-    const double noise = sqrt(*max_element(variance.begin(), variance.end()));
-    const double range = highest - lowest + sqrt(laws.base_variance) + noise;
-    const double outlier_score = log(OUTLIER_SHARE) - log(range);
+    const double highest = *max_element(level);
+    const double lowest = *min_element(level);
+    const double noise = sqrt(*max_element(variance));
+    const double span = highest - lowest + sqrt(laws.base_variance) + noise;
+    const double outlier_score = log(OUTLIER_SHARE) - log(span);
     vector<Track> tracks = begin_paths(record, laws, states, outlier_score), following;
     vector<Visited> history;
     const auto visit = [&](Track& track, bool outlier) {
         history.push_back({track.last, outlier, track.configuration});
         track.last = history.size() - 1;
     };
-    for (std::size_t b = 0; b < tracks.size(); ++b) visit(tracks[b], b % 2 == 1);
+    for (int64_t b : range(tracks.size())) visit(tracks[b], b % 2 == 1);
     vector<Way> ways;
-    for (int64_t j = 1; j < n; ++j) {
+    for (int64_t j : range(1, n)) {
         ways_on(tracks, j, record, laws, moves, outlier_score, ways);
         const auto end = ways.begin() + min<int64_t>(beam, ways.size());
-        std::partial_sort(ways.begin(), end, ways.end(), [](const Way& one, const Way& other) {
+        partial_sort(ways, end, [](const Way& one, const Way& other) {
             if (one.rank != other.rank) return one.rank > other.rank;
             return tie(one.path, one.move, one.outlier) < tie(other.path, other.move, other.outlier);
         });
@@ -229,7 +228,7 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
         for (const Way& way : ways) {
             Track& track = following.emplace_back(tracks[way.path]);
             const auto move = moves.row(way.move);
-            for (int64_t i = 0; i < systems; ++i) {
+            for (int64_t i : range(systems)) {
                 if (move[i] == 0) continue;
                 track.enter(i, track.configuration[i] + move[i], at[j], laws);
                 track.began[i] = true;
@@ -242,7 +241,7 @@ tuple<Table<int64_t, 2>, vector<std::uint8_t>, double> likeliest_path(
     }
     const Track* best = nullptr;
     for (Track& track : tracks) {
-        for (int64_t i = 0; i < systems; ++i) {
+        for (int64_t i : range(systems)) {
             const int64_t q = track.configuration[i];
             track.score += log_survival(at[n] - track.since[i], laws.mu(i, q), laws.sigma(i, q));
         }

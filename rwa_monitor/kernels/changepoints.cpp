@@ -1,4 +1,4 @@
-// From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/candidates.py).
+// From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/evidence.py).
 #include "detection.hpp"
 
 namespace rwa {
@@ -57,7 +57,7 @@ int64_t refine(int64_t k, int64_t low, int64_t high, int64_t reach, double slope
     double n1 = b.n, e1 = b.z - slope * b.x;
     int64_t best = k;
     double best_value = -1.0;
-    for (int64_t at = first; at <= last; ++at) {
+    for (int64_t at : range(first, last + 1)) {
         if (!sums.used[at]) continue;  // a masked slot is not the first sample of a level
         const double left = n1 - a.n, right = c.n - n1;
         if (left > 0.0 && right > 0.0) {
@@ -81,8 +81,7 @@ vector<Candidate> accept(
     for (const Peak& peak : peaks) {
         if (accepted.size() == MOST_CANDIDATES) break;
         const int64_t k = peak.index, w = peak.scale;
-        const auto place = std::lower_bound(
-            accepted.begin(), accepted.end(), k, [](const Candidate& one, int64_t slot) { return one.index < slot; });
+        const auto place = lower_bound(accepted, k, {}, &Candidate::index);
         if (place != accepted.end() && place->index == k) continue;
         const int64_t before = place != accepted.begin() ? (place - 1)->index : 0;
         const int64_t after = place != accepted.end() ? place->index : slots;
@@ -112,7 +111,7 @@ tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight
 }
 
 void sort_in_turn(vector<Peak>& peaks) {
-    sort(peaks.begin(), peaks.end(), [](const Peak& a, const Peak& b) {
+    sort(peaks, [](const Peak& a, const Peak& b) {
         return tie(a.scale, b.statistic, a.index) < tie(b.scale, a.statistic, b.index);
     });
 }
@@ -121,9 +120,9 @@ NewIntegers kept_apart(const vector<Peak>& peaks) {
     NewIntegers taken;
     for (const Peak& peak : peaks) {
         const auto near = [&](int64_t slot) { return abs(slot - peak.index) <= peak.scale; };
-        if (none_of(taken.begin(), taken.end(), near)) taken.push_back(peak.index);
+        if (none_of(taken, near)) taken.push_back(peak.index);
     }
-    sort(taken.begin(), taken.end());
+    sort(taken);
     return taken;
 }
 
@@ -139,8 +138,8 @@ int64_t refine_in_colour(
     const double alone = 1.0 - correlation * correlation;  // weight of a sample whose neighbour is masked
     const int64_t first = max(low + 1, k - reach), last = min(high - 1, k + reach);
     int64_t best = k;
-    double cost = 0.0, best_cost = INFINITE;
-    for (int64_t at = first; at <= last; ++at) {
+    double cost = 0.0, best_cost = INFINITY;
+    for (int64_t at : range(first, last + 1)) {
         if (!sums.used[at]) continue;
         if (cost < best_cost) {
             best = at;
@@ -168,28 +167,28 @@ namespace {
 void settle(
     vector<Candidate>& accepted, int64_t slots, double slope, double correlation, const SumArrays& sums,
     const Threshold& required) {
-    const auto before = [&](std::size_t i) { return i > 0 ? accepted[i - 1].index : 0; };
-    const auto after = [&](std::size_t i) { return i + 1 < accepted.size() ? accepted[i + 1].index : slots; };
-    for (std::size_t i = 0; i < accepted.size(); ++i) {
+    const auto before = [&](size_t i) { return i > 0 ? accepted[i - 1].index : 0; };
+    const auto after = [&](size_t i) { return i + 1 < accepted.size() ? accepted[i + 1].index : slots; };
+    for (int64_t i : range(accepted.size())) {
         auto& index = accepted[i].index;
         const int64_t reach = accepted[i].scale;
         const int64_t low = max(index - 2 * reach, before(i)), high = min(index + 2 * reach, after(i));
         index = refine(index, low, high, reach, slope, sums);
         if (correlation > 0.0) index = refine_in_colour(index, low, high, reach, slope, correlation, sums);
     }
-    std::size_t first = 0, last = accepted.size();  // whose neighbours have changed
+    size_t first = 0, last = accepted.size();  // whose neighbours have changed
     while (true) {
-        for (std::size_t i = first; i < last; ++i) {
+        for (int64_t i : range(first, last)) {
             const int64_t index = accepted[i].index, half = max(LONGEST_HALF, 2 * accepted[i].scale);
             const int64_t low = max(index - half, before(i)), high = min(index + half, after(i));
             judge(accepted[i], low, high, slope, sums, required);
         }
         const auto weakest =
-            min_element(accepted.begin(), accepted.end(), [](const Candidate& a, const Candidate& b) {
+            min_element(accepted, [](const Candidate& a, const Candidate& b) {
                 return a.excess < b.excess || (isnan(a.excess) && !isnan(b.excess));
             });
         if (weakest == accepted.end() || weakest->excess >= 1.0) return;
-        const std::size_t place = weakest - accepted.begin();
+        const size_t place = weakest - accepted.begin();
         accepted.erase(weakest);
         first = place > 0 ? place - 1 : 0;
         last = min(place + 1, accepted.size());
@@ -202,11 +201,11 @@ Columns choose(
     Integers peak_index, Integers peak_scale, Floats peak_statistic, int64_t slots, const SumArrays& sums,
     const Threshold& required, double correlation, double variance, double prior_mean, double prior_std) {
     vector<Peak> peaks;
-    for (int64_t i = 0; i < peak_index.size(); ++i) {
+    for (int64_t i : range(peak_index.size())) {
         peaks.push_back({peak_index[i], peak_scale[i], peak_statistic[i], 0.0});
     }
     sort_in_turn(peaks);
-    NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
+    NewIntegers index = kept_apart(peaks), exclude(index.size(), BLOCK / 4);
     for (int round = 1;; ++round) {
         const double slope = std::get<0>(slope_within(slots, index, exclude, sums, variance, prior_mean, prior_std));
         vector<Candidate> accepted = accept(peaks, slots, slope, sums, required);

@@ -1,4 +1,4 @@
-from rwa_monitor.changepoints.candidates import Threshold
+from rwa_monitor.changepoints.evidence import Threshold
 from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 

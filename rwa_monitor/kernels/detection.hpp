@@ -5,10 +5,13 @@
 
 namespace rwa {
 
+// Slots by which a window is worked through, a multiple of STRIDE: the first used ones give the sums their origin, peaks
+// are confirmed, differences (of these and the LAGS after them) and the direction of rotation are kept, block by block.
+constexpr int64_t BLOCK = 64;
+
 // ---- running sums (running_sums.cpp): the sufficient statistics of any range of slots -------------------------------
 
-constexpr int64_t STRIDE = 16;        // slots from one checkpoint to the next
-constexpr int64_t CENTRE_BLOCK = 64;  // slots whose median is the origin of the sums
+constexpr int64_t STRIDE = 16;  // slots from one checkpoint to the next
 
 struct SumArrays {
     Matrix<double> checkpoints;
@@ -38,7 +41,7 @@ struct Sums {
 // The centred sums over the slots [0, k); reads at most 15 samples.
 inline Sums prefix_moments(int64_t k, const SumArrays& arrays) {
     Sums sums = Sums::read(&arrays.checkpoints(k / STRIDE, 0), 1);
-    for (int64_t i = k - k % STRIDE; i < k; ++i) {
+    for (int64_t i : range(k - k % STRIDE, k)) {
         if (!arrays.used[i]) continue;
         const double u = arrays.x[i] - arrays.centre[0], v = arrays.z[i] - arrays.centre[1];
         sums = {sums.n + 1.0, sums.x + u, sums.z + v, sums.xx + u * u, sums.xz + u * v, sums.zz + v * v};
@@ -65,7 +68,6 @@ tuple<double, double> slope_within(
 // ---- the windowed generalised likelihood ratio at several scales, and its peaks (wglr.cpp) --------------------------
 
 constexpr int64_t CHUNK = 1024;   // slots after which the prefix sums begin anew: a quarter more work for 50 kB
-constexpr int64_t STEP = 64;      // slots after which peaks are confirmed
 constexpr int64_t MAX_SCALE = 128;
 constexpr int64_t HISTORY = 2 * MAX_SCALE;  // slots before a chunk that its first statistics reach back to
 constexpr int64_t PREFIXES = 5;             // n, x, e, xx, xe
@@ -121,8 +123,8 @@ struct Detector {
     NewMatrix prefix;  // column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k
     vector<ScannedPeak> peaks;
     vector<array<int64_t, 2>> open;  // of each scale the last peak of each sign; -1 for none
-    std::size_t settled = 0;                   // peaks before this one are final
-    std::size_t chunk_peaks;                   // that a chunk can give at most
+    size_t settled = 0;                   // peaks before this one are final
+    size_t chunk_peaks;                   // that a chunk can give at most
 };
 
 // The fields of `Candidates`.
@@ -143,7 +145,6 @@ Columns columns_of(const Peaks& peaks) {
 // ---- the noise of a window, measured beside its jumps (noise.cpp) ---------------------------------------------------
 
 constexpr int64_t LAGS = 64;        // lags 1 … 64 of the differences; the autocovariance is given at 0 … 63
-constexpr int64_t NOISE_BLOCK = 64;  // base slots of a block; a block reads NOISE_BLOCK + LAGS samples
 constexpr double SMALLEST_STD = 1e-9;    // normalised; the rounding errors of noise-free data lie far below
 
 void block_differences(

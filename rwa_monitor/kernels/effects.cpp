@@ -4,30 +4,33 @@
 namespace rwa {
 namespace {
 
+// What a recursion makes of each value; its state as it stands where that is not usable.
+template <typename Step>
+NewFloats recursion(Floats values, Flags usable, Floats state, Step step) {
+    NewFloats found(values.size());
+    for (int64_t k : range(values.size())) found[k] = usable[k] ? step(values[k]) : state[0];
+    return found;
+}
+
 // Dahl's bristle dz/dt = ω − |ω| z/z_c by its exact step in angle; `state` is z/z_c and the last ω.
 NewFloats dahl_bristle(Floats speed_rad_s, Flags usable, double period_s, double scale_rad, Vector<double> state) {
-    NewFloats bristle(speed_rad_s.size());
-    for (int64_t k = 0; k < speed_rad_s.size(); ++k)
-        bristle[k] = usable[k] ? rwa_dahl_bristle(&state[0], speed_rad_s[k], period_s, scale_rad) : state[0];
-    return bristle;
+    return recursion(speed_rad_s, usable, state, [&](double speed) {
+        return rwa_dahl_bristle(state.data, speed, period_s, scale_rad);
+    });
 }
 
 // A first-order lag, exact for values that are linear between slots; `state` is x and the last value.
 NewFloats first_order_lag(Floats values, Flags usable, double period_s, double time_constant_s, Vector<double> state) {
-    NewFloats lagged(values.size());
     double weights[3];
     rwa_lag_weights(weights, period_s, time_constant_s);
-    for (int64_t k = 0; k < values.size(); ++k)
-        lagged[k] = usable[k] ? rwa_lag_step(&state[0], values[k], weights) : state[0];
-    return lagged;
+    return recursion(values, usable, state, [&](double value) { return rwa_lag_step(state.data, value, weights); });
 }
 
 // Time since |value| was above a threshold; `state` is that time.
 NewFloats time_since(Floats values, Flags usable, double period_s, double threshold, Vector<double> state) {
-    NewFloats since(values.size());
-    for (int64_t k = 0; k < values.size(); ++k)
-        since[k] = usable[k] ? rwa_time_since(&state[0], values[k], period_s, threshold) : state[0];
-    return since;
+    return recursion(values, usable, state, [&](double value) {
+        return rwa_time_since(state.data, value, period_s, threshold);
+    });
 }
 
 // The log-likelihood of a burst chain but for its constant, by the forward recursion (Rabiner 1989); writes each slot's
@@ -38,7 +41,7 @@ double forward(
     const double half = 0.5 * (freedom + 1.0);
     const double of_quiet = exp(-2.0 * quiet) / freedom, of_shaking = exp(-2.0 * shaking) / freedom;
     double burst = on / (on + off), total = 0.0;
-    for (int64_t k = 0; k < squares.size(); ++k) {
+    for (int64_t k : range(squares.size())) {
         if (k > 0) burst = burst * (1.0 - off) + (1.0 - burst) * on;
         if (isfinite(squares[k])) {
             if (inside[k]) {

@@ -12,11 +12,18 @@ constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the
 constexpr double SMALLEST_SLOPE_SPREAD = 0.05;  // [of the slope] the slope so far is never trusted further than that
 constexpr double ANY_SLOPE = 3.0;  // times the slope learned or nominal: no anomaly of viscous friction is further off
 constexpr double SMALLEST_SLOPE = 0.1;  // of the dry torque at nominal speed, for next to no viscous friction
-constexpr int64_t FAR_AWAY = -(int64_t{1} << 40);  // a slot that lies near none
 
-// Why `gather` ended: all is done; the first chunk is there, of which Python learns dead band and noise; or the tails of
-// the noise look heavy: only Python has Student's t, and so the size of an outlier then.
-enum Why : int64_t { ALL_DONE, FIRST_CHUNK, HEAVY_TAILS };
+// The median of the sizes of values; 0 of none.
+double median_size(NewFloats values) {
+    for (double& value : values) value = abs(value);
+    return values.empty() ? 0.0 : median_in_place(values);
+}
+
+NewFloats differences(const NewFloats& values) {
+    NewFloats steps;
+    for (int64_t i : range(1, values.size())) steps.push_back(values[i] - values[i - 1]);
+    return steps;
+}
 
 // Truth values as bytes: loops over `bool` are not vectorised.
 inline const unsigned char* bytes(const bool* values) { return reinterpret_cast<const unsigned char*>(values); }
@@ -31,14 +38,14 @@ VECTORISED int64_t normalise(
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict fits = bytes(is_good);
     int64_t count = 0;
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         int64_t fit = there[k];
         fit = abs(speed[k]) <= most_speed ? fit : 0;
         fit = abs(torque[k]) <= most_torque ? fit : 0;
         fits[k] = static_cast<unsigned char>(fit);
         count += fit;
     }
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         const double turning = fits[k] != 0 ? speed[k] : 0.0, friction = fits[k] != 0 ? torque[k] : 0.0;
         motion[k] = abs(turning) / speed_unit;
         z[k] = ((turning > 0.0) - (turning < 0.0)) * friction / torque_unit;
@@ -50,7 +57,7 @@ VECTORISED int64_t normalise(
 VECTORISED void mark_used(const double* __restrict motion, const bool* good, double band, int64_t n, bool* used) {
     const unsigned char* __restrict there = bytes(good);
     unsigned char* __restrict out = bytes(used);
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         const int64_t turns = motion[k] >= band ? there[k] : 0;
         out[k] = static_cast<unsigned char>(motion[k] > 0.0 ? turns : 0);
     }
@@ -69,9 +76,10 @@ struct WindowArrays {
 struct WindowSettings {
     double speed_unit, torque_unit, angle_per_x;
     int64_t block_hop, stretch_hop;
-    double start_std, prior_mean, prior_std, nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic;
-    FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, start_std, prior_mean, prior_std,
-           nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
+    double dead_band, speed_noises, start_std, prior_mean, prior_std, nominal_slope;
+    double outlier, sure_outlier, sure_margin, sure_statistic;
+    FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, dead_band, speed_noises, start_std, prior_mean,
+           prior_std, nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
 };
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
@@ -86,11 +94,11 @@ struct Untouched {
     Untouched(const Untouched&) = delete;
     Untouched& operator=(const Untouched&) = delete;
     ~Untouched() { if (data) allocator.deallocate(data, size); }
-    double* take(std::size_t count) { return data = allocator.allocate(size = count); }
+    double* take(size_t count) { return data = allocator.allocate(size = count); }
 
     NewFloats::allocator_type allocator;
     double* data = nullptr;
-    std::size_t size = 0;
+    size_t size = 0;
 };
 
 // A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and
@@ -98,24 +106,43 @@ struct Untouched {
 struct Window {
     Window(const WindowArrays& arrays, const WindowSettings& settings, Integers scales)
         : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
-          floors(scales.size(), INFINITE), sure(scales.size(), INFINITE) {
-        announced.fill(FAR_AWAY);
+          floors(scales.size(), INFINITY), sure(scales.size(), INFINITY) {
         const int64_t blocks = blocks_before(a.x.size());
         // Not touched before there are samples for it.
         block_sums = Matrix<double>(memory.take(2 * blocks * LAGS), {blocks, LAGS});
         block_pairs = Matrix<double>(block_sums.end(), {blocks, LAGS});
     }
 
-    // What Python learned of the first chunk: weight of the slope's prior, dead band, speed whose sign is certain.
-    void begin(double prior_weight, double dead_band, double certain_speed) {
-        weight = prior_weight, band = dead_band, certain = certain_speed;
+    // Learn from the first chunk, the slots [0, stop): the speed whose sign is certain, the dead band, which samples are
+    // used, and the weight of the slope's prior.
+    void learn_first(int64_t stop) {
+        const double normal_median = sqrt(CHI_MEDIAN);  // of |N(0, 1)|
+        NewFloats speeds, levels;
+        for (int64_t k : range(stop)) {
+            if (a.good[k]) speeds.push_back(a.motion[k]);
+        }
+        // The second difference of a smooth speed is noise, of √6 times its standard deviation.
+        certain = by.speed_noises * median_size(differences(differences(speeds))) / (normal_median * sqrt(6.0));
+        band = isnan(by.dead_band) ? certain : by.dead_band;
+        mark_used(a.motion.data, a.good.data, band, stop, a.used.data);
+        weight = SMALLEST_WEIGHT;
+        if (isnan(by.prior_std)) return;
+        double std = by.start_std;
+        if (isnan(std)) {
+            for (int64_t k : range(stop)) {
+                if (a.used[k]) levels.push_back(a.z[k] - by.prior_mean * a.x[k]);
+            }
+            std = median_size(differences(levels)) / (normal_median * sqrt(2.0));
+        }
+        std = max(std, SMALLEST_STD);
+        weight = std * std / (by.prior_std * by.prior_std);
     }
 
     // Set the statistics from which a peak of each scale is sure, and from which it is kept, by the largest outliers by
     // chance. A tail is known to a factor: half of the largest is worth keeping.
     void set_outlier(double outlier, double sure_outlier) {
-        for (std::size_t s = 0; s < variances.size(); ++s) {
-            floors[s] = sure[s] = INFINITE;
+        for (int64_t s : range(variances.size())) {
+            floors[s] = sure[s] = INFINITY;
             if (!isfinite(variances[s])) continue;
             const double by_chance = outlier * outlier / (2.0 * detector.scales[s]);
             floors[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance);
@@ -134,14 +161,15 @@ struct Window {
 
     // Take new slots into the window, which holds `filled`, and detect in all that are there, from `done` on.
     // `viscous_speed` is empty where viscous friction is in proportion to the speed itself. Returns how many are good,
-    // where detection ended, how many jumps were reported, and why it ended.
-    tuple<int64_t, int64_t, int64_t, int64_t> gather(
+    // where detection ended, how many jumps were reported, and whether it ended early: the tails of the noise look heavy, and
+    // the thresholds, made for Gaussian ones, are to be set by `set_outlier` (only Python has Student's t).
+    tuple<int64_t, int64_t, int64_t, bool> gather(
         Floats speed, Floats torque, Flags good, Floats viscous_speed, int64_t filled, int64_t done, bool last) {
         const int64_t n = speed.size();
         const int64_t count = normalise(
             speed.data, torque.data, good.data, n, by.speed_unit, by.torque_unit, a.motion.data + filled,
             a.z.data + filled, a.good.data + filled);
-        for (int64_t k = 0; k < viscous_speed.size(); ++k) {
+        for (int64_t k : range(viscous_speed.size())) {
             a.x[filled + k] = a.good[filled + k] ? abs(viscous_speed[k]) / by.speed_unit : 0.0;
         }
 #ifndef RWA_ONBOARD  // of no use before the close
@@ -149,23 +177,23 @@ struct Window {
 #endif
         filled += n;
         reported = {};
-        const Why why = detect_until(last ? filled : filled - filled % STEP, done, last);
-        return {count, done, std::get<0>(reported).size(), why};
+        const bool heavy = detect_until(last ? filled : filled - filled % BLOCK, done, last);
+        return {count, done, std::get<0>(reported).size(), heavy};
     }
 
     // The blocks of the noise that end by `slot`.
     int64_t blocks_before(int64_t slot) const {
-        return pieces_before(slot, NOISE_BLOCK + LAGS, by.block_hop, a.x.size());
+        return pieces_before(slot, BLOCK + LAGS, by.block_hop, a.x.size());
     }
 
-    // Detect from `done` on.
-    Why detect_until(int64_t ready, int64_t& done, bool last) {
+    // Detect from `done` on, as long as the tails of the noise do not look heavy; returns whether they do.
+    bool detect_until(int64_t ready, int64_t& done, bool last) {
         if (isnan(std::get<0>(quantiles))) {
-            if (ready < CHUNK && !last) return ALL_DONE;
-            if (isnan(band)) return FIRST_CHUNK;
-            // The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
+            if (ready < CHUNK && !last) return false;
+            learn_first(min(ready, CHUNK));
+            // It is scanned twice: for the histogram alone, and when it is known what to look for.
             scan(0, min(ready, CHUNK), true);
-            if (refresh(0)) return HEAVY_TAILS;
+            if (refresh(0)) return true;
         }
         while (done < ready) {
             int64_t change = CHUNK;  // variances, floors and slope change after 1, 2, 4, 8 … chunks
@@ -178,10 +206,10 @@ struct Window {
                 const bool heavy = refresh(done);
                 const bool enough = a.running[0] >= CHUNK;
                 if (enough && is_odd_power(done / CHUNK)) learn_slope(done);
-                if (heavy) return HEAVY_TAILS;
+                if (heavy) return true;
             }
         }
-        return ALL_DONE;
+        return false;
     }
 
     void scan(int64_t start, int64_t stop, bool counting) {
@@ -205,7 +233,7 @@ struct Window {
     }
 
     // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise
-    // look heavy: then the thresholds, made for Gaussian ones, are to be set again.
+    // look heavy.
     bool refresh(int64_t done) {
         tie(std::ignore, std::ignore, variances, quantiles) = noise(done);
         const double variance = variances[0];
@@ -223,7 +251,7 @@ struct Window {
         if (variance == 0.0) return;
         vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
         sort_in_turn(peaks);
-        const NewIntegers index = kept_apart(peaks), exclude(index.size(), STEP / 4);
+        const NewIntegers index = kept_apart(peaks), exclude(index.size(), BLOCK / 4);
         const auto [now, error] = slope_within(slots, index, exclude, a.sums, variance, by.prior_mean, by.prior_std);
         if (!isfinite(error)) return;
         const double spread = max({error, SMALLEST_SLOPE_SPREAD * abs(now), SMALLEST_STD});
@@ -243,11 +271,12 @@ struct Window {
             const int64_t index = peak.index, w = detector.scales[peak.scale];
             const double variance = variances[peak.scale];
             const auto near = [&](int64_t other) { return abs(other - index) <= w; };
-            if (any_of(announced.begin(), announced.end(), near)) continue;
+            if (any_of(announced, near)) continue;
             const double least_weight = min(weight, variance / (most_slope * most_slope));
             const auto [statistic, jump] = contrast(index, w, slope, least_weight, a.sums);
             if (!(statistic > sure[peak.scale])) continue;
-            announced[announcements++ % STEP] = index;
+            announced.push_back(index);
+            if (announced.size() > BLOCK) announced.erase(announced.begin());
             auto& [slots, jumps, stds, normalised] = reported;
             slots.push_back(index);
             jumps.push_back(jump);
@@ -265,19 +294,17 @@ struct Window {
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
     Untouched memory;
     Matrix<double> block_sums, block_pairs;  // see `block_differences`
-    array<int64_t, STEP> announced;        // the last slots reported, in turns
-    int64_t announcements = 0;
+    NewIntegers announced;                   // the last slots reported
     tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
 };
 }  // namespace
 
 #ifndef RWA_ONBOARD
 void bind_evidence(nanobind::module_& module) {
-    EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT, ALL_DONE, FIRST_CHUNK);
+    EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT);
     nanobind::class_<Window>(module, "Window")
         .def(nanobind::init<WindowArrays, WindowSettings, Integers>(), nanobind::keep_alive<1, 2>())
         .def("gather", &Window::gather, nanobind::call_guard<nanobind::gil_scoped_release>())
-        .def("begin", &Window::begin)
         .def("set_outlier", &Window::set_outlier)
         .def("noise", &Window::noise)
         .def("peaks_above", [](const Window& window, double threshold, Floats variances) {

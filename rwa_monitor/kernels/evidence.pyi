@@ -6,8 +6,6 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 KEPT_STATISTIC: Final[float]
 SMALLEST_WEIGHT: Final[float]
-ALL_DONE: Final[int]
-FIRST_CHUNK: Final[int]
 
 # motion, x, z, good, used, (slots,): the samples, normalised, |ω| first (the same array as x where viscous friction is
 # in proportion to it); which are good, and which of those are used. Running sums, see `RunningSums`, and structure.
@@ -48,7 +46,7 @@ class Window:
         filled: int,
         done: int,
         last: bool,
-    ) -> tuple[int, int, int, int]:
+    ) -> tuple[int, int, int, bool]:
         """Take new slots into the window, and detect in all that are there.
 
         Parameters
@@ -60,20 +58,15 @@ class Window:
         filled, done
             Slots that the window holds, and those in which it has detected.
         last
-            Whether no slot will follow: else the last ones wait until a step of STEP is full, the first until a chunk
+            Whether no slot will follow: else the last ones wait until a block is full, the first until a chunk
             is.
 
         Returns
         -------
-        tuple[int, int, int, int]
-            How many of the new slots are good, where detection ended, how many jumps it reports, and why it ended:
-            ALL_DONE; FIRST_CHUNK, of which what counts as used is to be marked, and which `begin` waits for; else the
-            tails of the noise look heavy, and `set_outlier` is to be called. In all cases but the first it is to be
-            called again, without a slot.
+        tuple[int, int, int, bool]
+            How many of the new slots are good, where detection ended, how many jumps it reports, and whether it ended
+            early: the tails of the noise look heavy; `set_outlier` is to be called, and this again, without a slot.
         """
-
-    def begin(self, weight: float, dead_band: float, certain_speed: float) -> None:
-        """Set what was learned of the first chunk: weight of the slope's prior, dead band, speed of certain sign."""
 
     def set_outlier(self, outlier: float, sure_outlier: float) -> None:
         """Set the largest outlier by chance, and the size from which one is reported at once; normalised."""

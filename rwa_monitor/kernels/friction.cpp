@@ -3,7 +3,6 @@
 
 namespace rwa {
 namespace {
-constexpr double PIVOT_ROUNDING = 0x1p-52;  // of a pivot, relative to the diagonal
 constexpr double LEAST_PIVOT = 1e-60;       // of a coefficient that a wheel file leaves no room for
 
 // A sojourn whose friction is not 0 by law: its system, mean and standard deviation of its friction law.
@@ -21,7 +20,7 @@ struct Model {
     int64_t unknowns() const { return levels.shape[1] + 1; }
 };
 
-Model lay_out(const FlatPath& path, Integers borders, FloatCube table) {
+Model lay_out(const SwitchingPath& path, Integers borders, FloatCube table) {
     const auto [configurations, starts, sojourns, unattributed] = path;
     Model model;
     model.column.assign(configurations.size(), -1);
@@ -35,7 +34,7 @@ Model lay_out(const FlatPath& path, Integers borders, FloatCube table) {
     }
     const int64_t segments = borders.size() - 1, jumps_at = 1 + model.free.size();
     model.levels = NewMatrix({segments, jumps_at + unattributed.size()});
-    for (int64_t segment = 0; segment < segments; ++segment) {
+    for (int64_t segment : range(segments)) {
         const auto row = model.levels.row(segment);
         const int64_t end = borders[segment + 1];
         row[0] = 1.0;
@@ -44,7 +43,7 @@ Model lay_out(const FlatPath& path, Integers borders, FloatCube table) {
             while (own + 1 < next && starts[own + 1] < end) ++own;  // a segment belongs to those that hold at its end
             if (model.column[own] >= 0) row[model.column[own]] = 1.0;
         }
-        for (int64_t j = 0; j < unattributed.size(); ++j) {
+        for (int64_t j : range(unattributed.size())) {
             if (end > unattributed[j]) row[jumps_at + j] = 1.0;
         }
     }
@@ -56,20 +55,20 @@ Model lay_out(const FlatPath& path, Integers borders, FloatCube table) {
 VECTORISED double factorise(Matrix<double> matrix, Integers block, Vector<double> log_pivot) {
     const int64_t size = matrix.shape[0];
     NewFloats diagonal(size), finished(size);
-    for (int64_t i = 0; i < size; ++i) diagonal[i] = matrix(i, i);
+    for (int64_t i : range(size)) diagonal[i] = matrix(i, i);
     double* __restrict column = finished.data();
     double log_determinant = 0.0;
     for (int64_t j = 0, end = 0; j < size; ++j) {
         while (end < size && block[end] <= j) ++end;
         // A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits.
-        const double pivot = max({matrix(j, j), PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT});
+        const double pivot = max({matrix(j, j), std::numeric_limits<double>::epsilon() * diagonal[j], LEAST_PIVOT});
         log_pivot[j] = log(pivot);
         log_determinant += log_pivot[j];
         const double root = matrix(j, j) = sqrt(pivot);
-        for (int64_t i = j + 1; i < end; ++i) {
+        for (int64_t i : range(j + 1, end)) {
             double* __restrict row = matrix.row(i).data;
             const double weight = row[j] = column[i] = row[j] / root;
-            for (int64_t c = j + 1; c <= i; ++c) row[c] -= weight * column[c];
+            for (int64_t c : range(j + 1, i + 1)) row[c] -= weight * column[c];
         }
     }
     return log_determinant;
@@ -81,28 +80,28 @@ VECTORISED double invert(Matrix<double> matrix, Integers block, Matrix<double> i
     const int64_t size = matrix.shape[0];
     const double log_determinant = factorise(matrix, block, log_pivot);
     NewMatrix lower({size, size});  // the inverse of the factor
-    for (int64_t i = 0; i < size; ++i) {
+    for (int64_t i : range(size)) {
         double* __restrict row = lower.row(i).data;
-        for (int64_t c = block[i]; c < i; ++c) {
+        for (int64_t c : range(block[i], i)) {
             const double* __restrict above = lower.row(c).data;
             const double weight = matrix(i, c);
-            for (int64_t j = block[i]; j <= c; ++j) row[j] -= weight * above[j];
+            for (int64_t j : range(block[i], c + 1)) row[j] -= weight * above[j];
         }
         const double pivot = matrix(i, i);
-        for (int64_t j = block[i]; j < i; ++j) row[j] /= pivot;
+        for (int64_t j : range(block[i], i)) row[j] /= pivot;
         row[i] = 1.0 / pivot;
     }
-    fill(inverse.begin(), inverse.end(), 0.0);
-    for (int64_t c = 0; c < size; ++c) {
+    fill(inverse, 0.0);
+    for (int64_t c : range(size)) {
         const double* __restrict row = lower.row(c).data;
-        for (int64_t i = block[c]; i <= c; ++i) {
+        for (int64_t i : range(block[c], c + 1)) {
             double* __restrict out = inverse.row(i).data;
             const double weight = row[i];
-            for (int64_t j = block[c]; j <= i; ++j) out[j] += weight * row[j];
+            for (int64_t j : range(block[c], i + 1)) out[j] += weight * row[j];
         }
     }
-    for (int64_t i = 0; i < size; ++i) {
-        for (int64_t j = 0; j < i; ++j) inverse(j, i) = inverse(i, j);
+    for (int64_t i : range(size)) {
+        for (int64_t j : range(i)) inverse(j, i) = inverse(i, j);
     }
     return log_determinant;
 }
@@ -123,14 +122,14 @@ void write_prior(
     Matrix<double> covariance) {
     const int64_t unknowns = mean.size(), jumps_at = 1 + model.free.size();
     mean[0] = state(0, 0), covariance(0, 0) = state(0, 1) * state(0, 1);
-    for (int64_t i = 1; i < jumps_at; ++i) {
+    for (int64_t i : range(1, jumps_at)) {
         const auto [system, middle, std] = model.free[i - 1];
         const double factor = 1.0 + state(1 + system, 0), spread = state(1 + system, 1), deviation = factor * std;
         mean[i] = factor * middle;
-        for (int64_t j = block[i]; j < i; ++j) covariance(i, j) = (spread * middle) * (spread * model.free[j - 1].mean);
+        for (int64_t j : range(block[i], i)) covariance(i, j) = (spread * middle) * (spread * model.free[j - 1].mean);
         covariance(i, i) = deviation * deviation + (spread * middle) * (spread * middle);
     }
-    for (int64_t i = jumps_at; i < unknowns - 1; ++i) mean[i] = 0.0, covariance(i, i) = rest[0] * rest[0];
+    for (int64_t i : range(jumps_at, unknowns - 1)) mean[i] = 0.0, covariance(i, i) = rest[0] * rest[0];
     mean[unknowns - 1] = rest[1], covariance(unknowns - 1, unknowns - 1) = rest[2] * rest[2];
 }
 
@@ -138,13 +137,13 @@ Prior prior_of_states(const Cases& cases, const Model& model) {
     const int64_t states = cases.states.shape[0], unknowns = model.unknowns(), sojourns = model.free.size();
     Prior prior{NewIntegers(unknowns), NewIntegers(unknowns), NewMatrix({states, unknowns}),
                 NewMatrix({states, unknowns}), NewCube({states, unknowns, unknowns})};
-    for (int64_t i = 0; i < unknowns; ++i) {
+    for (int64_t i : range(unknowns)) {
         const bool free = i > 0 && i <= sojourns;
         prior.part[i] = free ? 1 + model.free[i - 1].system : 0;
         prior.block[i] = free && prior.part[i] == prior.part[i - 1] ? prior.block[i - 1] : i;
     }
     NewMatrix covariance({unknowns, unknowns});
-    for (int64_t state = 0; state < states; ++state) {
+    for (int64_t state : range(states)) {
         write_prior(cases.states.row(state), model, cases.rest, prior.block, prior.mean.row(state), covariance);
         invert(covariance, prior.block, prior.precision.row(state), prior.log_variance.row(state));
     }
@@ -170,7 +169,7 @@ struct Conditioned {
     // Take mean, precision and covariance's log-determinant of one case.
     void choose(const Prior& prior, Integers choice) {
         log_determinant = 0.0;
-        for (std::size_t i = 0; i < mean.size(); ++i) {
+        for (int64_t i : range(mean.size())) {
             const int64_t state = choice[prior.part[i]], begin = prior.block[i];
             const double* source = prior.precision.row(state).row(i).data;
             double* row = precision.row(i).data;
@@ -185,12 +184,12 @@ struct Conditioned {
     void add(const Seen& seen, FloatMatrix levels) {
         const auto [statistics, variance, scatter] = seen;
         const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
-        fill(response.begin(), response.end(), 0.0);
+        fill(response, 0.0);
         NewFloats row(unknowns);  // what is not zero in a segment's row
         NewIntegers column(unknowns);
         const double slope = mean[slope_at];
         squares = 0.0;
-        for (int64_t i = 0; i < levels.shape[0]; ++i) {
+        for (int64_t i : range(levels.shape[0])) {
             const double n = statistics(0, i);
             if (n == 0.0) continue;
             const double x_mean = statistics(1, i) / n, z_mean = statistics(2, i) / n;
@@ -204,17 +203,17 @@ struct Conditioned {
             // The mean is one observation of level + slope x_mean.
             const double mean_variance = variance / n + scatter;
             int64_t held = 0;
-            for (int64_t a = 0; a < unknowns; ++a) {
+            for (int64_t a : range(unknowns)) {
                 const double value = a < slope_at ? levels(i, a) : x_mean;
                 if (value != 0.0) row[held] = value, column[held++] = a;
             }
             double rest = z_mean;
-            for (int64_t k = 0; k < held; ++k) rest -= row[k] * mean[column[k]];
+            for (int64_t k : range(held)) rest -= row[k] * mean[column[k]];
             squares += rest * rest / mean_variance;
             log_determinant += log(mean_variance * n / variance);  // relative to independent samples
-            for (int64_t k = 0; k < held; ++k) {
+            for (int64_t k : range(held)) {
                 response[column[k]] += row[k] * rest / mean_variance;
-                for (int64_t other = 0; other <= k; ++other) {
+                for (int64_t other : range(k + 1)) {
                     precision(column[k], column[other]) += row[k] * row[other] / mean_variance;
                 }
             }
@@ -224,7 +223,7 @@ struct Conditioned {
 
 // Turn log-probabilities into weights that add up to 1; return the logarithm of their sum.
 double normalise(NewFloats& scores) {
-    const double best = *max_element(scores.begin(), scores.end());
+    const double best = *max_element(scores);
     double total = 0.0;
     for (auto& score : scores) total += score = exp(score - best);
     for (auto& score : scores) score /= total;
@@ -233,7 +232,7 @@ double normalise(NewFloats& scores) {
 
 // Log evidence, mean, standard deviation, covariance of the mixture of all cases' posteriors; the model's column.
 tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
-    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
+    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
     const Model model = lay_out(path, borders, table);
     const int64_t count = cases.choice.shape[0], unknowns = model.unknowns();
@@ -242,52 +241,52 @@ tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
     NewMatrix means({count, unknowns}), covariance({unknowns, unknowns});
     NewCube covariances({count, unknowns, unknowns});
     NewFloats weights(count), mean(unknowns), std(unknowns);
-    for (int64_t c = 0; c < count; ++c) {
+    for (int64_t c : range(count)) {
         one.choose(prior, cases.choice.row(c));
         one.add({statistics, variance, scatter}, model.levels);
         one.log_determinant += invert(one.precision, one.block, covariances.row(c), one.log_variance);
         double explained = 0.0;
-        for (int64_t a = 0; a < unknowns; ++a) {
+        for (int64_t a : range(unknowns)) {
             double shift = 0.0;
-            for (int64_t b = 0; b < unknowns; ++b) shift += covariances(c, a, b) * one.response[b];
+            for (int64_t b : range(unknowns)) shift += covariances(c, a, b) * one.response[b];
             explained += shift * one.response[a];
             means(c, a) = one.mean[a] + shift;
         }
         weights[c] = -0.5 * (one.squares - explained) - 0.5 * one.log_determinant + cases.log_prior[c];
     }
     const double log_evidence = normalise(weights);
-    for (int64_t c = 0; c < count; ++c) {
-        for (int64_t a = 0; a < unknowns; ++a) mean[a] += weights[c] * means(c, a);
+    for (int64_t c : range(count)) {
+        for (int64_t a : range(unknowns)) mean[a] += weights[c] * means(c, a);
     }
-    for (int64_t c = 0; c < count; ++c) {
-        for (int64_t a = 0; a < unknowns; ++a) {
+    for (int64_t c : range(count)) {
+        for (int64_t a : range(unknowns)) {
             const double apart = weights[c] * (means(c, a) - mean[a]);
-            for (int64_t b = 0; b < unknowns; ++b) {
+            for (int64_t b : range(unknowns)) {
                 covariance(a, b) += weights[c] * covariances(c, a, b) + apart * (means(c, b) - mean[b]);
             }
         }
     }
-    for (int64_t a = 0; a < unknowns; ++a) std[a] = sqrt(max(covariance(a, a), 0.0));
+    for (int64_t a : range(unknowns)) std[a] = sqrt(max(covariance(a, a), 0.0));
     return {log_evidence, mean, std, covariance, model.column};
 }
 }  // namespace
 
 double evidence_of_cases(
-    const FlatPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
+    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
     const Model model = lay_out(path, borders, table);
     const Prior prior = prior_of_states(cases, model);
     Conditioned one(model.unknowns());
     NewFloats scores(cases.choice.shape[0]);
-    for (std::size_t c = 0; c < scores.size(); ++c) {
+    for (int64_t c : range(scores.size())) {
         one.choose(prior, cases.choice.row(c));
         one.add({statistics, variance, scatter}, model.levels);
         one.log_determinant += factorise(one.precision, one.block, one.log_variance);
         double explained = 0.0;
-        for (int64_t i = 0; i < model.unknowns(); ++i) {  // by forward substitution, in the posterior's deviations
+        for (int64_t i : range(model.unknowns())) {  // by forward substitution, in the posterior's deviations
             const double* row = one.precision.row(i).data;
             double value = one.response[i];
-            for (int64_t j = 0; j < i; ++j) value -= row[j] * one.response[j];
+            for (int64_t j : range(i)) value -= row[j] * one.response[j];
             one.response[i] = value /= row[i];
             explained += value * value;
         }

@@ -1,9 +1,9 @@
-from rwa_monitor.changepoints.stage_results import FlatPath
+from rwa_monitor.changepoints.stage_results import SwitchingPath
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.friction_model import Cases
 
 def solve_cases(
-    path: FlatPath,
+    path: SwitchingPath,
     borders: IntArray,
     table: FloatArray,
     statistics: FloatArray,
@@ -36,7 +36,7 @@ def solve_cases(
     """
 
 def evidence_of_cases(
-    path: FlatPath,
+    path: SwitchingPath,
     borders: IntArray,
     table: FloatArray,
     statistics: FloatArray,

@@ -5,7 +5,7 @@ namespace {
 
 constexpr int64_t HANGING_SLOTS = 24;     // a value repeated so often in a row: with noise, a chance of 6e-8
 constexpr int64_t OUTSTANDING_SLOTS = 3;  // slots that may stand out together, each by the utmost of a wheel
-constexpr int HANGS = 1, STANDS_OUT = 2;
+enum { HANGS = 1, STANDS_OUT };
 // A channel is restless while its second differences change their sign in more than this share of the recent slots:
 // they do so in 73 % with white noise, in 67 % with a random walk, hardly ever in smooth motion without noise.
 constexpr double RESTLESS = 0.5;
@@ -31,7 +31,7 @@ tuple<int64_t, int64_t, int64_t> assign_slots(
     Integers time_ns, Flags good, int64_t origin_ns, int64_t period_ns, int64_t frontier, int64_t furthest,
     int64_t window_slots, bool passed, Vector<int64_t> slots, Vector<bool> ahead) {
     int64_t before = frontier - 1, ahead_count = 0, used = 0;
-    for (int64_t k = 0; k < time_ns.size(); ++k) {
+    for (int64_t k : range(time_ns.size())) {
         const int64_t doubled = 2 * (time_ns[k] - origin_ns) + period_ns;
         int64_t slot = before + 1;  // nearly always: spare the division
         const int64_t beyond = doubled - 2 * period_ns * slot;
@@ -48,25 +48,27 @@ tuple<int64_t, int64_t, int64_t> assign_slots(
     return {time_ns.size(), ahead_count, used};
 }
 
+// What is remembered of a channel, see sensor_validation.Channel.
+struct Memory {
+    double recent[OUTSTANDING_SLOTS], last, step, bend, restless, repeated, restless_before, rough, steps;
+};
+
 // Judge the next slots of a channel, each by the one after it (see screen.Channel); returns whether anything is found.
 bool judge(
     Floats values, Floats following, double limit, Vector<double> state, Vector<std::int8_t> kind,
     Vector<int64_t> since) {
-    double* const memory = &state[OUTSTANDING_SLOTS];
-    double last = memory[0], step = memory[1], bend = memory[2], restless = memory[3], repeated = memory[4];
-    double restless_before = memory[5], rough = memory[6], steps = memory[7];
-    double recent[OUTSTANDING_SLOTS];
-    copy_n(state.data, OUTSTANDING_SLOTS, recent);
+    Memory memory = *reinterpret_cast<Memory*>(state.data);  // a copy, which the loop keeps in registers
+    auto& [recent, last, step, bend, restless, repeated, restless_before, rough, steps] = memory;
     const auto at = [&](int64_t k) { return k < 0 ? recent[k + OUTSTANDING_SLOTS] : values[k]; };
     const int64_t n = values.size();
     bool found = false;
-    for (int64_t k = 0; k < n; ++k) {
+    for (int64_t k : range(n)) {
         const double value = values[k];
         if (isnan(value)) continue;
         const double after = following[k], far = limit + ROUGHNESS_FACTOR * rough / max(steps, 1.0);
         // Do this slot, and perhaps some before it, stand out from the slot before them and the one after?
         if (steps >= STEPS_TO_JUDGE && abs(value - after) > far) {
-            for (int count = 1; count <= OUTSTANDING_SLOTS; ++count) {
+            for (int64_t count : range(1, OUTSTANDING_SLOTS + 1)) {
                 const double anchor = at(k - count);
                 if (abs(after - anchor) <= 0.5 * far && abs(value - anchor) > count * far) {
                     kind[k] = STANDS_OUT, since[k] = count - 1;
@@ -99,9 +101,8 @@ bool judge(
             found = true;
         }
     }
-    for (int64_t i = 0; i < OUTSTANDING_SLOTS; ++i) state[i] = at(n - OUTSTANDING_SLOTS + i);
-    memory[0] = last, memory[1] = step, memory[2] = bend, memory[3] = restless, memory[4] = repeated;
-    memory[5] = restless_before, memory[6] = rough, memory[7] = steps;
+    for (int64_t i : range(OUTSTANDING_SLOTS)) recent[i] = at(n - OUTSTANDING_SLOTS + i);
+    *reinterpret_cast<Memory*>(state.data) = memory;
     return found;
 }
 

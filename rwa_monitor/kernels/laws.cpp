@@ -8,7 +8,7 @@ namespace {
 constexpr double SOFT_SHARE = 1e-3;     // of the broad law in every duration law
 constexpr double MISSED_SHARE = 1e-2;   // probability that a jump leaves no candidate: a short sojourn, or in a gap
 constexpr double CARRIED_TRUST = 0.95;  // that the last configuration given by an earlier window is right
-constexpr int DOWN = 0, UP = 1;
+enum { DOWN, UP };
 
 // See duration_likelihoods.Chain.
 struct Chain {
@@ -53,17 +53,17 @@ void tabulate(
     Floats at, int64_t slots, FloatMatrix survivals, const Chain& chain, const FirstSojourn& first,
     Array<double, 3> jump, Matrix<double> stay, Array<double, 4> missed) {
     const int64_t count = at.size(), configurations = chain.means.size(), pairs = count * (count - 1) / 2;
-    for (int64_t q = 0; q < configurations; ++q) {
+    for (int64_t q : range(configurations)) {
         const double mean = chain.means[q];
         const double *survival = survivals.row(q).data, *following = survival + pairs;
         const double *begun = following + pairs, *left = begun + count;
-        for (int64_t i = 0; i < count; ++i) {
+        for (int64_t i : range(count)) {
             double* row = &jump(q, 1 + i, 1);
-            for (int64_t j = i + 1; j < count; ++j) {
+            for (int64_t j : range(i + 1, count)) {
                 row[j] = log(soft_pmf(*survival++, *following++, at[j] - at[i], mean));
             }
         }
-        for (int64_t k = 0; k < count; ++k) {
+        for (int64_t k : range(count)) {
             stay(q, 1 + k) = log(soft_survival(left[k], slots - at[k], mean));
             const double ended = chain.entered[q] * soft_survival(begun[k], at[k], mean);
             jump(q, 0, 1 + k) = log_first(ended, first.ends[k], q, first.configuration);
@@ -73,9 +73,9 @@ void tabulate(
         const double both = mean + chain.means[q + 1];  // of two sojourns in a row, up or down, seen as one
         const double log_up = log(MISSED_SHARE) + chain.turn(q, UP) + log(2.0 / both);
         const double log_down = log(MISSED_SHARE) + chain.turn(q + 1, DOWN) + log(2.0 / both);
-        for (int64_t i = 0; i < count; ++i) {
+        for (int64_t i : range(count)) {
             double *up = &missed(q, UP, 1 + i, 1), *down = &missed(q + 1, DOWN, 1 + i, 1);
-            for (int64_t j = i + 1; j < count; ++j) {
+            for (int64_t j : range(i + 1, count)) {
                 const double duration = at[j] - at[i];
                 if (!(duration >= 2.0)) continue;
                 const double longer = 3.0 * log1p(duration / both);
@@ -146,7 +146,7 @@ Densities level_density(double value, const Softened& level) {
 NewCube densities(
     Integers configuration, Floats value, Floats std, Floats offset, FloatMatrix numbers) {
     NewCube found({3, value.size(), offset.size()}, 1.0);
-    for (int64_t i = 0; i < value.size(); ++i) {
+    for (int64_t i : range(value.size())) {
         const int64_t q = configuration[i];
         const bool learned = q < numbers.shape[0] && !isnan(numbers(q, 0));
         if (!learned || !isfinite(value[i]) || !isfinite(std[i])) {
@@ -154,7 +154,7 @@ NewCube densities(
             continue;
         }
         const Softened level(std[i], numbers.row(q).data);
-        for (int64_t j = 0; j < offset.size(); ++j) {
+        for (int64_t j : range(offset.size())) {
             const auto [nominal, anomalous, stray] = level_density(value[i] + offset[j], level);
             found(0, i, j) = nominal, found(1, i, j) = anomalous, found(2, i, j) = stray;
         }

@@ -9,25 +9,23 @@ constexpr double KEPT = 0.75, KEPT_MEAN = 0.36852405098355656;
 constexpr double JUMPED = 12.0, JUMPED_RATE = 0.0005320055051392492, MOST_JUMPED = 0.3;
 constexpr double BORROWED = 30.0;    // worth of the next narrower scale's variance, in independent contrasts
 constexpr double LEAST_PAIRS = 8.0;  // of 64, at every lag of a block
-constexpr int64_t LENGTH = NOISE_BLOCK + LAGS;
+constexpr int64_t LENGTH = BLOCK + LAGS;
 
 // Lower edge and width of each bin of the statistic's histogram [torque²].
 struct Bins {
     array<double, BINS> edges{}, widths{};
-};
-constexpr Bins statistic_bins() {
-    Bins bins;
-    double octave = 1.0;
-    for (int64_t i = 0; i > LOWEST_EXPONENT; --i) octave /= 2.0;
-    for (int64_t i = 0; i < BINS; ++i) {
-        const int64_t within = i % BINS_PER_OCTAVE;
-        if (i > 0 && within == 0) octave *= 2.0;
-        bins.widths[i] = octave / BINS_PER_OCTAVE;
-        bins.edges[i] = octave + within * bins.widths[i];
+
+    constexpr Bins() {
+        double octave = 1.0 / (int64_t{1} << -LOWEST_EXPONENT);
+        for (int64_t i : range(BINS)) {
+            if (i > 0 && i % BINS_PER_OCTAVE == 0) octave *= 2.0;
+            widths[i] = octave / BINS_PER_OCTAVE;
+            edges[i] = octave + i % BINS_PER_OCTAVE * widths[i];
+        }
     }
-    return bins;
-}
-constexpr Bins STATISTIC_BINS = statistic_bins();
+    double middle(int64_t bin) const { return edges[bin] + 0.5 * widths[bin]; }
+};
+constexpr Bins STATISTIC_BINS;
 
 // A scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's.
 double lean(double measured, double borrowed, double independent) {
@@ -49,7 +47,7 @@ double trimmed_variance(Integers counts, int64_t total) {
         before[place] = seen;
         weight_before[place] = weighted;
         seen += counts[place];
-        weighted += counts[place] * (edges[place] + 0.5 * widths[place]);
+        weighted += counts[place] * STATISTIC_BINS.middle(place);
     }
     for (int round = 0; round < 4; ++round) {
         const double kept = KEPT * (1.0 - jumped) * total;
@@ -73,7 +71,7 @@ double trimmed_variance(Integers counts, int64_t total) {
 double sum_of_lags(const double* row) {
     double part[8] = {}, total = 0.0;
     for (int64_t lag = 0; lag < LAGS; lag += 8) {
-        for (int i = 0; i < 8; ++i) part[i] += row[lag + i];
+        for (int64_t i : range(8)) part[i] += row[lag + i];
     }
     for (double sum : part) total += sum;
     return total;
@@ -84,13 +82,13 @@ VECTORISED void remainders(
     const double* __restrict x, const double* __restrict z, const bool* __restrict used, double slope, double weight,
     double* __restrict good, double* __restrict e) {
     double u[LENGTH], v[LENGTH];
-    for (int64_t i = 0; i < LENGTH; ++i) {  // without branches: several slots at once
+    for (int64_t i : range(LENGTH)) {  // without branches: several slots at once
         good[i] = used[i];
         u[i] = (x[i] - x[0]) * good[i];
         v[i] = (z[i] - z[0]) * good[i];
     }
     double n = 0.0, sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0;
-    for (int64_t i = 0; i < LENGTH; ++i) {
+    for (int64_t i : range(LENGTH)) {
         n += good[i];
         sx += u[i];
         sz += v[i];
@@ -99,17 +97,17 @@ VECTORISED void remainders(
     }
     const double share = 1.0 / max(n, 1.0);
     const double own = (sxz - sx * sz * share + weight * slope) / (max(sxx - sx * sx * share, 0.0) + weight);
-    for (int64_t i = 0; i < LENGTH; ++i) e[i] = v[i] - own * u[i];
+    for (int64_t i : range(LENGTH)) e[i] = v[i] - own * u[i];
 }
 
 // Half the squared differences of used samples at each lag, and how many pairs they are.
 VECTORISED void differences(
     const double* __restrict e, const double* __restrict good, double* __restrict sums, double* __restrict pairs) {
     double sum[LAGS] = {}, pair[LAGS] = {};
-    for (int64_t i = 0; i < NOISE_BLOCK; ++i) {
+    for (int64_t i : range(BLOCK)) {
         if (!(good[i] > 0.0)) continue;
         const double *__restrict later = e + i + 1, *__restrict counted = good + i + 1;
-        for (int64_t lag = 0; lag < LAGS; ++lag) {
+        for (int64_t lag : range(LAGS)) {
             const double difference = later[lag] - e[i];
             sum[lag] += counted[lag] * (0.5 * difference * difference);
             pair[lag] += counted[lag];
@@ -124,7 +122,7 @@ VECTORISED void differences(
 NewFloats scale_variances(IntegerMatrix histogram, Integers scales, double start_variance) {
     NewFloats variances(scales.size());
     double borrowed = start_variance;
-    for (int64_t s = 0; s < scales.size(); ++s) {
+    for (int64_t s : range(scales.size())) {
         const auto counts = histogram.row(s);
         int64_t total = 0;
         for (int64_t count : counts) total += count;
@@ -144,7 +142,7 @@ void block_differences(
     Floats x, Floats z, Flags used, int64_t first, int64_t last, int64_t hop, double slope, double weight,
     Matrix<double> sums, Matrix<double> pairs) {
     double good[LENGTH], e[LENGTH];
-    for (int64_t b = first; b < last; ++b) {
+    for (int64_t b : range(first, last)) {
         const int64_t start = b * hop;
         remainders(&x[start], &z[start], &used[start], slope, weight, good, e);
         differences(e, good, &sums(b, 0), &pairs(b, 0));
@@ -155,31 +153,28 @@ void block_differences(
 tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
     const int64_t blocks = sums.shape[0];
     NewFloats score(blocks, NAN), full;
-    for (int64_t b = 0; b < blocks; ++b) {
+    for (int64_t b : range(blocks)) {
         const double* row = &pairs(b, 0);
         const double count = sum_of_lags(row);
-        if (count == LAGS * NOISE_BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
+        if (count == LAGS * BLOCK || *min_element(row, row + LAGS) >= LEAST_PAIRS) {
             score[b] = sum_of_lags(&sums(b, 0)) / count;
         }
         if (isfinite(score[b])) full.push_back(score[b]);
     }
-    NewFloats levels(LAGS, NAN), counts = NewFloats(LAGS);
+    NewFloats levels(LAGS, NAN), counts(LAGS);
     if (full.empty()) return {levels, counts};
     const double middle = median_in_place(full);
     for (double& value : full) value = abs(value - middle);
     const double most = middle + 4.0 * (1.4826 * median_in_place(full));
-    double level[LAGS] = {}, count[LAGS] = {};
-    for (int64_t b = 0; b < blocks; ++b) {
+    fill(levels, 0.0);
+    for (int64_t b : range(blocks)) {
         if (!(score[b] <= most)) continue;
-        for (int64_t lag = 0; lag < LAGS; ++lag) {
-            level[lag] += sums(b, lag);
-            count[lag] += pairs(b, lag);
+        for (int64_t lag : range(LAGS)) {
+            levels[lag] += sums(b, lag);
+            counts[lag] += pairs(b, lag);
         }
     }
-    for (int64_t lag = 0; lag < LAGS; ++lag) {
-        levels[lag] = level[lag] / count[lag];
-        counts[lag] = count[lag];
-    }
+    for (int64_t lag : range(LAGS)) levels[lag] /= counts[lag];
     return {levels, counts};
 }
 
@@ -187,11 +182,11 @@ tuple<NewFloats, NewFloats> quiet_levels(FloatMatrix sums, FloatMatrix pairs) {
 // weights -1/w and +1/w; 0 where it is longer than the lags reach.
 NewFloats contrast_variances(Floats levels, Integers scales) {
     NewFloats variances(scales.size());
-    for (int64_t s = 0; s < scales.size(); ++s) {
+    for (int64_t s : range(scales.size())) {
         const int64_t w = scales[s];
         if (2 * w > LAGS) continue;
         double lacking = 0.0;
-        for (int64_t lag = 1; lag < 2 * w; ++lag) {
+        for (int64_t lag : range(1, 2 * w)) {
             lacking += (lag < w ? 2 * w - 3 * lag : lag - 2 * w) * levels[lag - 1];  // w² r(l)
         }
         if (isfinite(lacking)) variances[s] = max(-lacking / w, 0.0);
@@ -207,14 +202,13 @@ constexpr double LATTICE = 0.5;                    // of the median that the var
 constexpr double GAUSSIAN_RATIO = 17.32;  // 99.5 % quantile over the median of squared Gaussian differences
 constexpr double LIGHT_TAIL = 1.05;  // a ratio this close to it is Gaussian: its standard error is 1.5 %
 
-double bin_middle(int64_t bin) { return STATISTIC_BINS.edges[bin] + 0.5 * STATISTIC_BINS.widths[bin]; }
 }  // namespace
 
 Quantiles quantiles_of(Integers counts) {
     int64_t sum = 0, seen = 0, middle = 0, end = 0;
     for (auto count : counts) sum += count;
     const double total = sum;
-    for (int64_t place = 0; place < counts.size(); ++place) {
+    for (int64_t place : range(counts.size())) {
         seen += counts[place];
         middle += seen < 0.5 * total;
         if (seen >= 0.995 * total) {
@@ -222,7 +216,7 @@ Quantiles quantiles_of(Integers counts) {
             break;
         }
     }
-    return {total, bin_middle(middle), bin_middle(end)};
+    return {total, STATISTIC_BINS.middle(middle), STATISTIC_BINS.middle(end)};
 }
 
 // Whether the tails are heavier than a Gaussian's: from quantiles of the statistic at scale 1, and the robust variance
@@ -248,14 +242,14 @@ Noise learn_noise(
     auto [levels, counts] = quiet_levels(block_sums, block_pairs);
     auto variances = scale_variances(histogram, scales, start_variance);
     auto implied = contrast_variances(levels, scales);
-    for (int64_t s = 0; s < scales.size(); ++s) {
+    for (int64_t s : range(scales.size())) {
         // With coarse quantisation neighbours are mostly equal: quantiles show little, mean squares hold the variance.
         variances[s] = max(variances[s], LEAST_SHARE * implied[s]);
     }
     return {levels, counts, variances, quantiles_of(histogram.row(0))};
 }
 
-STAGE(noise, LAGS, NOISE_BLOCK, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,
+STAGE(noise, LAGS, SMALLEST_STD, KEPT, KEPT_MEAN, JUMPED, JUMPED_RATE, MOST_JUMPED, lean,
       scale_variances, block_differences, quiet_levels, contrast_variances, CHI_MEDIAN, GAUSSIAN_RATIO, quantiles_of,
       are_heavy)
 

@@ -3,7 +3,6 @@ from typing import Final
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 LAGS: Final[int]
-NOISE_BLOCK: Final[int]
 SMALLEST_STD: Final[float]
 KEPT: Final[float]
 KEPT_MEAN: Final[float]
@@ -53,7 +52,7 @@ def block_differences(
     x, z, used
         (slots,), the window's samples.
     first, last
-        Blocks; block b reads the slots [b·hop, b·hop + NOISE_BLOCK + LAGS).
+        Blocks; block b reads the slots [b·hop, b·hop + BLOCK + LAGS).
     hop
         Slots from one block to the next.
     slope, weight

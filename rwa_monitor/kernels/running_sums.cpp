@@ -17,7 +17,7 @@ Sums moments(int64_t start, int64_t stop, const SumArrays& arrays) {
     const int64_t begin = first - arrays.used.data;
     if (begin >= stop) return;
     NewFloats x, z;
-    for (int64_t k = begin; k < min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK); ++k) {
+    for (int64_t k : range(begin, min(stop, begin - begin % BLOCK + BLOCK))) {
         if (!arrays.used[k]) continue;
         x.push_back(arrays.x[k]);
         z.push_back(arrays.z[k]);
@@ -35,24 +35,24 @@ void extend_sums(const SumArrays& arrays, Vector<double> running, int64_t start,
     const bool* __restrict used = arrays.used.data;
     const double x_centre = arrays.centre[0], z_centre = arrays.centre[1];
     double sums[6];  // in one array: as six variables GCC makes half of them a vector, at twice the time
-    copy(running.begin(), running.end(), sums);
+    copy(running, sums);
     for (int64_t k = start; k < stop;) {
         const int64_t checkpoint = k - k % STRIDE + STRIDE;
         for (; k < min(checkpoint, stop); ++k) {
             if (!used[k]) continue;
             const double u = x[k] - x_centre, v = z[k] - z_centre;
             const double terms[6] = {1.0, u, v, u * u, u * v, v * v};
-            for (int i = 0; i < 6; ++i) sums[i] += terms[i];
+            for (int64_t i : range(6)) sums[i] += terms[i];
         }
         if (k == checkpoint) copy(sums, sums + 6, &arrays.checkpoints(k / STRIDE, 0));
     }
-    copy(sums, sums + 6, running.begin());
+    copy(sums, running.begin());
 }
 
 // Write the statistics of each range [start, stop), not centred, to `out` (6, m); returns whether all slots lie in
 // [0, slots].
 bool range_moments(Integers start, Integers stop, int64_t slots, const SumArrays& arrays, Matrix<double> out) {
-    for (int64_t i = 0; i < start.size(); ++i) {
+    for (int64_t i : range(start.size())) {
         if (min(start[i], stop[i]) < 0 || max(start[i], stop[i]) > slots) return false;
         moments(start[i], stop[i], arrays).write(&out(0, i), start.size());
     }
@@ -65,7 +65,7 @@ tuple<double, double> slope_within(
     int64_t slots, Integers index, Integers exclude, const SumArrays& arrays, double variance, double prior_mean,
     double prior_std) {
     double sxx = 0.0, sxz = 0.0, xx = 0.0;  // about the intervals' own means, but the last
-    for (int64_t i = 0; i <= index.size(); ++i) {
+    for (int64_t i : range(index.size() + 1)) {
         const int64_t first = i > 0 ? index[i - 1] : 0, last = i < index.size() ? index[i] : slots;
         const int64_t most = (last - first) / 4;
         Sums sum = moments(
@@ -83,35 +83,8 @@ tuple<double, double> slope_within(
         sxx += weight;
         sxz += weight * prior_mean;
     }
-    if (sxx == 0.0) return {0.0, INFINITE};
+    if (sxx == 0.0) return {0.0, INFINITY};
     return {sxz / sxx, sqrt(variance / sxx)};
-}
-
-// n, x, friction, residual, interval and usable of `Blocks`; `index` are the changepoints.
-auto cut(int64_t size, int64_t blocks, Integers index, double slope, const SumArrays& arrays) {
-    NewFloats n(blocks), x = n, friction = n, residual = n;
-    NewIntegers interval(blocks);
-    Table<std::uint8_t, 1> usable({blocks});
-    vector<Sums> own(index.size() + 1);  // of the usable blocks of each interval: n, and Σz the friction
-    int64_t place = 0;
-    Sums begin = prefix_moments(0, arrays);
-    for (int64_t b = 0; b < blocks; ++b) {
-        // The first block that begins at or after each changepoint begins its interval.
-        while (place < index.size() && index[place] <= b * size) ++place;
-        const Sums end = prefix_moments((b + 1) * size, arrays), block = moments_between(begin, end, arrays.centre);
-        begin = end;
-        n[b] = max(block.n, 1.0);
-        x[b] = block.x / n[b];
-        friction[b] = (block.z - slope * block.x) / n[b];
-        interval[b] = place;
-        usable[b] = block.n >= size / 2 && (place == index.size() || index[place] >= (b + 1) * size);
-        if (usable[b]) own[place].n += block.n, own[place].z += block.n * friction[b];
-    }
-    // The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
-    // in all blocks.
-    for (int64_t b = 0; b < blocks; ++b) residual[b] = friction[b] - own[interval[b]].z / max(own[interval[b]].n, 1.0);
-    return make_tuple(
-        std::move(n), std::move(x), std::move(friction), std::move(residual), std::move(interval), std::move(usable));
 }
 
 // The sums of products of values that lie `first` places apart and more, in the order of their intervals and within one:
@@ -121,14 +94,14 @@ NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, in
     for (int64_t begin = 0, end = 0; begin < value.size(); begin = end) {
         while (end < value.size() && interval[end] == interval[begin]) ++end;
         double* __restrict sums = &products(interval[begin], 0);
-        for (int64_t b = begin; b < end; ++b) {
+        for (int64_t b : range(begin, end)) {
             const double* later = value.data + b + first;
-            for (int64_t row = 0; row < min(lags, end - b - first); ++row) sums[row] += value[b] * later[row];
+            for (int64_t row : range(min(lags, end - b - first))) sums[row] += value[b] * later[row];
         }
     }
     return products;
 }
 
-STAGE(running_sums, STRIDE, CENTRE_BLOCK, extend_sums, range_moments, slope_within, cut, lagged_products)
+STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, lagged_products)
 
 }  // namespace rwa

@@ -1,13 +1,9 @@
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
 STRIDE: Final[int]
-CENTRE_BLOCK: Final[int]
 
 def extend_sums(arrays: SumArrays, running: FloatArray, start: int, stop: int) -> None:
     """Add the slots [start, stop) to the running sums and keep them at every checkpoint passed, in place.
@@ -47,11 +43,6 @@ def slope_within(
     prior_mean, prior_std
         Of the slope; NaN where nothing is known.
     """
-
-def cut(
-    size: int, blocks: int, index: IntArray, slope: float, sums: SumArrays
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, NDArray[np.uint8]]:
-    """Return n, x, friction, residual, interval and usable of `estimation.Blocks`; `index` are the changepoints."""
 
 def lagged_products(value: FloatArray, interval: IntArray, intervals: int, first: int, lags: int) -> FloatArray:
     """Return Σ value_k value_{k+lag} of the pairs within each interval, lags from `first` on; (intervals, lags).

@@ -43,13 +43,13 @@ VECTORISED void block_means(
     weights.assign(count, block);
     weights[count - 1] = size - (count - 1) * block;
     double* __restrict mean = means.data();
-    for (int64_t row = 0; row < factors.size(); ++row) {
+    for (int64_t row : range(factors.size())) {
         const double* __restrict sums = &running(row, 0);
         const double factor = factors[row];
-        for (int64_t i = 0; i < count - 1; ++i) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
+        for (int64_t i : range(count - 1)) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
         mean[count - 1] += factor * (sums[size] - sums[(count - 1) * block]);
     }
-    for (int64_t i = 0; i < count; ++i) mean[i] /= weights[i];
+    for (int64_t i : range(count)) mean[i] /= weights[i];
 }
 
 // Jumps between the ends of the sequence, and the running sum of the sum of rows at each of both.
@@ -61,17 +61,17 @@ struct Edges {
 
 double sum_until(const FloatMatrix& running, const Floats& factors, int64_t index) {
     double total = 0.0;
-    for (int64_t row = 0; row < factors.size(); ++row) total += factors[row] * running(row, index);
+    for (int64_t row : range(factors.size())) total += factors[row] * running(row, index);
     return total;
 }
 
 // Move each jump, in order, to the best sample around it.
 void move_jumps(const FloatMatrix& running, const Floats& factors, Edges& edges) {
     auto& [at, sums] = edges;
-    for (int64_t i = 1; i <= edges.count(); ++i) {
+    for (int64_t i : range(1, edges.count() + 1)) {
         const int64_t before = at[i - 1], after = at[i + 1];
         const int64_t last = min(at[i] + REFINE, after - 1);
-        double best = -INFINITE, at_best = sums[i];
+        double best = -INFINITY, at_best = sums[i];
         int64_t place = at[i];
         for (int64_t k = max(at[i] - REFINE, before + 1); k <= last; ++k) {
             const double until = sum_until(running, factors, k);
@@ -91,7 +91,7 @@ bool drop_jumps(Edges& edges, double penalty) {
     for (bool dropped = false;; dropped = true) {
         int64_t weakest = 0;
         double least = penalty;
-        for (int64_t i = 1; i <= edges.count(); ++i) {
+        for (int64_t i : range(1, edges.count() + 1)) {
             const double n1 = at[i] - at[i - 1], n2 = at[i + 1] - at[i];
             const double step = (sums[i + 1] - sums[i]) / n2 - (sums[i] - sums[i - 1]) / n1;
             const double worth = step * step * n1 * n2 / (n1 + n2);
@@ -107,7 +107,7 @@ bool drop_jumps(Edges& edges, double penalty) {
 struct Jump {
     int64_t at, before;
 };
-constexpr int64_t NO_JUMP = -1, UNKNOWN = -2;
+enum : int64_t { UNKNOWN = -2, NO_JUMP };
 
 // The step from sample k - 1 to k: μ' and μ cost (value + φ μ' - μ)² / v, value = z_k - φ z_{k-1}, beside
 // min((μ - μ')² / q, penalty).
@@ -145,8 +145,8 @@ Crossings crossings(const Parabola& p, const Parabola& q) {
     const double apart = q.centre - p.centre, up = q.least - p.least, bend = q.bend - p.bend;
     const double square = p.bend * q.bend * apart * apart - bend * up;
     if (!(square > 0.0)) {
-        if (bend < 0.0) return {-INFINITE, -INFINITE};
-        return {bend == 0.0 && up < 0.0 ? -INFINITE : INFINITE, INFINITE};
+        if (bend < 0.0) return {-INFINITY, -INFINITY};
+        return {bend == 0.0 && up < 0.0 ? -INFINITY : INFINITY, INFINITY};
     }
     // The roots of bend x² - 2 b x + c, x = μ - p.centre, without cancellation.
     const double root = sqrt(square), b = q.bend * apart, c = b * apart + up;
@@ -168,13 +168,13 @@ void lay(Parabolas& envelope, Parabola next, double low, double high) {
         if (next.edge > max(last.edge, low)) break;
         limit = last.edge;
     }
-    if (envelope.empty()) next.edge = -INFINITE;
+    if (envelope.empty()) next.edge = -INFINITY;
     envelope.push_back(next);
 }
 
 // The lower envelope of parabolas in order, exact wherever it is below the constant.
 void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabolas& out) {
-    double low = INFINITE, high = -INFINITE;
+    double low = INFINITY, high = -INFINITY;
     for (const Parabola& p : parabolas) {
         const double half = sqrt(max(constant.least - p.least, 0.0) / p.bend);
         low = min(low, p.centre - half);
@@ -190,11 +190,11 @@ void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabo
 // The least of two envelopes and a constant.
 void least_of(const Parabolas& first, const Parabolas& second, const Parabola& constant, Parabolas& out) {
     out.clear();
-    const auto end_of = [](const Parabolas& parts, std::size_t i) {
-        return i + 1 < parts.size() ? parts[i + 1].edge : INFINITE;
+    const auto end_of = [](const Parabolas& parts, size_t i) {
+        return i + 1 < parts.size() ? parts[i + 1].edge : INFINITY;
     };
-    double from = -INFINITE;
-    for (std::size_t i = 0, j = 0; i < first.size() && j < second.size();) {
+    double from = -INFINITY;
+    for (size_t i = 0, j = 0; i < first.size() && j < second.size();) {
         const Parabola &p = first[i], &q = second[j];
         const double p_end = end_of(first, i), q_end = end_of(second, j), to = min(p_end, q_end);
         const auto [falling, rising] = crossings(p, q);
@@ -212,7 +212,7 @@ void least_of(const Parabolas& first, const Parabolas& second, const Parabola& c
 
 const Parabola& least_in(const Parabolas& parts) {
     const auto less = [](const Parabola& p, const Parabola& q) { return p.least < q.least; };
-    return *min_element(parts.begin(), parts.end(), less);
+    return *min_element(parts, less);
 }
 
 // `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
@@ -220,21 +220,21 @@ const Parabola& least_in(const Parabolas& parts) {
 std::optional<NewIntegers> decafs_within(
     const Floats& z, const Floats& phi, const Floats& v, double q, double penalty, double room) {
     vector<Jump> jumps;
-    Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITE, NO_JUMP}}, moved, walk, jump;
+    Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITY, NO_JUMP}}, moved, walk, jump;
     const auto history = [&](int64_t at, int64_t before) {
         jumps.push_back({at, before});
         return static_cast<int64_t>(jumps.size()) - 1;
     };
-    for (int64_t k = 1; k < z.size(); ++k) {
+    for (int64_t k : range(1, z.size())) {
         const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k], q};
         const Parabola best = least_in(cost);
-        if (slope_of(step) < 0.0) reverse(cost.begin(), cost.end());
+        if (slope_of(step) < 0.0) reverse(cost);
         moved.clear();
         for (const Parabola& p : cost) moved.push_back(walked(p, step));
         const double top = min(least_in(moved).least, best.least + penalty) + room;
-        const Parabola constant{0.0, 0.0, top, -INFINITE, history(k, UNKNOWN)};
+        const Parabola constant{0.0, 0.0, top, -INFINITY, history(k, UNKNOWN)};
         envelope_below(constant, moved, walk);
-        if (slope_of(step) * step.phi < 0.0) reverse(cost.begin(), cost.end());
+        if (slope_of(step) * step.phi < 0.0) reverse(cost);
         if (step.phi * step.phi == 0.0) cost = {best};  // all are alike
         moved.clear();
         for (const Parabola& p : cost) {
@@ -248,7 +248,7 @@ std::optional<NewIntegers> decafs_within(
     int64_t last = least_in(cost).history;
     for (; last >= 0; last = jumps[last].before) found.push_back(jumps[last].at);
     if (last == UNKNOWN) return {};
-    reverse(found.begin(), found.end());
+    reverse(found);
     return found;
 }
 
@@ -256,13 +256,13 @@ std::optional<NewIntegers> decafs_within(
 
 // The jumps of weighted values: FPOP. A history is its last jump.
 NewIntegers fpop(Floats z, Floats weight, double penalty) {
-    const double low = *min_element(z.begin(), z.end()), high = *max_element(z.begin(), z.end());
+    const double low = *min_element(z), high = *max_element(z);
     Parabolas cost{{0.0, 0.0, 0.0, low, 0}}, capped;
     NewIntegers last(z.size() + 1), found;
-    for (int64_t t = 1; t <= z.size(); ++t) {
+    for (int64_t t : range(1, z.size() + 1)) {
         const double value = z[t - 1], w = weight[t - 1];
-        double least = INFINITE;
-        for (std::size_t i = 0; i < cost.size(); ++i) {
+        double least = INFINITY;
+        for (size_t i : range(cost.size())) {
             Parabola& p = cost[i];
             const double apart = value - p.centre, share = w / (p.bend + w);
             p.least += p.bend * share * apart * apart;
@@ -275,13 +275,13 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
         }
         const Parabola constant{0.0, 0.0, least + penalty, low, t};
         capped.clear();
-        for (std::size_t i = 0; i < cost.size(); ++i) {
+        for (size_t i : range(cost.size())) {
             append(capped, cost[i], cost[i].edge, i + 1 < cost.size() ? cost[i + 1].edge : high, constant);
         }
         if (low < high) swap(cost, capped);
     }
     for (int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
-    reverse(found.begin(), found.end());
+    reverse(found);
     return found;
 }
 
@@ -320,9 +320,9 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
     const int64_t count = sums.shape[1] - 1;
     NewFloats best(count + 1, -penalty), costs(count + 1);
     NewIntegers previous(count + 1), alive{0}, found;
-    for (int64_t j = 1; j <= count; ++j) {
-        double least = INFINITE;
-        for (std::size_t k = 0; k < alive.size(); ++k) {
+    for (int64_t j : range(1, count + 1)) {
+        double least = INFINITY;
+        for (int64_t k : range(alive.size())) {
             const int64_t i = alive[k];
             const auto between = [&](int64_t row) { return sums(row, j) - sums(row, i); };
             const double n = between(0), x = between(1), z = between(2);
@@ -331,33 +331,18 @@ NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
             if (costs[k] + penalty < least) least = costs[k] + penalty, previous[j] = i;
         }
         best[j] = least;
-        std::size_t left = 0;
-        for (std::size_t k = 0; k < alive.size(); ++k) {
+        size_t left = 0;
+        for (int64_t k : range(alive.size())) {
             if (costs[k] <= least) alive[left++] = alive[k];
         }
         alive.resize(left);
         alive.push_back(j);
     }
     for (int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
-    reverse(found.begin(), found.end());
+    reverse(found);
     return found;
 }
 
-// The running sums x, z, xx, xz, zz, (5, n): what every detection of changepoints must do, for the benchmark.
-void five_sums(Floats x, Floats z, Matrix<double> out) {
-    double sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0, szz = 0.0;
-    double* __restrict row[5];
-    for (int i = 0; i < 5; ++i) row[i] = &out(i, 0);
-    for (int64_t k = 0; k < x.size(); ++k) {
-        const double u = x[k], v = z[k];
-        row[0][k] = sx += u;
-        row[1][k] = sz += v;
-        row[2][k] = sxx += u * u;
-        row[3][k] = sxz += u * v;
-        row[4][k] = szz += v * v;
-    }
-}
-
-STAGE(segmentation, fpop, decafs, segment_sums, optimal_lines, five_sums)
+STAGE(segmentation, fpop, decafs, segment_sums, optimal_lines)
 
 }  // namespace rwa

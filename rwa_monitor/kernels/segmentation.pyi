@@ -28,6 +28,3 @@ def optimal_lines(sums: FloatArray, penalty: float) -> IntArray:
 
     `sums`, float64 (6, blocks + 1), are running sums of 1, x, z, x², xz and z²; `penalty` is the cost of one more line.
     """
-
-def five_sums(x: FloatArray, z: FloatArray, out: FloatArray) -> None:
-    """Write the five running sums x, z, xx, xz, zz to `out`, float64 (5, n)."""

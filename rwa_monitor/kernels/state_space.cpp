@@ -19,7 +19,7 @@ struct Gains {
 struct Covariance {
     double ll = 0.0, la = 0.0, aa = 0.0;
 
-    bool operator==(const Covariance& other) const { return ll == other.ll && la == other.la && aa == other.aa; }
+    bool operator==(const Covariance&) const = default;
     void predict(double power, double coloured, double drift) {
         la *= power;
         aa = power * power * aa + coloured * (1.0 - power * power);
@@ -54,7 +54,7 @@ double filter_gains(
     Covariance jumping, smooth;
     double log_determinant = 0.0, power = law.correlation;
     int64_t last_gap = 1, next = 0;
-    for (int64_t k = 0; k < gap.size(); ++k) {
+    for (int64_t k : range(gap.size())) {
         if (gap[k] == 0) {
             jumping = smooth = {drift[k], 0.0, law.coloured};
         } else {
@@ -87,9 +87,9 @@ template <int64_t P>
 void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains, int64_t& j) {
     for (; j + P <= columns.shape[0]; j += P) {
         double l[P] = {}, a[P] = {};
-        for (int64_t k = 0; k < columns.shape[1]; ++k) {
+        for (int64_t k : range(columns.shape[1])) {
             const double s = sign[k], scale = gains(k, 0), kl = gains(k, 1), ka = gains(k, 2), power = gains(k, 3);
-            for (int64_t i = 0; i < P; ++i) {
+            for (int64_t i : range(P)) {
                 double& y = columns(j + i, k);
                 a[i] = gap[k] == 0 ? 0.0 : power * a[i];
                 if (gap[k] == 0) l[i] = 0.0;

@@ -3,7 +3,6 @@
 
 namespace rwa {
 namespace {
-constexpr int64_t BLOCK = 64;  // slots of a block: a multiple of STRIDE, so that its statistics read no sample
 // Stretches in which the friction is compared with the angle: long enough that a ripple of half the noise's standard
 // deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
 // coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
@@ -19,9 +18,8 @@ constexpr double LARGEST_GAP = 0.1;  // of the nominal speed
 // each stretch shows a harmonic at the same turns: of slower ones, jumps would add up to a ripple.
 constexpr double SLOWEST_TURNS = 4.0 / STRETCH;
 
-constexpr double PI = 3.141592653589793;
 // A quarter of a turn in two parts, of which the first has so few digits that any whole multiple of it is exact.
-constexpr double QUARTER_HIGH = static_cast<float>(0.5 * PI), QUARTER_LOW = 0.5 * PI - QUARTER_HIGH;
+constexpr double QUARTER_HIGH = static_cast<float>(0.5 * M_PI), QUARTER_LOW = 0.5 * M_PI - QUARTER_HIGH;
 
 // (-1)ⁿ/(2n + 1)! and (-1)ⁿ/(2n)!, the highest power first; the next ones are below 1e-16 at an eighth of a turn.
 constexpr double SINE_TERMS[] = {-1.0 / 1307674368000.0, 1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0,
@@ -35,15 +33,15 @@ constexpr double COSINE_TERMS[] = {1.0 / 20922789888000.0, -1.0 / 87178291200.0,
 // of the angle.
 VECTORISED void rotations(
     const double* __restrict angle, int64_t n, double* __restrict cosine, double* __restrict sine) {
-    for (int64_t k = 0; k < n; ++k) {
-        const double quarters = rint(angle[k] * (2.0 / PI));
+    for (int64_t k : range(n)) {
+        const double quarters = rint(angle[k] * (2.0 / M_PI));
         const double r = (angle[k] - quarters * QUARTER_HIGH) - quarters * QUARTER_LOW;
         const double y = r * r;
         double near_sine = SINE_TERMS[0], near_cosine = COSINE_TERMS[0];
 #pragma GCC unroll 8
-        for (int term = 1; term < 8; ++term) near_sine = near_sine * y + SINE_TERMS[term];
+        for (int64_t term : range(1, 8)) near_sine = near_sine * y + SINE_TERMS[term];
 #pragma GCC unroll 8
-        for (int term = 1; term < 9; ++term) near_cosine = near_cosine * y + COSINE_TERMS[term];
+        for (int64_t term : range(1, 9)) near_cosine = near_cosine * y + COSINE_TERMS[term];
         near_sine *= r;
         const double place = quarters - 4.0 * floor(0.25 * quarters);  // 0, 1, 2 or 3
         const bool odd = (place == 1.0) | (place == 3.0);
@@ -54,7 +52,7 @@ VECTORISED void rotations(
 
 // The sum of each column of (SIDE, SIDE), all columns side by side and no addition after all.
 inline void add_up_columns(const double* square, double* sums) {
-    for (int64_t c = 0; c < SIDE; ++c) {
+    for (int64_t c : range(SIDE)) {
         const auto at = [&](int64_t row) { return square[row * SIDE + c]; };
         sums[c] = (((at(0) + at(1)) + (at(2) + at(3))) + ((at(4) + at(5)) + (at(6) + at(7)))) +
                   (((at(8) + at(9)) + (at(10) + at(11))) + ((at(12) + at(13)) + (at(14) + at(15))));
@@ -64,10 +62,9 @@ inline void add_up_columns(const double* square, double* sums) {
 // 2|Σ e exp(ihθ)|² / Σ e² of each harmonic h, e the friction of a stretch less a straight line in time; harmonics
 // slower than SLOWEST_TURNS are left as they are.
 VECTORISED void ripple_power(const double* x, const double* z, double angle_per_x, double* power, int64_t harmonics) {
-    constexpr double MIDDLE = 0.5 * (STRETCH - 1);
     double mean = 0.0, tilt = 0.0, spread = 0.0;
-    for (int64_t k = 0; k < STRETCH; ++k) {
-        const double time = k - MIDDLE;
+    for (int64_t k : range(STRETCH)) {
+        const double time = k - 0.5 * (STRETCH - 1);
         mean += z[k];
         tilt += time * z[k];
         spread += time * time;
@@ -76,28 +73,28 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
     tilt /= spread;
     double angle[STRETCH], c[STRETCH], s[STRETCH], real[STRETCH], imaginary[STRETCH];
     angle[0] = 0.0;
-    for (int64_t k = 1; k < STRETCH; ++k) angle[k] = angle[k - 1] + 0.5 * (x[k - 1] + x[k]) * angle_per_x;
+    for (int64_t k : range(1, STRETCH)) angle[k] = angle[k - 1] + 0.5 * (x[k - 1] + x[k]) * angle_per_x;
     rotations(angle, STRETCH, c, s);
     double energy = 0.0;
-    for (int64_t k = 0; k < STRETCH; ++k) {
-        const double e = z[k] - mean - tilt * (k - MIDDLE);
+    for (int64_t k : range(STRETCH)) {
+        const double e = z[k] - mean - tilt * (k - 0.5 * (STRETCH - 1));
         energy += e * e;
         real[k] = e * c[k];
         imaginary[k] = e * s[k];
     }
-    for (int64_t h = 0; h < harmonics; ++h) {
+    for (int64_t h : range(harmonics)) {
         double real_sums[SIDE], imaginary_sums[SIDE];
         add_up_columns(real, real_sums);
         add_up_columns(imaginary, imaginary_sums);
-        for (int64_t k = 0; k < STRETCH; ++k) {  // all turn on by one more harmonic
+        for (int64_t k : range(STRETCH)) {  // all turn on by one more harmonic
             const double turned = real[k] * c[k] - imaginary[k] * s[k];
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k];
             real[k] = turned;
         }
-        const double turns = (h + 1) * angle[STRETCH - 1] / (2.0 * PI * (STRETCH - 1));
+        const double turns = (h + 1) * angle[STRETCH - 1] / (2.0 * M_PI * (STRETCH - 1));
         if (abs(turns - rint(turns)) < SLOWEST_TURNS) continue;
         double r = 0.0, i = 0.0;
-        for (int64_t column = 0; column < SIDE; ++column) {
+        for (int64_t column : range(SIDE)) {
             r += real_sums[column];
             i += imaginary_sums[column];
         }
@@ -108,7 +105,7 @@ VECTORISED void ripple_power(const double* x, const double* z, double angle_per_
 // Runs of zeros, and those that end in a gap. `state` (5,), carried from piece to piece: zeros in a row, the first and
 // the second reading after them, zero runs and plateaus so far.
 void find_plateaus(Floats x, Flags good, double certain, Vector<double> state) {
-    for (int64_t k = 0; k < x.size(); ++k) {
+    for (int64_t k : range(x.size())) {
         if (state[0] == 0.0 && x[k] != 0.0) continue;
         if (good[k] && x[k] == 0.0) {
             state[0] += 1.0;
@@ -155,7 +152,7 @@ void extend_structure(
     for (int64_t first = start; first < stop;) {
         const int64_t block = first / BLOCK, end = min((block + 1) * BLOCK, stop), n = end - first;
         if (!std::equal(&good[first], &good[first] + n, &used[first])) {  // in few blocks, as the next
-            for (int64_t k = first; k < end; ++k) {
+            for (int64_t k : range(first, end)) {
                 if (!good[k] || used[k] || !(motion[k] > certain)) continue;
                 arrays.near_zero(0, block) += 1.0;
                 arrays.near_zero(1, block) += x[k];

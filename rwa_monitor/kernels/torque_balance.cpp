@@ -13,16 +13,16 @@ constexpr double CLEAR_STDS = 3.0;       // by which that share must be above no
 
 // How much of a shape a speed holds beside a polynomial, its standard deviation, that of what is left.
 struct Share {
-    double share = 0.0, std = INFINITE, left_over = 0.0;
+    double share = 0.0, std = INFINITY, left_over = 0.0;
 };
 
 // Fill in `result` where the parabola through the samples that are left determines the slope well enough.
 void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, double max_variance_ratio) {
     const double full = (half * (half + 1) * (2 * half + 1)) / 3.0;  // Σ j² of a whole stencil: 1 / variance
-    for (int64_t k = half; k < speed.size() - half; ++k) {
+    for (int64_t k : range(half, speed.size() - half)) {
         if (!isnan(result[k]) || isnan(speed[k])) continue;
         double n = 0.0, s1 = 0.0, s2 = 0.0, s3 = 0.0, s4 = 0.0, y = 0.0, jy = 0.0, jjy = 0.0;
-        for (int64_t i = -half; i <= half; ++i) {
+        for (int64_t i : range(-half, half + 1)) {
             const double value = speed[k + i] - speed[k], j = i;
             if (isnan(value)) continue;
             n += 1.0, s1 += j, s2 += j * j, s3 += j * j * j, s4 += j * j * j * j;
@@ -50,7 +50,7 @@ double noise_of(Floats torque, NewFloats& differences) {
         if (step > largest) largest = step, at = i;
     }
     differences.clear();
-    for (int64_t i = 0; i < n - 4; ++i) {
+    for (int64_t i : range(n - 4)) {
         const double outer = torque[i + 4] + torque[i], inner = torque[i + 3] + torque[i + 1];
         const double difference = abs(outer - 4.0 * inner + 6.0 * torque[i + 2]);
         if (isnan(difference)) continue;
@@ -68,13 +68,13 @@ std::pair<double, double> error_of_parabola(Floats torque, Floats weights) {
     const int64_t half = weights.size();
     const double n = torque.size(), mean_square = (half * (half + 1)) / 3.0;  // of j
     double level = 0.0, slope = 0.0, curvature = 0.0, squares = 0.0, spread = 0.0, average = 0.0;
-    for (int64_t i = -half; i <= half; ++i) {
+    for (int64_t i : range(-half, half + 1)) {
         const double j = i, off_mean = j * j - mean_square;
         const double value = torque[half + i] - torque[half];
         level += value, slope += j * value, curvature += off_mean * value;
         squares += value * value, spread += off_mean * off_mean;
     }
-    for (int64_t i = 0; i < half; ++i) average += weights[i] * (i * i + (i + 1) * (i + 1));
+    for (int64_t i : range(half)) average += weights[i] * (i * i + (i + 1) * (i + 1));
     if (isnan(curvature) || n < 5.0) return {0.0, 0.0};
     const double left =
         squares - level * level / n - slope * slope / (n * mean_square) - curvature * curvature / spread;
@@ -85,7 +85,7 @@ std::pair<double, double> error_of_parabola(Floats torque, Floats weights) {
 double slope_of(Floats speed) {
     const int64_t middle = speed.size() / 2;
     double n = 0.0, j1 = 0.0, j2 = 0.0, v0 = 0.0, v1 = 0.0;
-    for (int64_t i = 0; i < speed.size(); ++i) {
+    for (int64_t i : range(speed.size())) {
         const double value = speed[i] - speed[middle], j = i - middle;
         if (isnan(value)) continue;
         n += 1.0, j1 += j, j2 += j * j;
@@ -102,14 +102,14 @@ double dot(const NewFloats& a, const NewFloats& b) {
 // Take out of `values` what they hold of a unit vector.
 void project_out(const NewFloats& unit, NewFloats& values) {
     const double amount = dot(unit, values);
-    for (std::size_t i = 0; i < unit.size(); ++i) values[i] -= amount * unit[i];
+    for (int64_t i : range(unit.size())) values[i] -= amount * unit[i];
 }
 
 // How much of a shape a speed holds beside a polynomial of this degree.
 Share share_beside(int degree, Floats shape, Floats speed) {
     NewFloats place, bent, beside;
     double origin = 0.0;
-    for (int64_t i = 0; i < speed.size(); ++i) {
+    for (int64_t i : range(speed.size())) {
         if (isnan(speed[i])) continue;
         if (place.empty()) origin = speed[i];
         place.push_back((i - 0.5 * (shape.size() - 1)) / shape.size());
@@ -119,7 +119,7 @@ Share share_beside(int degree, Floats shape, Floats speed) {
     const double freedom = place.size() - degree - 2.0;
     if (freedom < 1.0) return {};
     vector<NewFloats> powers;  // orthonormal
-    for (int exponent = 0; exponent <= degree; ++exponent) {
+    for (int64_t exponent : range(degree + 1)) {
         NewFloats power;
         for (double p : place) power.push_back(pow(p, exponent));
         for (const auto& lower : powers) project_out(lower, power);
@@ -127,12 +127,12 @@ Share share_beside(int degree, Floats shape, Floats speed) {
         for (auto& value : power) value /= length;
         project_out(power, bent);
         project_out(power, beside);
-        powers.push_back(std::move(power));
+        powers.push_back(move(power));
     }
     const double energy = dot(bent, bent);
     if (energy <= 0.0) return {};
     const double share = dot(bent, beside) / energy;
-    for (std::size_t i = 0; i < bent.size(); ++i) beside[i] -= share * bent[i];
+    for (int64_t i : range(bent.size())) beside[i] -= share * bent[i];
     const double left_over = sqrt(dot(beside, beside) / freedom);
     return {share, left_over / sqrt(energy), left_over};
 }
@@ -146,13 +146,13 @@ void rounding_error(
     NewFloats shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
     const Vector<double> bend(shape);
     differences.reserve(2 * half + 1);
-    for (int64_t k = half; k < n - half; ++k) {
+    for (int64_t k : range(half, n - half)) {
         const double here = torque[k];
         if (isnan(here) || isnan(speed[k])) continue;
         const double* const t = torque.data + k;
         const Floats near_torque = torque.slice(k - half, k + half + 1);
         double off = 0.0, slope = 0.0;  // the torque less its average, by trapezoids; its mean step from slot to slot
-        for (int64_t i = 0; i < half; ++i) {
+        for (int64_t i : range(half)) {
             const double far = t[i + 1] + t[-i - 1], near = t[i] + t[-i], steps = t[i + 1] - t[i] + t[-i] - t[-i - 1];
             if (isnan(steps)) continue;
             off += weights[i] * (2.0 * here - 0.5 * (far + near));
@@ -160,7 +160,7 @@ void rounding_error(
         }
         // Where between its two samples a step of torque acts is not known: half a slot to either side.
         double uncertain = 0.0;
-        for (int64_t i = 0; i < half; ++i) {
+        for (int64_t i : range(half)) {
             const double right = t[i + 1] - t[i], left = t[-i] - t[-i - 1];
             if (isnan(right + left)) continue;
             const double most = max(abs(right - slope), abs(left - slope));
@@ -181,7 +181,7 @@ void rounding_error(
         }
         const int64_t aside = min({reach, k, n - 1 - k});
         bend[aside] = 0.0;
-        for (int64_t i = 0; i < aside; ++i) {
+        for (int64_t i : range(aside)) {
             const double right = 0.5 * (t[i] + t[i + 1]) - here, left = 0.5 * (t[-i] + t[-i - 1]) - here;
             bend[aside + i + 1] = bend[aside + i] + (isnan(right) ? 0.0 : per_torque * right);
             bend[aside - i - 1] = bend[aside - i] - (isnan(left) ? 0.0 : per_torque * left);

@@ -5,8 +5,8 @@
 
 namespace rwa {
 namespace {
-constexpr int64_t STRETCH = 512;   // slots that are evaluated in one go at most; a multiple of STEP
-constexpr std::size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
+constexpr int64_t STRETCH = CHUNK / 2;  // slots that are evaluated in one go at most; a multiple of BLOCK
+constexpr size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
 constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
 constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
@@ -18,13 +18,13 @@ void fill_prefix(
     const int64_t earliest = max<int64_t>(0, chunk - HISTORY);
     if (start == chunk) {
         begin = earliest;
-        for (int64_t row = 0; row < PREFIXES; ++row) {
+        for (int64_t row : range(PREFIXES)) {
             fill_n(&prefix(row, 0), HISTORY + begin - chunk + 1, 0.0);
         }
     }
     // The centre is the first used sample that the sums of this chunk may hold.
     double x_centre = 0.0, z_centre = 0.0;
-    for (int64_t k = earliest; k < stop; ++k) {
+    for (int64_t k : range(earliest, stop)) {
         if (used[k]) {
             x_centre = x[k];
             z_centre = z[k];
@@ -33,17 +33,17 @@ void fill_prefix(
     }
     double* at[PREFIXES];
     double sums[PREFIXES];
-    for (int64_t row = 0; row < PREFIXES; ++row) {
+    for (int64_t row : range(PREFIXES)) {
         at[row] = &prefix(row, HISTORY + begin - chunk);
         sums[row] = *at[row];
     }
-    for (int64_t k = begin; k < stop; ++k) {
+    for (int64_t k : range(begin, stop)) {
         if (used[k]) {
             const double u = x[k] - x_centre, e = (z[k] - z_centre) - slope * u;
             const double terms[PREFIXES] = {1.0, u, e, u * u, u * e};
-            for (int64_t row = 0; row < PREFIXES; ++row) sums[row] += terms[row];
+            for (int64_t row : range(PREFIXES)) sums[row] += terms[row];
         }
-        for (int64_t row = 0; row < PREFIXES; ++row) *++at[row] = sums[row];
+        for (int64_t row : range(PREFIXES)) *++at[row] = sums[row];
     }
 }
 
@@ -57,7 +57,7 @@ ALWAYS_INLINE void evaluate_slots(
     const double* __restrict xx = e + width;
     const double* __restrict xe = xx + width;
     const double all = w, need = max(1.0, 0.5 * all);
-    for (int64_t j = 0; j < count; ++j) {
+    for (int64_t j : range(count)) {
         const double nl = AllUsed ? all : n[j] - n[j - w], nr = AllUsed ? all : n[j + w] - n[j];
         const double left_share = 1.0 / max(nl, 1.0), right_share = 1.0 / max(nr, 1.0);
         const double xl = x[j] - x[j - w], xr = x[j + w] - x[j];
@@ -90,7 +90,7 @@ VECTORISED void evaluate(
 // Whether any value is above the floor.
 VECTORISED bool exceeds(const double* values, int64_t count, double floor) {
     int64_t above = 0;
-    for (int64_t j = 0; j < count; ++j) above |= values[j] > floor;
+    for (int64_t j : range(count)) above |= values[j] > floor;
     return above != 0;
 }
 
@@ -108,12 +108,6 @@ void count_bins(int64_t* histogram, const double* statistic, int64_t first, int6
     }
 }
 
-// What `scan` has evaluated of one scale.
-struct Evaluated {
-    int64_t first_right = 0;  // the first slot's end k + w
-    bool above = false;       // whether any statistic is above the floor
-};
-
 }  // namespace
 
 Detector::Detector(Integers half_widths)
@@ -122,7 +116,7 @@ Detector::Detector(Integers half_widths)
     // Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
     double most = 0.0;
     for (int64_t w : scales) most += 2.0 * CHUNK / (w + 1);
-    chunk_peaks = static_cast<std::size_t>(std::ceil(most)) + 2 * scales.size();
+    chunk_peaks = static_cast<size_t>(std::ceil(most)) + 2 * scales.size();
 #ifdef RWA_ONBOARD
     peaks.reserve(MOST_PEAKS);
 #endif
@@ -132,7 +126,7 @@ Detector::Detector(Integers half_widths)
 // ±w of it: the larger of the two stays.
 void Detector::keep(
     const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor) {
-    for (int64_t j = 0; j < count; ++j) {
+    for (int64_t j : range(count)) {
         if (statistic[j] <= floor) continue;
         const ScannedPeak peak{scale, first + j, statistic[j], jump[j], false};
         int64_t& last = open[scale][jump[j] > 0.0];
@@ -149,7 +143,7 @@ void Detector::keep(
 
 // List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned.
 void Detector::confirm(int64_t stop, Floats sure) {
-    for (std::size_t p = settled; p < peaks.size(); ++p) {
+    for (int64_t p : range(settled, peaks.size())) {
         ScannedPeak& peak = peaks[p];
         if (peak.final || peak.index + 2 * scales[peak.scale] > stop) continue;  // the last slot with a statistic
         peak.final = true;
@@ -162,19 +156,19 @@ void Detector::confirm(int64_t stop, Floats sure) {
 void Detector::prune(Floats variances) {
     NewFloats strength;
     for (const ScannedPeak& peak : peaks) {
-        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITE);
+        strength.push_back(peak.final ? peak.statistic / variances[peak.scale] : INFINITY);
     }
     for (const auto& of_scale : open) {
         for (int64_t last : of_scale) {
-            if (last >= 0) strength[last] = INFINITE;
+            if (last >= 0) strength[last] = INFINITY;
         }
     }
     NewIntegers kept(peaks.size()), place(peaks.size(), -1);
     iota(kept.begin(), kept.end(), 0);
-    sort(kept.begin(), kept.end(), [&](int64_t a, int64_t b) { return tie(strength[b], a) < tie(strength[a], b); });
+    sort(kept, [&](int64_t a, int64_t b) { return tie(strength[b], a) < tie(strength[a], b); });
     kept.resize(peaks.size() / 2);
-    sort(kept.begin(), kept.end());
-    for (std::size_t i = 0; i < kept.size(); ++i) {
+    sort(kept);
+    for (int64_t i : range(kept.size())) {
         peaks[i] = peaks[kept[i]];
         place[kept[i]] = i;
     }
@@ -190,28 +184,28 @@ void Detector::scan(
     confirmed.clear();
     const int64_t count_scales = scales.size(), room = min(STRETCH, max<int64_t>(stop - start, 0));
     NewFloats values(2 * count_scales * room);
-    vector<Evaluated> evaluated(count_scales);
+    vector<char> above(count_scales);  // whether any statistic of the stretch is above the scale's floor
     for (int64_t begin = start, end; begin < stop; begin = end) {
         const int64_t chunk = begin - begin % CHUNK;
         // Only where a chunk begins: what is left out must not depend on how slots arrive.
         if (begin == chunk && peaks.size() + chunk_peaks > MOST_PEAKS) prune(settings.variances);
         end = min({begin + STRETCH, chunk + CHUNK, stop});
         fill_prefix(prefix, x, z, used, chunk, begin, end, settings.slope);
-        for (int64_t s = 0; s < count_scales; ++s) {
+        for (int64_t s : range(count_scales)) {
             const int64_t w = scales[s], right = max(begin + 1, 2 * w), count = end - right + 1;
-            evaluated[s] = {right, false};
+            above[s] = false;
             if (count <= 0) continue;
             double* const statistic = &values[2 * s * room];
             evaluate(prefix, HISTORY + right - chunk, w, settings.weight, count, statistic, statistic + room);
-            evaluated[s].above = exceeds(statistic, count, settings.floors[s]);  // in few stretches
+            above[s] = exceeds(statistic, count, settings.floors[s]);  // in few stretches
             if (counting) count_bins(&histogram(s, 0), statistic, right - w, count, counted_every(w));
         }
-        for (int64_t step = begin; step < end; step += STEP) {
-            const int64_t step_end = min(step + STEP, end);
-            for (int64_t s = 0; s < count_scales; ++s) {
-                if (!evaluated[s].above) continue;
-                const int64_t w = scales[s], right = max(step + 1, evaluated[s].first_right);
-                const double* statistic = &values[2 * s * room] + (right - evaluated[s].first_right);
+        for (int64_t step = begin; step < end; step += BLOCK) {
+            const int64_t step_end = min(step + BLOCK, end);
+            for (int64_t s : range(count_scales)) {
+                if (!above[s]) continue;
+                const int64_t w = scales[s], first = max(begin + 1, 2 * w), right = max(step + 1, first);
+                const double* statistic = &values[2 * s * room] + (right - first);
                 keep(statistic, statistic + room, right - w, step_end + 1 - right, s, settings.floors[s]);
             }
             confirm(step_end, settings.sure);
@@ -225,7 +219,7 @@ vector<Peak> Detector::above(double threshold, Floats variances) const {
         const double statistic = value / variances[scale];
         if (statistic >= threshold) found.push_back({index, scales[scale], statistic, jump});
     }
-    sort(found.begin(), found.end(), [](const Peak& a, const Peak& b) {
+    sort(found, [](const Peak& a, const Peak& b) {
         return tie(a.index, a.scale) < tie(b.index, b.scale);
     });
     return found;
@@ -242,16 +236,16 @@ tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, 
         if (right > stop) continue;
         const int64_t first = right - scale, count = stop + 1 - right;
         evaluate(prefix, HISTORY + right - chunk, scale, weight, count, &statistic[first], &jump[first]);
-        for (int64_t k = first; k < first + count; ++k) {
+        for (int64_t k : range(first, first + count)) {
             if (statistic[k] == NOT_EVALUATED) statistic[k] = jump[k] = NAN;
         }
     }
-    return {std::move(statistic), std::move(jump)};
+    return {move(statistic), move(jump)};
 }
 
 #ifndef RWA_ONBOARD
 void bind_wglr(nanobind::module_& module) {
-    EXPORT(CHUNK, STEP, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
+    EXPORT(CHUNK, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
     nanobind::class_<Detector>(module, "Detector")
         .def(nanobind::init<Integers>())
         .def("scan", &Detector::scan);

@@ -20,7 +20,6 @@ from typing import Final
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CHUNK: Final[int]
-STEP: Final[int]
 MAX_SCALE: Final[int]
 MOST_PEAKS: Final[int]
 BINS: Final[int]
@@ -48,7 +47,7 @@ class Detector:
         x, z, used
             (slots,), the window's samples; read from 2 · MAX_SCALE slots before `start` on.
         start, stop
-            The new slots; both multiples of STEP, but for a window's last slot. The statistic of scale w is evaluated
+            The new slots; both multiples of BLOCK, but for a window's last slot. The statistic of scale w is evaluated
             at k = t - w for every new t, the end of its right half.
         counting
             Whether to add to the histogram (not when slots are scanned a second time).

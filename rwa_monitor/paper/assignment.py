@@ -6,12 +6,9 @@ that is not scored. A changepoint is rejected at the cost of merging its two int
 which assumes that every system rests at least once in the window.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,17 +23,16 @@ from rwa_monitor.changepoints.stage_results import (
 from rwa_monitor.paper.detection import SCALE, Signal
 from rwa_monitor.paper.estimation import estimate
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.assignment import BUDGET
 from rwa_monitor.wheel.durations import DurationLaw
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
-STATE_CAP: Final = 2000  # states kept per changepoint: the paper's number "may increase exponentially"
 OPTIMISTIC_GRID: Final = 257  # times before the window that are tried for the first sojourn
 LOG_IMPOSSIBLE: Final = -50.0  # of a duration outside its hard support, where there is no other way
 NOT_YET: Final = -1  # in place of a candidate: the system has not jumped in the window
 
 
-@dataclass(frozen=True, slots=True)
-class _Tables:
+class _Tables(NamedTuple):
     """Log-probabilities of one system, by configuration and candidate; `since` NOT_YET is the last row.
 
     Attributes
@@ -65,7 +61,7 @@ def assign(
     noise: NoiseEstimate,
     wheel: Wheel,
     *,
-    limit: int = STATE_CAP,
+    limit: int = BUDGET,
     hard: bool = False,
     w: int = SCALE,
 ) -> tuple[Assignment, Estimate]:
@@ -80,7 +76,7 @@ def assign(
     wheel
         Its wheel.
     limit
-        States kept per changepoint.
+        States kept per changepoint: the paper's number "may increase exponentially".
     hard
         Whether to keep to the hard duration laws as printed, also where no sequence of jumps is possible under them.
     w

@@ -4,8 +4,6 @@ On the coefficient itself, or on the histogram of a system's friction (errata 13
 only: a diagnosis takes no more than an inner product.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final
 

@@ -13,16 +13,15 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.changepoints.estimation import nominal_viscous
-from rwa_monitor.changepoints.noise import chi_variance
+from rwa_monitor.changepoints.noise import FALSE_POSITIVE, chi_variance
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
+from rwa_monitor.kernels.evidence import SMALLEST_WEIGHT
 from rwa_monitor.kernels.noise import SMALLEST_STD, lean
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
 SCALE: Final = 20  # w [samples]: the worked example of section V-A, see docs/paper.md, "Half-width"
 WEIGHT: Final = 1e-4  # W_b, in the paper's units (errata 3)
-NO_WEIGHT: Final = 1e-12  # W_b where nothing is known of the viscous coefficient: keeps 0/0 away
-FALSE_POSITIVE: Final = 1e-9  # probability of one at a sample
 THRESHOLD: Final = float(special.chdtri(1, FALSE_POSITIVE))  # GLR_thr / σ²
 
 
@@ -65,7 +64,7 @@ def detect(
         Half-width [samples], and GLR_thr / σ².
     """
     nominal = nominal_viscous(wheel)
-    statistic = wglr(signal, slope=nominal or 0.0, w=w, weight=NO_WEIGHT if nominal is None else WEIGHT)
+    statistic = wglr(signal, slope=nominal or 0.0, w=w, weight=SMALLEST_WEIGHT if nominal is None else WEIGHT)
     return maxima_of_runs(statistic / contrast_variance(statistic, noise, w), threshold)
 
 

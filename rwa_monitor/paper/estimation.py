@@ -4,25 +4,20 @@ HᵀH is an arrow: the number of samples n_i of each interval on its diagonal, �
 the corner. So f_v follows from the sums about the intervals' means, and F_i from f_v (errata 6).
 """
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.noise import mean_variance_factor
+from rwa_monitor.changepoints.noise import FALSE_POSITIVE, mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Estimate, NoiseEstimate
-from rwa_monitor.paper.detection import FALSE_POSITIVE, SCALE, Signal
+from rwa_monitor.paper.detection import SCALE, Signal
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-MOST_OF_INTERVAL: Final = 4  # but no more than one in so many samples of an interval, at each end of it
 LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and shows no f_v
 
 
-@dataclass(frozen=True, slots=True)
-class Intervals:
+class Intervals(NamedTuple):
     """What the estimation hands on of N_cp changepoints.
 
     Attributes
@@ -65,7 +60,7 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
     mean_variance = noise.std**2 * mean_variance_factor(noise, n) / n
     level_std = np.sqrt(mean_variance + _times(x_mean, slope_std) ** 2)
     jump_std = np.sqrt(mean_variance[:-1] + mean_variance[1:] + _times(np.diff(x_mean), slope_std) ** 2)
-    rmse = float(np.sqrt(np.mean((z_apart - slope * x_apart) ** 2))) if x.size else 0.0
+    rmse = math.sqrt(np.mean((z_apart - slope * x_apart) ** 2)) if x.size else 0.0
     # The level of an interval without samples: that of the last one before it that has some, or of the first.
     shown = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     both = seen[:-1] & seen[1:]
@@ -85,6 +80,8 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
 def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:
     """Return the used samples outside Δk_error around each changepoint; of an interval that has no other, all of them.
 
+    At each end of an interval no more than a quarter of it is left out.
+
     Parameters
     ----------
     used, interval
@@ -97,8 +94,8 @@ def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> Bo
     far = used.copy()
     edges = np.concatenate(([0], index, [used.size]))
     for first, at, end in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):
-        left = min(error, (at - first) // MOST_OF_INTERVAL)
-        right = min(error, (end - at) // MOST_OF_INTERVAL)
+        left = min(error, (at - first) // 4)
+        right = min(error, (end - at) // 4)
         far[at - left : at + right] = False
     left_over = np.bincount(interval[far], minlength=index.size + 1)
     return np.where(left_over[interval] > 0, far, used)

@@ -4,8 +4,6 @@ The paper ends at θ̂, the anomalies of a window. What a diagnosis holds beside
 explanations) is that of the default method. What earlier windows show is not used, and passes through unchanged.
 """
 
-from __future__ import annotations
-
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.adequacy import check
 from rwa_monitor.diagnosis.classification import unjudged

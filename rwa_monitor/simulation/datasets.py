@@ -4,22 +4,19 @@ A recipe draws a wheel of its own (duration laws, healthy friction), then a scen
 comes from one seed; the i-th record of a dataset depends on the seed and on i only, never on how many are asked for.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any, Final
 
 import numpy as np
+from numpy.random import Generator
 
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, cut, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Base, Fault, FrictionNoise, Scenario, Sensors, Temperature
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Histogram, Lognormal, Uniform, Weibull
-from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K
 from rwa_monitor.wheel.wheel import EffectBlock, FrictionRange, SwitchingSystem, Wheel, built_in_wheel
 
 # Severities: the factor of each anomaly on what is nominal (dry and viscous coefficients, friction of a system).
@@ -47,7 +44,6 @@ HARD_AR_COEFFICIENT: Final = 0.5
 HARD_GAPS: Final = (1, 4)  # gaps a window, both included
 HARD_GAP_S: Final = (1.0, 60.0)  # s: a lost packet to a short outage
 HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly; each of its combinations occurs
-DERIVED_SPEED_NOISE_RAD_S: Final = 0.01
 FLEET_WINDOWS: Final = 24  # windows in the life of one wheel
 FLEET_ONSET: Final = (0.1, 0.5)  # share of that life after which its anomaly begins to grow
 FLEET_SEVERITIES: Final = {name: 1.0 + 1.5 * (mild - 1.0) for name, mild in MILD_SEVERITIES.items()}  # at its end
@@ -61,7 +57,6 @@ SEASON_K: Final = 15.0
 ACTIVATION_K: Final = (1700.0, 6900.0)
 SENSOR_LAG_S: Final = (300.0, 1200.0)  # s, tens of minutes at most for a wheel of a few kilograms
 MEAN_DEGC: Final = 20.0
-SEASONS: Final = 31  # temperatures of a year, at which its recordings were made
 # `flown`: noise as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to
 # 0.98 after the law that was found, spread up to three times larger at speed, 3.5 to 12 degrees of freedom), taken to
 # the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No record at hand is long
@@ -108,7 +103,7 @@ class LabelledWindow:
 
 
 # Wheel, its number, windows of its life, generator → what happens to it.
-DrawScenario = Callable[[Wheel, int, int, np.random.Generator], Scenario]
+DrawScenario = Callable[[Wheel, int, int, Generator], Scenario]
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,16 +120,13 @@ class Recipe:
         Draws what happens to a wheel; gets its number, by which statuses alternate, and the windows of its life.
     windows
         Windows in the life of one wheel; each is a record of its own.
-    seen
-        What of a simulated window is handed out.
     """
 
     name: str
     description: str
-    wheel: Callable[[np.random.Generator], Wheel]
+    wheel: Callable[[Generator], Wheel]
     scenario: DrawScenario
     windows: int = 1
-    seen: Callable[[LabelledWindow], LabelledWindow] = lambda window: window
 
 
 def generate(recipe: str | Recipe, count: int, seed: int, *, windows: int | None = None) -> Iterator[LabelledWindow]:
@@ -186,7 +178,7 @@ def wheel_windows(
     scenario = recipe.scenario(wheel, number, life, rng)
     record = simulate(scenario, wheel, rng)
     if life == 1:
-        yield recipe.seen(LabelledWindow(wheel.name, wheel, scenario, record))
+        yield LabelledWindow(wheel.name, wheel, scenario, record)
         return
     samples, anomalies = wheel.window.samples, scenario.anomalies
     for window in range(life):
@@ -197,7 +189,7 @@ def wheel_windows(
         labels = dict.fromkeys(wheel.anomalies, False)
         labels |= {name: bool(anomaly.share_at(middle_s) >= LABEL_SHARE) for name, anomaly in anomalies.items()}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
-        yield recipe.seen(LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece))
+        yield LabelledWindow(f"{wheel.name}_{window:03d}", wheel, scenario, piece)
 
 
 # ---- wheels ----------------------------------------------------------------------------------------------------------
@@ -229,12 +221,12 @@ def scaled_wheel(wheel: Wheel, factor: float) -> Wheel:
     return wheel.model_copy(update={"fss": systems})
 
 
-def _example_wheel(rng: np.random.Generator) -> Wheel:
+def _example_wheel(rng: Generator) -> Wheel:
     """Examples 1 and 2 of the paper, with durations of this wheel's own."""
     return scaled_wheel(built_in_wheel(), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
 
 
-def _hard_wheel(rng: np.random.Generator) -> Wheel:
+def _hard_wheel(rng: Generator) -> Wheel:
     """Three systems with small jumps and duration laws of three kinds."""
     wheel = built_in_wheel()
     assert wheel.nominal is not None
@@ -261,7 +253,7 @@ def _hard_wheel(rng: np.random.Generator) -> Wheel:
     return scaled_wheel(wheel.model_copy(update={"fss": systems}), 1.0 / rng.uniform(*PAPER_JUMP_RATE))
 
 
-def _heated_wheel(rng: np.random.Generator) -> Wheel:
+def _heated_wheel(rng: Generator) -> Wheel:
     """The same with a lubricant, and a sensor beside the bearing."""
     wheel = _example_wheel(rng)
     assert wheel.nominal is not None
@@ -276,38 +268,16 @@ def _heated_wheel(rng: np.random.Generator) -> Wheel:
     return wheel.model_copy(update={"effect": (law,)})
 
 
-def _without_temperature(window: LabelledWindow) -> LabelledWindow:
-    """Return a window whose temperature nobody measured, with the wheel file that recordings of all seasons show."""
-    wheel = window.wheel
-    (law,) = viscous_effects(wheel)
-    assert wheel.nominal is not None
-    year_K = MEAN_DEGC + np.linspace(-SEASON_K, SEASON_K, SEASONS) + ZERO_CELSIUS_K
-    factor = np.exp(law.values["activation_temperature_K"] * (1.0 / year_K - 1.0 / REFERENCE_K))
-    mean = float(np.mean(factor))
-    nominal = wheel.nominal.model_copy(
-        update={
-            "viscous_Nm_s_rad": mean * wheel.nominal.viscous_Nm_s_rad,
-            "viscous_spread": float(np.std(factor)) / mean,
-        }
-    )
-    samples = replace(window.telemetry.samples, bearing_temperature_degC=None)
-    return replace(
-        window,
-        wheel=wheel.model_copy(update={"effect": (), "nominal": nominal}),
-        telemetry=replace(window.telemetry, samples=samples),
-    )
-
-
 # ---- scenarios -------------------------------------------------------------------------------------------------------
 
 
-def _base(rng: np.random.Generator) -> Base:
+def _base(rng: Generator) -> Base:
     """Draw where a healthy wheel's friction lies beside its averages."""
     dry, viscous = np.clip(rng.standard_normal(2), -BASE_CUT, BASE_CUT)
     return Base(dry=1.0 + BASE_DRY_STD * dry, viscous=1.0 + BASE_VISCOUS_STD * viscous)
 
 
-def _motion(kinds: tuple[ProfileKind, ...], rng: np.random.Generator) -> SpeedProfile:
+def _motion(kinds: tuple[ProfileKind, ...], rng: Generator) -> SpeedProfile:
     return SpeedProfile(kind=kinds[rng.integers(len(kinds))])
 
 
@@ -324,7 +294,7 @@ def _window_s(wheel: Wheel) -> float:
 def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
     """Return the scenario of a wheel with at most one anomaly, in one direction of rotation or in both."""
 
-    def scenario(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+    def scenario(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
         return Scenario(
             duration_s=windows * _window_s(wheel),
             base=_base(rng),
@@ -336,7 +306,7 @@ def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
     return scenario
 
 
-def _fleet(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+def _fleet(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """A long life, in which the anomaly begins early or late and grows to the end."""
     scenario = _one_anomaly(FLEET_SEVERITIES)(wheel, number, windows, rng)
     onset = scenario.duration_s * rng.uniform(*FLEET_ONSET)
@@ -347,7 +317,7 @@ def _fleet(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) ->
     return scenario.model_copy(update={"anomalies": growing})
 
 
-def _hard(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """Any combination of anomalies, coloured noise, zero crossings, gaps."""
     del number
     active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
@@ -364,18 +334,14 @@ def _hard(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> 
     )
 
 
-def _orbit(swing_K: float, season_K: float) -> DrawScenario:
-    """Return the scenario of `mild` on a wheel whose bearing warms and cools in an orbit and over the year."""
-
-    def scenario(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
-        mild = _one_anomaly(MILD_SEVERITIES)(wheel, number, windows, rng)
-        mean_degC = MEAN_DEGC + season_K * rng.uniform(-1.0, 1.0)
-        return mild.model_copy(update={"temperature": Temperature(mean_degC=mean_degC, swing_K=swing_K)})
-
-    return scenario
+def _orbit(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
+    """The same as `mild`, on a wheel whose bearing warms and cools in an orbit and over the year."""
+    mild = _one_anomaly(MILD_SEVERITIES)(wheel, number, windows, rng)
+    mean_degC = MEAN_DEGC + SEASON_K * rng.uniform(-1.0, 1.0)
+    return mild.model_copy(update={"temperature": Temperature(mean_degC=mean_degC, swing_K=ORBIT_SWING_K)})
 
 
-def _gaps(wheel: Wheel, windows: int, rng: np.random.Generator) -> tuple[Fault, ...]:
+def _gaps(wheel: Wheel, windows: int, rng: Generator) -> tuple[Fault, ...]:
     """Draw the gaps of every window."""
     return tuple(
         Fault(kind="gap", start_s=(window + rng.random()) * _window_s(wheel), duration_s=rng.uniform(*HARD_GAP_S))
@@ -384,7 +350,7 @@ def _gaps(wheel: Wheel, windows: int, rng: np.random.Generator) -> tuple[Fault, 
     )
 
 
-def _flown(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """At most one anomaly of any size; noise, quanta, drift and gaps as measured, of each wheel its own."""
     assert wheel.nominal is not None
     excess = {name: 1.0 + rng.uniform(*bounds) for name, bounds in FLOWN_EXCESS.items()}
@@ -440,28 +406,13 @@ RECIPES: Final[Mapping[str, Recipe]] = {
             "derived",
             "as mild, with friction only from noisy speed and current",
             _example_wheel,
-            _one_anomaly(
-                MILD_SEVERITIES, friction_given=False, sensors=Sensors(speed_noise_rad_s=DERIVED_SPEED_NOISE_RAD_S)
-            ),
+            _one_anomaly(MILD_SEVERITIES, friction_given=False),
         ),
         Recipe(
             "orbit",
             "as mild, viscosity −2…−8 %/K, ±3 K an orbit and ±15 K over the year, bearing lagging its sensor",
             _heated_wheel,
-            _orbit(ORBIT_SWING_K, SEASON_K),
-        ),
-        Recipe(
-            "orbit_blind",
-            "as orbit, without a temperature: viscous friction is judged by its spread over the year",
-            _heated_wheel,
-            _orbit(ORBIT_SWING_K, SEASON_K),
-            seen=_without_temperature,
-        ),
-        Recipe(
-            "orbit_still",
-            "the wheels of orbit at one temperature of their surroundings",
-            _heated_wheel,
-            _orbit(0.0, 0.0),
+            _orbit,
         ),
         Recipe(
             "fleet",

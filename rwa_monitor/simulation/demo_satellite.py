@@ -12,13 +12,11 @@ that the demo does not send, and what drifts over more than a pass. No record wi
 `inertia_error` from `torque_constant_error`; either name is right.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
 from rwa_monitor.simulation.datasets import scaled_wheel
@@ -58,16 +56,14 @@ EFFECTS: Final = tuple(
 SAME: Final = (frozenset({"inertia_error", "torque_constant_error"}),)
 
 
-@dataclass(frozen=True, slots=True)
-class Hidden:
+class Hidden(NamedTuple):
     """A wheel with an effect that its wheel file lacks: name and parameters of the effect, and what the wheel sends."""
 
     effect: EffectBlock
     samples: Samples
 
 
-@dataclass(frozen=True, slots=True)
-class Satellite:
+class Satellite(NamedTuple):
     """What is published, and what is true.
 
     Attributes
@@ -144,7 +140,7 @@ def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: 
     return Satellite(wheel, telemetry, speed, start_ns, start_ns + round(onset_s * 1e9), hiding, hidden)
 
 
-def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: np.random.Generator) -> Hidden:
+def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: Generator) -> Hidden:
     """Draw an effect and simulate a wheel that has it.
 
     Parameters
@@ -177,7 +173,7 @@ def same(name: str, other: str) -> bool:
     return name == other or any({name, other} <= group for group in SAME)
 
 
-def _pass(wheel: Wheel, start_ns: int, rng: np.random.Generator, effect: EffectBlock) -> Samples:
+def _pass(wheel: Wheel, start_ns: int, rng: Generator, effect: EffectBlock) -> Samples:
     scenario = Scenario(
         duration_s=pass_s(wheel) - PAUSE_S,
         start_ns=start_ns,

@@ -6,13 +6,11 @@ time and brings its own derivative, so that torque and speed are consistent to r
 wheel's nominal speed until the end, all randomness comes from the generator passed in.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Final, Literal, get_args
+from typing import Annotated, Final, Literal, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 from pydantic import Field
 
 from rwa_monitor.errors import InputError
@@ -31,7 +29,7 @@ ACTIVITY_TONES: Final = 8  # enough lines that the activity does not repeat with
 ROUNDED: Final = 0.2  # share of a move over which the acceleration rises, and falls
 CURRENT_RESERVE: Final = 0.8  # share of the maximum current that a planned acceleration may take
 SPEED_RESERVE: Final = 0.97  # share of the maximum speed that a profile may reach
-AT_REST: Final = 1.0e-12  # of the nominal speed
+ROUNDING: Final = 1.0e-12  # relative: what is left where sums that should cancel do
 UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, where no maximum current is known
 
 
@@ -61,8 +59,7 @@ class SpeedProfile(Strict):
     activity: Annotated[float, Field(ge=0, le=0.1)] = 0.001
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """Speed and its derivative on a grid of times.
 
     Attributes
@@ -75,7 +72,7 @@ class Motion:
     acceleration_rad_s2: FloatArray
 
 
-def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: np.random.Generator) -> Motion:
+def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: Generator) -> Motion:
     """Draw a motion of the wheel.
 
     Parameters
@@ -108,7 +105,7 @@ def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: np.ran
     limit = wheel.limits.max_speed_rad_s
     plan.shrink_to(np.inf if limit is None else SPEED_RESERVE * limit / unit)
     # Moves that add up to nothing leave rounding errors; a wheel at rest has no direction.
-    plan.speed[np.abs(plan.speed) < AT_REST] = 0.0
+    plan.speed[np.abs(plan.speed) < ROUNDING] = 0.0
     return Motion(plan.speed * unit, plan.acceleration * unit)
 
 
@@ -179,7 +176,7 @@ class _Plan:
         self.speed[last:] += change
         self.acceleration[first:last] += change / duration * acceleration
 
-    def add_activity(self, rms: float, rng: np.random.Generator) -> None:
+    def add_activity(self, rms: float, rng: Generator) -> None:
         """Add the attitude loop's activity: a few tones of random period and phase."""
         if rms == 0.0:
             return
@@ -212,14 +209,14 @@ def _rounded_trapezoid(share: FloatArray) -> tuple[FloatArray, FloatArray]:
     return slope / total, np.where(share <= 0.5, area, total - area) / total
 
 
-def _orbit(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+def _orbit(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """Momentum swings through zero every half orbit; harmonics from gravity gradient and drag; slews on top."""
     swing = profile.scale * rng.uniform(0.55, 0.85)
     plan.add_constant(swing * rng.uniform(-0.3, 0.3))
     _add_orbits(plan, profile, rng, swing, (0.03, 0.12), 0.15)
 
 
-def _one_direction(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+def _one_direction(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """As in orbit, but biased so far that the wheel never comes near zero: the usual way to run a wheel."""
     direction = _direction(profile, rng)
     swing = profile.scale * rng.uniform(0.15, 0.25)
@@ -229,7 +226,7 @@ def _one_direction(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator)
     plan.add_constant(direction * slowest - direction * float(np.min(direction * plan.speed)))
 
 
-def _crossings(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+def _crossings(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """A plain swing about zero, one to two times in the record: two to five simple crossings."""
     swing = profile.scale * rng.uniform(0.6, 0.9)
     plan.add_constant(swing * rng.uniform(-0.2, 0.2))
@@ -237,7 +234,7 @@ def _crossings(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> 
     plan.add_activity(profile.activity, rng)
 
 
-def _rich(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+def _rich(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """Moves through a sequence of speeds in both directions, some slow and some fast, each followed by a dwell.
 
     The sequence holds the low speeds where boundary lubrication lives (1–10 % of nominal), so that dwells and slow
@@ -259,12 +256,12 @@ def _rich(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
     plan.add_activity(profile.activity, rng)
 
 
-def _constant(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+def _constant(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     plan.add_constant(_direction(profile, rng) * profile.scale)
     plan.add_activity(profile.activity, rng)
 
 
-def _from_rest(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+def _from_rest(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """At rest for a twentieth of the record, up, a dwell, down to rest. The loop is open at rest: no activity."""
     speed = _direction(profile, rng) * profile.scale
     plan.add_move(speed, 0.05 * plan.duration, plan.duration * rng.uniform(0.25, 0.35))
@@ -274,7 +271,7 @@ def _from_rest(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> 
 def _add_orbits(
     plan: _Plan,
     profile: SpeedProfile,
-    rng: np.random.Generator,
+    rng: Generator,
     swing: float,
     share: tuple[float, float],
     largest_slew: float,
@@ -297,12 +294,12 @@ def _add_orbits(
     plan.add_activity(profile.activity, rng)
 
 
-def _direction(profile: SpeedProfile, rng: np.random.Generator) -> float:
+def _direction(profile: SpeedProfile, rng: Generator) -> float:
     drawn = float(rng.choice([-1.0, 1.0]))  # drawn always, so that a fixed direction changes nothing else
     return float(profile.direction) or drawn
 
 
-_PROFILES: Final[dict[ProfileKind, Callable[[_Plan, SpeedProfile, np.random.Generator], None]]] = {
+_PROFILES: Final[dict[ProfileKind, Callable[[_Plan, SpeedProfile, Generator], None]]] = {
     "orbit": _orbit,
     "one_direction": _one_direction,
     "crossings": _crossings,
@@ -310,4 +307,3 @@ _PROFILES: Final[dict[ProfileKind, Callable[[_Plan, SpeedProfile, np.random.Gene
     "constant": _constant,
     "from_rest": _from_rest,
 }
-assert set(_PROFILES) == set(get_args(ProfileKind))

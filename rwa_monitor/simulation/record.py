@@ -5,24 +5,25 @@ noise → motor torque, current and voltage that the motion then needs → senso
 the same friction, so that K_T·I − J·dω/dt gives it back.
 """
 
-from __future__ import annotations
-
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import SECONDS_PER_HOUR, BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.simulation.motion import ORBIT_S, Motion, simulate_motion, wheel_angle
+from rwa_monitor.simulation.motion import ORBIT_S, ROUNDING, Motion, simulate_motion, wheel_angle
 from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import SPEED_NOISES, Wheel
 
 # A jump counts as visible when an oracle, given its place, its neighbours and the slope, finds it at six standard
 # deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises
@@ -127,14 +128,13 @@ def true_changepoints(
     systems: list[Realisation], used: BoolArray, torque_unit_Nm: float, long_run_std_Nm: float
 ) -> Changepoints:
     """Collect the jumps of all systems and report which of them can be seen."""
-    index = np.concatenate([np.zeros(0, dtype=np.int64), *(system.jump_index for system in systems)])
-    number = np.concatenate(
-        [np.zeros(0, dtype=np.int64), *(np.full(s.jump_index.size, k, dtype=np.int64) for k, s in enumerate(systems))]
+    jumps = sorted(
+        (slot, number, torque_unit_Nm * jump)
+        for number, system in enumerate(systems)
+        for slot, jump in zip(system.jump_index.tolist(), system.jump.tolist(), strict=True)
     )
-    jump = np.concatenate([np.zeros(0), *(torque_unit_Nm * system.jump for system in systems)])
-    order = np.lexsort((number, index))
-    index, number, jump = index[order], number[order], jump[order]
-    return with_information(index, number, jump, used, long_run_std_Nm)
+    index, number, jump = np.array(jumps).reshape(-1, 3).T.copy()
+    return with_information(index.astype(np.int64), number.astype(np.int64), jump, used, long_run_std_Nm)
 
 
 def with_information(
@@ -191,14 +191,11 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
 ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
 DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
 ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
-FALLBACK_DEAD_BAND: Final = 5.0  # speed noises: below, the measured sign of the speed is not the true one
-COUPLING_TOLERANCE: Final = 1.0e-12  # of the largest motor torque: where the loop friction ↔ motor torque has settled
 COUPLING_ROUNDS: Final = 100
 QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step
-LONG_RUN_SLOTS: Final = 64  # block from which the long-run noise is taken where a noise effect has shaped it
 
 
-def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Telemetry:
+def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     """Simulate one record of a wheel.
 
     Each part draws from a stream of its own, so that a change in one (another noise, one fault more) leaves the others
@@ -225,7 +222,7 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
     """
     scenario.check(wheel)
     slots = scenario.slots(wheel)
-    streams = _Streams(*rng.spawn(len(fields(_Streams))))
+    streams = _Streams(*rng.spawn(len(_Streams._fields)))
     motion = simulate_motion(scenario.speed, wheel, slots, streams.motion)
     parts = _friction_parts(scenario, wheel, motion, streams)
     noise = _friction_noise(scenario, wheel, parts, streams)
@@ -259,23 +256,21 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
     return Telemetry(samples[~missing], truth)
 
 
-@dataclass(frozen=True, slots=True)
-class _Streams:
+class _Streams(NamedTuple):
     """One generator for each part of the simulation."""
 
-    motion: np.random.Generator
-    temperature: np.random.Generator
-    systems: np.random.Generator
-    extra_systems: np.random.Generator
-    effects: np.random.Generator
-    noise: np.random.Generator
-    sensors: np.random.Generator
-    faults: np.random.Generator
-    drift: np.random.Generator
+    motion: Generator
+    temperature: Generator
+    systems: Generator
+    extra_systems: Generator
+    effects: Generator
+    noise: Generator
+    sensors: Generator
+    faults: Generator
+    drift: Generator
 
 
-@dataclass(frozen=True, slots=True)
-class _Parts:
+class _Parts(NamedTuple):
     """The friction and what it is made of; arrays (n,) as in Truth, `channels` as the effects see the wheel."""
 
     channels: Channels
@@ -288,8 +283,7 @@ class _Parts:
     friction: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class _Noise:
+class _Noise(NamedTuple):
     values: FloatArray
     std_Nm: float
     long_run_std_Nm: float
@@ -351,7 +345,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     return _Parts(channels, temperature, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
 
 
-def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: np.random.Generator) -> FloatArray:
+def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: Generator) -> FloatArray:
     """Return the random walk of base dry friction, relative to its average, float64 (n,)."""
     step = scenario.base.dry_drift_per_sqrt_h * np.sqrt(wheel.sample_period_s / SECONDS_PER_HOUR)
     walk: FloatArray = np.cumsum(step * rng.standard_normal(slots)) if step > 0.0 else np.zeros(slots)
@@ -427,7 +421,7 @@ def couple(
         motor = plain + np.sum(torques, axis=0)
         change = float(np.max(np.abs(motor - channels.motor_torque_Nm)))
         channels = replace(channels, motor_torque_Nm=motor)
-        if change <= COUPLING_TOLERANCE * float(np.max(np.abs(motor))):
+        if change <= ROUNDING * float(np.max(np.abs(motor))):
             break
     else:
         raise InputError(
@@ -465,7 +459,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
             speed = np.std(tachometer.read_speed(true) - true)
     current = np.hypot(sensors["current_noise_A"], sensors["current_quantum_A"] * QUANTUM_STD)
     derived = torque_balance.derived_noise_variance(wheel, float(speed), float(current))
-    return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
+    return _Noise(values, math.sqrt(std**2 + derived), math.sqrt(long_run**2 + derived))
 
 
 def _acting(scenario: Scenario, effects: Sequence[Effect]) -> list[Effect]:
@@ -487,10 +481,10 @@ def _read_speed(effects: Sequence[Effect], true: FloatArray, measured: FloatArra
 
 def _long_run_std(noise: FloatArray) -> float:
     """Return the standard deviation of block means times the root of the block's length [N m]."""
-    blocks = noise[: noise.size - noise.size % LONG_RUN_SLOTS].reshape(-1, LONG_RUN_SLOTS)
+    blocks = noise[: noise.size - noise.size % BLOCK].reshape(-1, BLOCK)
     if len(blocks) < 2:
         return float(np.std(noise))
-    return float(np.sqrt(LONG_RUN_SLOTS) * np.std(np.mean(blocks, axis=1)))
+    return float(np.sqrt(BLOCK) * np.std(np.mean(blocks, axis=1)))
 
 
 def _measure(
@@ -535,7 +529,7 @@ def _measure(
     return Samples(time_ns=time_ns, **channels)
 
 
-def measure(true: FloatArray, noise_std: float, quantum: float, rng: np.random.Generator) -> FloatArray:
+def measure(true: FloatArray, noise_std: float, quantum: float, rng: Generator) -> FloatArray:
     """Return a sensor's reading, float64 (n,): the truth plus white noise, rounded to the quantum."""
     return quantised(true + noise_std * rng.standard_normal(true.size), quantum)
 
@@ -547,7 +541,7 @@ def quantised(values: FloatArray, quantum: float) -> FloatArray:
 
 
 def bearing_temperature(
-    time_s: FloatArray, friction_power_W: FloatArray, rng: np.random.Generator, given: Temperature | None = None
+    time_s: FloatArray, friction_power_W: FloatArray, rng: Generator, given: Temperature | None = None
 ) -> FloatArray:
     """Return the bearing's temperature [°C], float64 (n,): orbital swing of the housing, with lag, plus dissipation.
 
@@ -569,8 +563,6 @@ def bearing_temperature(
     rate = 2.0 * np.pi / ORBIT_S
     lag = np.arctan(rate * ROTOR_TIME_CONSTANT_S)  # of a first-order body behind its housing
     housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)
-    if time_s.size < 2:
-        return np.asarray(housing + DISSIPATION_K_W * friction_power_W)
     from scipy import signal
 
     # Exact step of the first-order lag for a power constant over a slot; the record begins in thermal balance.
@@ -581,7 +573,7 @@ def bearing_temperature(
 
 
 def _apply_faults(
-    scenario: Scenario, wheel: Wheel, samples: Samples, rng: np.random.Generator
+    scenario: Scenario, wheel: Wheel, samples: Samples, rng: Generator
 ) -> tuple[Samples, BoolArray, BoolArray]:
     """Return the samples with all declared faults, which slots are faulty, and which are missing from the table."""
     faulty = np.zeros(len(samples), dtype=np.bool_)
@@ -603,7 +595,7 @@ def _apply_faults(
 def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray) -> BoolArray:
     """Return bool (n,), the slots from which a diagnosis can learn."""
     if (dead_band := wheel.window.dead_band_rad_s) is None:
-        dead_band = FALLBACK_DEAD_BAND * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
+        dead_band = SPEED_NOISES * scenario.sensors.for_wheel(wheel)["speed_noise_rad_s"]
     speed = np.where(faulty, np.nan, samples.speed_rad_s)
     used = ~faulty & (np.abs(speed) > dead_band)
     if not scenario.friction_given:

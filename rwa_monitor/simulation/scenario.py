@@ -24,11 +24,10 @@ duration_s = 12.0
 ```
 """
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
+from numpy.random import Generator
 from pydantic import Field, field_validator
 
 from rwa_monitor.errors import InputError
@@ -36,12 +35,9 @@ from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.wheel.file_content import Strict, TomlFile
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
-from rwa_monitor.wheel.wheel import EffectBlock, Wheel
+from rwa_monitor.wheel.wheel import EffectBlock, NoNegative, Positive, Wheel
 
 MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and truth; more is a wrong unit
-
-NoNegative = Annotated[float, Field(ge=0)]
-
 
 # Sensors of a small wheel, relative to what they measure; a scenario may give its own.
 SPEED_NOISE: Final = 0.01 / 300.0  # of the nominal speed: 0.01 rad/s at 300 rad/s (errata 17)
@@ -97,7 +93,7 @@ class FrictionNoise(Strict):
     ar_coefficient: Annotated[float, Field(gt=-1, lt=1)] = 0.5
     degrees_of_freedom: Annotated[float, Field(gt=2)] = 4.0
 
-    def draw(self, std_Nm: float, slots: int, rng: np.random.Generator) -> FloatArray:
+    def draw(self, std_Nm: float, slots: int, rng: Generator) -> FloatArray:
         """Return float64 (slots,), noise of standard deviation `std_Nm`, begun in its stationary law [N m]."""
         if self.law == "student_t":
             nu = self.degrees_of_freedom
@@ -140,12 +136,12 @@ class Fault(Strict):
 
     kind: Literal["gap", "dropout", "stuck", "spikes"]
     start_s: NoNegative
-    duration_s: Annotated[float, Field(gt=0)]
+    duration_s: Positive
     channel: str = "speed_rad_s"
     share: Annotated[float, Field(gt=0, le=1)] = 0.01
     size: float = 0.0
 
-    def slots_hit(self, slots: int, period_s: float, rng: np.random.Generator) -> BoolArray:
+    def slots_hit(self, slots: int, period_s: float, rng: Generator) -> BoolArray:
         """Return bool (slots,), the slots that the fault hits. Slot 0 anchors the grid and is never hit."""
         hit = np.zeros(slots, dtype=np.bool_)
         first, last = (round(at / period_s) for at in (self.start_s, self.start_s + self.duration_s))
@@ -154,7 +150,7 @@ class Fault(Strict):
             hit &= rng.random(slots) < self.share
         return hit
 
-    def apply(self, values: FloatArray, hit: BoolArray, rng: np.random.Generator) -> FloatArray:
+    def apply(self, values: FloatArray, hit: BoolArray, rng: Generator) -> FloatArray:
         """Return the channel with the fault in it, float64 (n,)."""
         faulty = values.copy()
         if self.kind in ("dropout", "gap"):
@@ -208,7 +204,7 @@ class Base(Strict):
     hour, relative to the average [1/√h].
     """
 
-    dry: Annotated[float, Field(gt=0)] = 1.0
+    dry: Positive = 1.0
     viscous: NoNegative = 1.0
     dry_drift_per_sqrt_h: NoNegative = 0.0
 
@@ -247,7 +243,7 @@ class Scenario(TomlFile):
     )
     what: ClassVar[str] = "scenario"
 
-    duration_s: Annotated[float, Field(gt=0)] = 10_000.0
+    duration_s: Positive = 10_000.0
     start_ns: Annotated[int, Field(ge=0, lt=2**62)] = 0
     friction_given: bool = True
     channels: tuple[str, ...] | None = None

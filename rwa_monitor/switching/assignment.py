@@ -21,13 +21,9 @@ that bound survive, and the result is marked as pruned.
 Without the last sum the search would be exact. The sizes bring closure into it: a system that returns to rest undoes
 what it added before. A system's friction is a function of its state where it has two configurations, and the search is
 exact; with more it depends on the path too, and is nearly always right because the few best entries of each state are
-kept, each with its own friction (the tests count). The loops are in `kernels/assignment_search.cpp`, the bounds in
-`assignment_bounds.cpp` beside it.
+kept, each with its own friction (the tests count). The loops are in `kernels/assignment.cpp`.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 from typing import Final, NamedTuple
@@ -42,7 +38,6 @@ from rwa_monitor.changepoints.stage_results import (
     Assignment,
     Estimate,
     Evidence,
-    FlatPath,
     SwitchingPath,
 )
 from rwa_monitor.kernels.assignment import REJECT, STEPS, add_agreement, find_paths, weigh
@@ -57,10 +52,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 UNATTRIBUTED_PER_WINDOW: Final = 0.03  # jumps expected per window that no switching system makes
 UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
-KEPT_PATHS: Final = 16
-KEPT_PER_STATE: Final = 4
-QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
-ROUNDING: Final = 1e-6  # bounds and scores add up the same terms in different orders [log-likelihood]
+KEPT_PATHS: Final = 16  # weighed beside each other
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is of no interest (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
 MAX_ROUNDS: Final = 4
@@ -148,8 +140,7 @@ class SearchResult(NamedTuple):
     pruned: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Inputs:
+class _Inputs(NamedTuple):
     """The window, its wheel, and what is known before it."""
 
     evidence: Evidence
@@ -162,7 +153,7 @@ class _Inputs:
 class _Ranked(NamedTuple):
     """A path of the search as a switching path, with its full log-likelihood; see `kernels.assignment.weigh`."""
 
-    path: FlatPath
+    path: SwitchingPath
     system: IntArray
     direction: IntArray
     borders: IntArray
@@ -193,8 +184,7 @@ def assign(
         All candidates, with rejected ones; and levels and slope between the accepted changepoints.
     """
     # Sizes seen in the window stand in for what the wheel file does not state.
-    whole = evidence.sums.between(np.array([0]), np.array([evidence.slots]))
-    typical_level = float(whole.z[0] / max(whole.n[0], 1.0))
+    typical_level = evidence.sums.mean[1]
     inputs = _Inputs(
         evidence,
         wheel,
@@ -297,8 +287,7 @@ def search(scores: Scores, *, paths: int, margin: float, budget: int) -> SearchR
     budget
         Extensions kept per candidate at most.
     """
-    kept = KEPT_PER_STATE if paths > 1 else 1
-    score, starts, taken, states, pruned = find_paths(scores, paths, margin + ROUNDING, budget, QUICK_BUDGET, kept)
+    score, starts, taken, states, pruned = find_paths(scores, paths, margin, budget)
     found = map(Path, score.tolist(), starts, taken)
     return SearchResult(tuple(path for path in found if path.score >= score[0] - margin), states, pruned)
 
@@ -313,7 +302,7 @@ def _rank(inputs: _Inputs, scores: Scores, paths: tuple[Path, ...], level: Level
     ranked = []
     for _, start, taken in paths:
         weighed = weigh(scores, start, taken, level.at, level.pairs, slots, table, cases, variance, scatter)
-        ranked.append(_Ranked(FlatPath(*weighed[0]), *weighed[1:]))
+        ranked.append(_Ranked(SwitchingPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 
 
@@ -330,7 +319,8 @@ def _result(
     jump[accepted] = levels.level[1:] - levels.level[:-1]
     std[accepted] = levels.jump_std
     sure = _confidence(ranked, index)
-    path = best.path.by_system()
+    path = best.path
+    starts = path.split(path.starts)
     double, alone = best.system[:, 1] != REJECTED, best.system[:, 0] == UNATTRIBUTED
     direction = best.direction.copy()
     direction[alone, 0] = np.sign(jump[alone])
@@ -341,10 +331,10 @@ def _result(
     size, size_std = jump[place // 2], std[place // 2]
     if place.size > double.size:
         scatter = segments.level_scatter(inputs.variance)
-        posterior = solve(best.path, best.borders, best.statistics, inputs.priors, inputs.variance, scatter)
+        posterior = solve(path, best.borders, best.statistics, inputs.priors, inputs.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
             who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
-            size[entry], size_std[entry] = _own_jump(posterior, path, who, slot)
+            size[entry], size_std[entry] = _own_jump(posterior, starts, who, slot)
     assignment = Assignment(
         index=index[place // 2],
         system=best.system.ravel()[place],
@@ -352,8 +342,8 @@ def _result(
         jump=size,
         jump_std=size_std,
         confidence=sure.ravel()[place],
-        configurations=path.configurations,
-        starts=path.starts,
+        configurations=path.split(path.configurations),
+        starts=starts,
         log_score=best.score,
         states=states,
         pruned=pruned,
@@ -364,14 +354,12 @@ def _result(
 
 def _alternatives(ranked: list[_Ranked], index: IntArray) -> tuple[Alternative, ...]:
     """Return the likeliest path of each sequence of configurations, with the weight of all that share it."""
-    alike: dict[tuple[bytes, ...], list[_Ranked]] = {}
+    alike: dict[bytes, list[_Ranked]] = {}
     for one in ranked:
-        path = one.path
-        same = tuple(part.tobytes() for part in (path.configurations, path.sojourns, path.unattributed))
-        alike.setdefault(same, []).append(one)
+        alike.setdefault(one.path.visited(), []).append(one)
     return tuple(
         Alternative(
-            path=best.path.by_system(),
+            path=best.path,
             index=index[best.system[:, 0] != REJECTED],
             log_durations=float(np.logaddexp.reduce([best.score, *(one.score for one in others)])) - best.log_evidence,
             log_score=best.score,
@@ -386,17 +374,22 @@ def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
     The same system and direction at a candidate within SAME_JUMP slots is the same attribution.
     """
     best = ranked[0]
-    weights = np.exp(np.array([one.score for one in ranked]) - best.score)
-    weights /= weights.sum()
+    weights = softmax(np.array([one.score for one in ranked]))
     sure = np.zeros(best.system.shape)
     for weight, one in zip(weights, ranked, strict=True):
         add_agreement(index, SAME_JUMP, best.system, best.direction, one.system, one.direction, weight, sure)
     return np.minimum(sure, 1.0)
 
 
-def _own_jump(posterior: Posterior, path: SwitchingPath, who: int, slot: int) -> tuple[float, float]:
+def softmax(scores: FloatArray) -> FloatArray:
+    """Return exp(scores) over their sum; scipy's does the same behind a dispatch that costs more than it."""
+    weights = np.exp(scores - scores.max())
+    return np.asarray(weights / weights.sum())
+
+
+def _own_jump(posterior: Posterior, starts: tuple[IntArray, ...], who: int, slot: int) -> tuple[float, float]:
     """Return one system's share of a jump that two made at once, from the friction of its sojourns."""
-    after = int(np.searchsorted(path.starts[who], slot, side="right")) - 1
+    after = int(np.searchsorted(starts[who], slot, side="right")) - 1
     size, variance = 0.0, 0.0
     for sojourn, sign in ((after - 1, -1.0), (after, 1.0)):
         column = int(posterior.column[who][sojourn])

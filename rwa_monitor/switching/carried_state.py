@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from pydantic import Field
@@ -23,7 +23,6 @@ from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.file_content import Finite, Hashed, NotNegative, Probability, Strict, canonical_json
 from rwa_monitor.wheel.wheel import Wheel
 
-STATE_VERSION: Final = 1
 MAX_STATE_BYTES: Final = 200_000  # a state of 8 systems with 16 configurations takes some 20 kB
 
 # Friction of a healthy wheel moves by a few per cent with temperature and age (lubricant: months; bearing temperature:
@@ -36,6 +35,8 @@ CHANGE_PER_WINDOW: Final = 0.02
 STILL_ANOMALOUS: Final = 0.98
 # What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
 REMEMBERED: Final = 0.95
+
+Count = Annotated[int, Field(ge=0)]
 
 
 class Tracked(Strict):
@@ -116,8 +117,8 @@ class SystemState(Strict):
     """
 
     name: str
-    configuration: Annotated[int, Field(ge=0)] | None = None
-    age: Annotated[int, Field(ge=0)] | None = None
+    configuration: Count | None = None
+    age: Count | None = None
     friction: tuple[FrictionMemory | None, ...] = ()
 
 
@@ -145,13 +146,13 @@ class CarriedState(Hashed):
     what: ClassVar[str] = "carried state"
     limit: ClassVar[int] = MAX_STATE_BYTES
 
-    version: Annotated[int, Field(ge=STATE_VERSION, le=STATE_VERSION)] = STATE_VERSION
-    windows: Annotated[int, Field(ge=0)] = 0
+    version: Literal[1] = 1
+    windows: Count = 0
     base_dry: Tracked | None = None
     viscous: Tracked | None = None
     noise_std: NotNegative | None = None
     probability: dict[str, Probability] = Field(default_factory=dict)
-    inadequate: Annotated[int, Field(ge=0)] = 0
+    inadequate: Count = 0
     fss: tuple[SystemState, ...] = ()
 
     @staticmethod

@@ -7,11 +7,8 @@ leaves every jump as it is and moves the base by a whole configuration: such pat
 values are those of the assignment; what the alternatives leave open shows in the standard deviations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import islice, product
 from typing import Final
 
@@ -29,16 +26,15 @@ from rwa_monitor.changepoints.stage_results import (
     SwitchingPath,
 )
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.assignment import KEPT_PATHS, softmax
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Number, log_probability, onsets
 from rwa_monitor.switching.friction_model import Posterior, Priors, measure, priors_of, solve
 from rwa_monitor.switching.segments import effective_variance, level_scatter, typical_jump
 from rwa_monitor.wheel.wheel import Wheel
 
-MOST_OFFSETS: Final = 16  # paths weighed beside each other
 MOST_PATHS: Final = 8  # paths that are handed on
 LEAST_SCORE: Final = -8.0  # log-likelihood under broad friction laws: the learned ones make up for less than that
-MOST_AGAINST: Final = 30.0  # log-likelihood: beyond, an alternative is certain, and exp stays finite
 
 
 def split(
@@ -61,12 +57,12 @@ def split(
         Normalised. Jumps that no system made are part of the base: it is the mean over the window's samples. Where the
         wheel names no system at all, they show that there is one; then any share of the level may be its friction.
     """
-    path = SwitchingPath(
+    path = SwitchingPath.of(
         assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED]
     )
     jumps = estimate.index
-    borders = _borders(jumps, evidence.slots)
-    segments = evidence.sums.between(borders[:-1], borders[1:])
+    borders = np.concatenate(([0], jumps, [evidence.slots]))
+    segments = evidence.sums.intervals(jumps)
     seen = estimate.level[np.isfinite(estimate.level)]
     level = float(seen.sum()) / seen.size if seen.size else 0.0
     priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
@@ -76,16 +72,14 @@ def split(
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
     scatter = level_scatter(variance)
     estimates = [
-        _estimate(one, solve(one.flat(), borders, segments.table, priors, variance, scatter), borders, segments.n, log)
+        _estimate(one, solve(one, borders, segments.table, priors, variance, scatter), borders, segments.n, log)
         for one, log in zip(paths, durations_of, strict=True)
     ]
     scores = [one.log_weight for one in estimates]
-    weights = np.exp(np.array([min(score - scores[0], MOST_AGAINST) for score in scores]))
-    weights /= weights.sum()
+    weights = softmax(np.array(scores))
     parts = [one.components for one in estimates]
     base_std = _spread(weights, [one.base_dry for one in parts], [one.base_dry_std for one in parts])
-    return replace(
-        parts[0],
+    return parts[0]._replace(
         base_dry_std=float(np.hypot(base_std, parts[0].base_dry if jumps.size and not wheel.fss else 0.0)),
         fss_friction_std=tuple(
             _spread(weights, [one.fss_friction[s] for one in parts], [one.fss_friction_std[s] for one in parts])
@@ -98,21 +92,13 @@ def split(
 def _raised(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
     """Return the path, and those in which systems are some configurations higher or lower throughout."""
     options = []
-    for system, configurations in zip(wheel.fss, path.configurations, strict=True):
-        visited = configurations.tolist()
-        low, high = -min(visited), system.configurations - 1 - max(visited)
+    for system, visited in zip(wheel.fss, path.split(path.configurations), strict=True):
+        low, high = -int(visited.min()), system.configurations - 1 - int(visited.max())
         options.append([0, *(offset for offset in range(low, high + 1) if offset)])
-    if all(len(offsets) == 1 for offsets in options):
-        return [path]
     return [
-        replace(path, configurations=tuple(q + d for q, d in zip(path.configurations, offset, strict=True)))
-        for offset in islice(product(*options), MOST_OFFSETS)
+        path._replace(configurations=path.configurations + np.repeat(np.array(offset, dtype=np.int64), path.sojourns))
+        for offset in islice(product(*options), KEPT_PATHS)
     ]
-
-
-def _borders(jumps: IntArray, slots: int) -> IntArray:
-    """Return the slots at which segments begin and end, int64 (jumps + 2,)."""
-    return np.concatenate((np.zeros(1, dtype=np.int64), jumps, np.full(1, slots)))
 
 
 def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried: CarriedState | None) -> list[float]:
@@ -122,8 +108,10 @@ def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried:
     first_sojourns = onsets(wheel.fss, carried)
     return [
         sum(
-            log_probability(system, path.configurations[s], path.starts[s], slots, first_sojourns[s])
-            for s, system in enumerate(wheel.fss)
+            log_probability(system, configurations, starts, slots, first)
+            for system, configurations, starts, first in zip(
+                wheel.fss, path.split(path.configurations), path.split(path.starts), first_sojourns, strict=True
+            )
         )
         for path in paths
     ]
@@ -168,20 +156,16 @@ def _alternatives(
     assigned = (
         assignment.alternatives[0] if assignment.alternatives else Alternative(paths[0], index, durations[0], scores[0])
     )
-    found = {_configurations(alternative.path): alternative for alternative in assignment.alternatives}
+    found = {alternative.path.visited(): alternative for alternative in assignment.alternatives}
     for path, score, duration in zip(paths, scores, durations, strict=True):
         raised = Alternative(
             path, index, assigned.log_durations + duration - durations[0], assigned.log_score + score - scores[0]
         )
-        found.setdefault(_configurations(path), raised)
+        found.setdefault(path.visited(), raised)
     likely = [
         alternative for alternative in found.values() if alternative.log_score >= assigned.log_score + LEAST_SCORE
     ]
     return sorted(likely, key=lambda alternative: -alternative.log_score)[:MOST_PATHS]
-
-
-def _configurations(path: SwitchingPath) -> tuple[bytes, ...]:
-    return (*(q.tobytes() for q in path.configurations), path.unattributed.tobytes())
 
 
 def _conditional_estimates(
@@ -196,9 +180,9 @@ def _conditional_estimates(
     variance = effective_variance(evidence.noise)
     estimates = []
     for one in alternatives:
-        borders = _borders(one.index, evidence.slots)
-        segments = evidence.sums.between(borders[:-1], borders[1:])
-        posterior = measure(one.path.flat(), borders, segments.table, priors, variance, level_scatter(variance))
+        borders = np.concatenate(([0], one.index, [evidence.slots]))
+        segments = evidence.sums.intervals(one.index)
+        posterior = measure(one.path, borders, segments.table, priors, variance, level_scatter(variance))
         estimates.append(_estimate(one.path, posterior, borders, segments.n, one.log_durations))
     return tuple(estimates)
 

@@ -18,9 +18,6 @@ Where earlier windows showed in which configuration a system entered the window,
 they showed and of the above.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -37,8 +34,7 @@ from rwa_monitor.wheel.wheel import SwitchingSystem
 Number = float | FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Onset:
+class Onset(NamedTuple):
     """What is known of a system's first sojourn: its configuration, and the slots it lasted before the window."""
 
     configuration: int
@@ -70,8 +66,7 @@ class DurationLikelihoods(NamedTuple):
     missed: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class SoftLaw:
+class SoftLaw(NamedTuple):
     """A duration law with its share of the broad law."""
 
     law: DurationLaw
@@ -159,7 +154,8 @@ def tabulated_durations(
     for s, system in enumerate(systems):
         laws, chain = _laws_of(system, slots)
         tables.turn[s, : len(laws)] = chain.turn
-        survivals, entered = _survivals(laws, durations), _first_sojourn(first[s], laws, at, slots)
+        survivals = np.stack([law.law.survival(durations) for law in laws])  # not softened
+        entered = _first_sojourn(first[s], laws, at, slots)
         tabulate(at, slots, survivals, chain, entered, tables.jump[s], tables.stay[s], tables.missed[s])
     return tables
 
@@ -196,14 +192,6 @@ def _laws_of(system: SwitchingSystem, slots: int) -> tuple[tuple[SoftLaw, ...], 
         turn = np.log(np.stack([1.0 - up, up], axis=1))
     never = pi / cycle * np.array([law.survival_sum(slots) for law in soft])
     return soft, Chain(np.array([law.mean for law in soft]), pi / cycle, never, turn)
-
-
-def _survivals(laws: tuple[SoftLaw, ...], slots: FloatArray) -> FloatArray:
-    """Return P(τ ≥ slots) of the laws, not softened: float64 (Q, points)."""
-    survivals = np.empty((len(laws), slots.size))
-    for q, law in enumerate(laws):
-        survivals[q] = law.law.survival(slots)
-    return survivals
 
 
 class FirstSojourn(NamedTuple):

@@ -11,15 +11,14 @@ distinguishes the parts, all cases agree; where it does not, the mixture is the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
-from rwa_monitor.changepoints.stage_results import FlatPath
+from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
+from rwa_monitor.changepoints.stage_results import SwitchingPath
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
@@ -50,8 +49,7 @@ class Cases(NamedTuple):
     rest: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Posterior:
+class Posterior(NamedTuple):
     """Result of the linear model.
 
     Attributes
@@ -74,7 +72,7 @@ class Posterior:
 
 
 def solve(
-    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
+    path: SwitchingPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one path.
 
@@ -97,7 +95,7 @@ def solve(
     return _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
 
 
-def _posterior(path: FlatPath, solved: tuple[float, FloatArray, FloatArray, FloatArray, IntArray]) -> Posterior:
+def _posterior(path: SwitchingPath, solved: tuple[float, FloatArray, FloatArray, FloatArray, IntArray]) -> Posterior:
     evidence, mean, std, covariance, column = solved
     return Posterior(evidence, mean, std, covariance, path.split(column))
 
@@ -109,7 +107,7 @@ def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
 
 
 def measure(
-    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
+    path: SwitchingPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one path without friction laws: base and sojourns by the samples alone.
 
@@ -126,14 +124,14 @@ def measure(
     table = law_table(priors.laws).copy()
     table[table.any(axis=-1), 1] = FLAT_STD
     flat, unchanged = Case(1.0, priors.base[0].mean, FLAT_STD), Case(1.0, 0.0, 0.0)
-    _, cases = prior_tables(replace(priors, base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
+    _, cases = prior_tables(priors._replace(base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
     found = _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
     free = 1 + sum(int(np.count_nonzero(column >= 0)) for column in found.column)
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
     moving = [float(column.size) for column in found.column if column.size and (column >= 0).all()]
     lost = float(np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1])
     gained = (free - len(moving)) * math.log(FLAT_STD * math.sqrt(2.0 * math.pi)) + 0.5 * lost
-    return replace(found, log_evidence=found.log_evidence + gained)
+    return found._replace(log_evidence=found.log_evidence + gained)
 
 
 # ---- what is known of friction before a window: from the wheel file and from earlier windows -------------------------
@@ -145,14 +143,12 @@ def measure(
 VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
 CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows showed the viscous coefficient
 LEARNED_SPREAD: Final = 0.15  # of the friction of a system against what earlier windows of this very wheel showed
-UNKNOWN_SPREAD: Final = 1.0  # relative, where no friction law is known at all
 MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
 UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, over the unit of friction
 MOST_ANOMALIES: Final = 2  # at once, among base and systems
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
+class Case(NamedTuple):
     """One of the states that a part may be in: its probability, and what it then is, Gaussian."""
 
     probability: float
@@ -166,8 +162,7 @@ BASE_CASES: Final = (Case(0.8, 1.0, 0.06), Case(0.2, 1.5, 0.4))  # base dry fric
 ANOMALY_CASES: Final = (Case(0.8, 0.0, 0.06), Case(0.2, 0.8, 0.5))  # a system's anomaly a
 
 
-@dataclass(frozen=True, slots=True)
-class FrictionLaw:
+class FrictionLaw(NamedTuple):
     """Gaussian law of a configuration's friction in a healthy system, normalised: its mean and standard deviation."""
 
     mid: float
@@ -179,8 +174,7 @@ class FrictionLaw:
         return self.mid == 0.0 and self.scatter == 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Priors:
+class Priors(NamedTuple):
     """What is known before the window, normalised.
 
     Attributes
@@ -244,14 +238,12 @@ def _anywhere(probability: float, mean: float, wheel: Wheel) -> Case:
 
 def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float) -> SlopePrior:
     """Return the prior of the viscous coefficient: of earlier windows, around the nominal one, or wide."""
-    nominal = nominal_viscous(wheel)
     if carried and carried.viscous:
         drifted = carried.viscous.drifted()
         return SlopePrior(drifted.mean, max(drifted.std, CARRIED_VISCOUS_SPREAD * abs(drifted.mean)))
-    if nominal is None:
+    if wheel.nominal is None:
         return SlopePrior(0.0, 10.0 * max(abs(typical_level), 1e-12))
-    # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
-    return SlopePrior(nominal, VISCOUS_SPREAD * max(nominal, 0.1))
+    return nominal_slope_prior(wheel, VISCOUS_SPREAD)
 
 
 def _system_of(
@@ -262,7 +254,7 @@ def _system_of(
     memories = [known.friction[q] if known and q < len(known.friction) else None for q in range(system.configurations)]
     laws = _stated_laws(system, 0.0 if system.friction else jump)
     if not any(memory is not None and memory.count >= MIN_LEARNED for memory in memories):
-        return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), laws
+        return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, 1.0),)), laws
     changed = ANOMALY_CASES[1]
     return (
         Case(1.0 - CHANGE_PER_WINDOW, 0.0, LEARNED_SPREAD),
@@ -279,9 +271,7 @@ def _system_of(
 def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...]:
     """Return a system's friction laws as the wheel states them; where it does not, in proportion to q."""
     if system.friction is None:
-        return FrictionLaw(0.0, 0.0), *(
-            FrictionLaw(q * jump, UNKNOWN_SPREAD * jump) for q in range(1, system.configurations)
-        )
+        return FrictionLaw(0.0, 0.0), *(FrictionLaw(q * jump, jump) for q in range(1, system.configurations))
     laws = []
     for given in system.friction:
         mid = 0.5 * (given.low + given.high)
@@ -289,18 +279,14 @@ def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...
     return tuple(laws)
 
 
-def _choices(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[int, ...]]:
-    """Return which state each part is in, in each case."""
-    numbered = product(*(range(len(part)) for part in (base, *anomaly)))
-    return [choice for choice in numbered if sum(i > 0 for i in choice) <= MOST_ANOMALIES]
-
-
 @lru_cache(maxsize=256)
 def case_table(
     base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]
 ) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return states, choice and log_prior of `friction_model.Cases`."""
-    parts, choices = (base, *anomaly), _choices(base, anomaly)
+    parts = (base, *anomaly)
+    numbered = product(*(range(len(part)) for part in parts))
+    choices = [choice for choice in numbered if np.count_nonzero(choice) <= MOST_ANOMALIES]
     states = [[part[i if i < len(part) else 0] for part in parts] for i in range(max(map(len, parts)))]
     return (
         np.array([[(part.mean, part.std) for part in state] for state in states], dtype=np.float64),
@@ -326,13 +312,11 @@ def law_moments(
 
     float64 (systems, configurations) each.
     """
-    shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
-    mean, variance = np.zeros(shape), np.zeros(shape)
-    for s, (of_system, cases) in enumerate(zip(laws, anomaly, strict=True)):
+    mid, scatter = np.moveaxis(law_table(laws), -1, 0)
+    first, second = np.zeros((2, len(laws), 1))
+    for s, cases in enumerate(anomaly):
         total = sum(case.probability for case in cases)
-        first = sum(case.probability * (1 + case.mean) for case in cases) / total
-        second = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
-        for q, law in enumerate(of_system):
-            mean[s, q] = law.mid * first
-            variance[s, q] = second * (law.mid**2 + law.scatter**2) - (law.mid * first) ** 2
-    return mean, variance
+        first[s] = sum(case.probability * (1 + case.mean) for case in cases) / total
+        second[s] = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
+    mean = mid * first
+    return mean, second * (mid**2 + scatter**2) - mean**2

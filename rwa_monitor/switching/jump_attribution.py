@@ -18,12 +18,11 @@ Durations are log-normal here, with a broad outlier law beside. That is only to 
 from what comes out.
 """
 
-from __future__ import annotations
-
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise, product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -45,10 +44,9 @@ PER_SYSTEM: Final = 2.0  # log odds a priori against a system more: steps of the
 LEVEL_ERROR: Final = 0.002
 BASE_SPREAD: Final = 0.02  # of the base, from one recording to another, before it is known
 ENOUGH_JUMPS: Final = 1500  # to estimate how many systems there are; more only sharpen what they are like
-FIRST_PASSES: Final = 2  # after which the worse starts are given up
-LAST_PASSES: Final = 12
-FIRST_BEAM: Final = 12  # paths followed
-LAST_BEAM: Final = 64
+# Passes, and paths followed in each: of every start, and of those that are not given up then.
+QUICK: Final = (2, 12)
+THOROUGH: Final = (12, 64)
 KEPT_STARTS: Final = 2
 CONVERGED: Final = 0.01  # of the log-likelihood
 # What is known before any sojourn is seen, as if so many had been: a law neither as sharp as a clock nor broader than a
@@ -70,8 +68,7 @@ START_STEPS: Final = (0.3, 0.5, 0.7)  # quantiles of the jumps' sizes that may b
 MOST_CONFUSED: Final = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class Segments:
+class Segments(NamedTuple):
     """A record as segments at constant friction.
 
     Attributes
@@ -87,8 +84,7 @@ class Segments:
     at: IntArray
 
 
-@dataclass(frozen=True, slots=True)
-class Chains:
+class Chains(NamedTuple):
     """Switching systems as they are known while jumps are attributed; arrays (systems, configurations), padded.
 
     Attributes
@@ -115,8 +111,7 @@ class Chains:
     base_std: float
 
 
-@dataclass(frozen=True, slots=True)
-class Path:
+class Path(NamedTuple):
     """The likeliest path of a record.
 
     Attributes
@@ -179,8 +174,7 @@ def ways_up(visits: Sequence[Visit], q: int) -> list[bool]:
     return [b.configuration > q for a, b in pairwise(visits) if a.configuration == q and a.record == b.record]
 
 
-@dataclass(frozen=True, slots=True)
-class JumpAttribution:
+class JumpAttribution(NamedTuple):
     """Jumps attributed to systems.
 
     Attributes
@@ -220,7 +214,7 @@ def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution
     order = sorted(known, key=lambda counts: -known[counts][0])
     while True:
         criterion, chains, _ = known[order[0]]
-        _, chains, paths = _alternate(records, chains, LAST_PASSES, LAST_BEAM)
+        _, chains, paths = _alternate(records, chains, *THOROUGH)
         visits, bases = _visits(records, chains, paths)
         if not _is_halved(chains, visits):
             break
@@ -264,9 +258,9 @@ def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...]
 
 def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> _Description:
     """Return the best of the starts."""
-    tried = [_alternate(records, start, FIRST_PASSES, FIRST_BEAM) for start in _starts(records, counts, base)]
+    tried = [_alternate(records, start, *QUICK) for start in _starts(records, counts, base)]
     tried.sort(key=lambda one: -one[0])
-    finished = [_alternate(records, chains, LAST_PASSES, LAST_BEAM) for _, chains, _ in tried[:KEPT_STARTS]]
+    finished = [_alternate(records, chains, *THOROUGH) for _, chains, _ in tried[:KEPT_STARTS]]
     return max(finished, key=lambda one: one[0])
 
 
@@ -307,21 +301,29 @@ def confused_share(chains: Chains, visits: Sequence[Sequence[Visit]], i: int, j:
     return float(np.mean(confusion))
 
 
+def confused_pairs(chains: Chains, visits: Sequence[Sequence[Visit]]) -> Iterator[tuple[int, int, float]]:
+    """Yield the pairs of systems of two configurations that share more visits than `MOST_CONFUSED`, and the share."""
+    for i, j in combinations(range(len(chains.counts)), 2):
+        if chains.counts[i] == chains.counts[j] == 2:
+            share = confused_share(chains, visits, i, j)
+            if share > MOST_CONFUSED:
+                yield i, j, share
+
+
 def _is_halved(chains: Chains, visits: Sequence[Sequence[Visit]]) -> bool:
     """Return whether two of the systems are one whose visits are divided: alike, and never away from rest together.
 
     Choosing for each visit the half that it fits better makes a description with a system more look better than it is,
     and the more so the more visits there are.
     """
-    for i, j in combinations(range(len(chains.counts)), 2):
-        if chains.counts[i] == chains.counts[j] == 2 and confused_share(chains, visits, i, j) > MOST_CONFUSED:
-            away = sorted(
-                (visit.record, visit.begin, visit.begin + visit.slots)
-                for visit in (*visits[i], *visits[j])
-                if visit.configuration
-            )
-            if not any(a[0] == b[0] and b[1] < a[2] for a, b in pairwise(away)):
-                return True
+    for i, j, _ in confused_pairs(chains, visits):
+        away = sorted(
+            (visit.record, visit.begin, visit.begin + visit.slots)
+            for visit in (*visits[i], *visits[j])
+            if visit.configuration
+        )
+        if not any(a[0] == b[0] and b[1] < a[2] for a, b in pairwise(away)):
+            return True
     return False
 
 
@@ -463,23 +465,15 @@ def _visits(
     of_all: list[list[Visit]] = [[] for _ in chains.counts]
     bases = []
     for number, (one, path) in enumerate(zip(records, paths, strict=True)):
-        spans = [_spans(path.configurations[:, i]) for i in range(len(chains.counts))]
-        friction, std, base = _frictions(one, chains, path, spans)
-        for i, of_one in enumerate(spans):
-            for k, (begin, end) in enumerate(of_one):
-                q = int(path.configurations[begin, i])
-                of_all[i].append(
-                    Visit(
-                        int(one.at[end] - one.at[begin]),
-                        begin > 0,
-                        end < one.level.size,
-                        q,
-                        friction[i][k] if q else 0.0,
-                        std[i][k] if q else 0.0,
-                        number,
-                        int(one.at[begin]),
-                    )
-                )
+        sojourns = [
+            (i, begin, end, int(path.configurations[begin, i]))
+            for i in range(len(chains.counts))
+            for begin, end in _spans(path.configurations[:, i])
+        ]
+        friction, std, base = _frictions(one, chains, path, sojourns)
+        for k, (i, begin, end, q) in enumerate(sojourns):
+            slots, inside = int(one.at[end] - one.at[begin]), (begin > 0, end < one.level.size)
+            of_all[i].append(Visit(slots, *inside, q, friction[k], std[k], number, int(one.at[begin])))
         at_rest = (path.configurations == 0).all(axis=1)
         bases.append((base, int(np.diff(one.at)[at_rest].sum())))
     return tuple(tuple(of_one) for of_one in of_all), tuple(bases)
@@ -492,31 +486,31 @@ def _spans(configuration: IntArray) -> list[tuple[int, int]]:
 
 
 def _frictions(
-    one: Segments, chains: Chains, path: Path, spans: Sequence[Sequence[tuple[int, int]]]
-) -> tuple[list[list[float]], list[list[float]], float]:
-    """Return friction and standard deviation of each sojourn, and the base [N m], by least squares given the path."""
-    columns, prior, width, place = [np.ones(one.level.size)], [chains.base], [chains.base_std], {}
-    for i, of_one in enumerate(spans):
-        for k, (begin, end) in enumerate(of_one):
-            q = int(path.configurations[begin, i])
-            if q:
-                column = np.zeros(one.level.size)
-                column[begin:end] = 1.0
-                place[i, k] = len(columns)
-                columns.append(column)
-                prior.append(chains.size[i, q])
-                # A visit's size is its own: what others are like decides only where it is hardly seen.
-                width.append(max(3.0 * chains.spread[i, q], PRIOR_SPREAD * chains.size[i, q]))
+    one: Segments, chains: Chains, path: Path, sojourns: Sequence[tuple[int, int, int, int]]
+) -> tuple[list[float], list[float], float]:
+    """Return friction and standard deviation of each sojourn, and the base [N m], by least squares given the path.
+
+    `sojourns`: system, first segment, that after the last, and configuration; 0 where that is the lowest.
+    """
+    columns, prior, width, place = [np.ones(one.level.size)], [chains.base], [chains.base_std], []
+    for i, begin, end, q in sojourns:
+        if q:
+            place.append(len(columns))
+            column = np.zeros(one.level.size)
+            column[begin:end] = 1.0
+            columns.append(column)
+            prior.append(chains.size[i, q])
+            # A visit's size is its own: what others are like decides only where it is hardly seen.
+            width.append(max(3.0 * chains.spread[i, q], PRIOR_SPREAD * chains.size[i, q]))
+        else:
+            place.append(-1)
     used = ~path.outlier
     design = np.column_stack(columns)[used] / one.std[used, None]
     gram = design.T @ design + np.diag(np.array(width) ** -2.0)
     target = design.T @ (one.level[used] / one.std[used]) + np.array(prior) / np.array(width) ** 2
     inverse = np.linalg.inv(gram)
-    solution, error = inverse @ target, np.sqrt(inverse.diagonal())
-    friction, std = ([[0.0] * len(of_one) for of_one in spans] for _ in range(2))
-    for (i, k), at in place.items():
-        friction[i][k], std[i][k] = float(solution[at]), float(error[at])
-    return friction, std, float(solution[0])
+    solution, error = (np.append(values, 0.0) for values in (inverse @ target, np.sqrt(inverse.diagonal())))
+    return solution[place].tolist(), error[place].tolist(), float(solution[0])
 
 
 def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequence[tuple[float, int]]) -> Chains:
@@ -535,7 +529,7 @@ def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequenc
     level = np.array([base for base, _ in bases])
     weight = np.array([slots + 1.0 for _, slots in bases])
     base = float(np.average(level, weights=weight))
-    base_std = float(np.sqrt((np.sum((level - base) ** 2) + (BASE_SPREAD * base) ** 2) / (level.size + 1)))
+    base_std = math.sqrt((np.sum((level - base) ** 2) + (BASE_SPREAD * base) ** 2) / (level.size + 1))
     return Chains(chains.counts, size, spread, mu, sigma, up, base, base_std)
 
 
@@ -560,4 +554,4 @@ def _size(seen: Sequence[Visit], before: float) -> tuple[float, float]:
     mean = max(float(np.average(friction, weights=weight)), 1e-3 * before)
     excess = float(np.sum(weight * ((friction - mean) ** 2 - std**2)) / np.sum(weight)) * len(seen)
     variance = (max(excess, 0.0) + PRIOR_SIZES * (PRIOR_SPREAD * mean) ** 2) / (len(seen) + PRIOR_SIZES)
-    return mean, float(np.sqrt(variance))
+    return mean, math.sqrt(variance)

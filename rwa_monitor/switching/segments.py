@@ -3,20 +3,18 @@
 Everything here comes from range sums; no sample is read again.
 """
 
-from __future__ import annotations
-
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.noise import mean_variance_factor
+from rwa_monitor.changepoints.noise import mean_variance_factor, median_size
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, NoiseEstimate
-from rwa_monitor.kernels.segments import LEVEL_SCATTER, jumps_of, pair_moments, refine_nodes, shared_slope
+from rwa_monitor.kernels.segments import refine_nodes
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-MIN_REACH: Final = 4  # a position is refined by at least this many slots [slots]
-MAX_REACH: Final = 32  # and at most by this many [slots]
+REACH: Final = (4, 32)  # by how many slots a position is refined at least and at most
+LEVEL_SCATTER: Final = 0.15  # of levels that should be equal, in standard deviations of a sample's noise
 WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is open
 
 
@@ -30,13 +28,15 @@ class Level(NamedTuple):
     nodes
         int64, the nodes of the segments between accepted candidates: both ends of the window, j + 1 of candidate j.
     pairs
-        Sufficient statistics between all pairs of nodes, see `kernels.segments.pair_moments`.
+        float64 (6, m + 2, m + 2), sufficient statistics between all pairs of nodes; zero on and below the diagonal.
     slope, information
-        The slope that the segments between accepted candidates share, and its information.
+        The slope that the segments between accepted candidates share beside their own levels, and its information (the
+        inverse of its variance), with a Gaussian prior.
     spread
         Width of the prior of a level.
     jump, jump_variance
-        See `kernels.segments.jumps_of`.
+        float64 (m,), of the jump at each candidate between the accepted nodes beside it; 0 and inf beside a segment
+        without samples.
     """
 
     at: IntArray
@@ -77,12 +77,35 @@ def measure_level(
         Of the noise; mean and standard deviation of the slope's Gaussian prior.
     """
     nodes = np.concatenate(([0], accepted + 1, [index.size + 1]))
-    pairs = pair_moments(np.concatenate(([0], index, [sums.slots])), sums.arrays)
-    slope, information = shared_slope(pairs, nodes, variance, prior_mean, prior_std)
+    slots = np.concatenate(([0], index, [sums.slots]))
+    between = sums.between(np.repeat(slots, slots.size), np.tile(slots, slots.size)).table
+    pairs = between.reshape(6, slots.size, slots.size)
+    n, x, z, xx, xz = pairs[:5, nodes[:-1], nodes[1:]]
+    n, weight = np.maximum(n, 1.0), variance / (prior_std * prior_std)
+    # Added up in order: the last digit must not depend on how many there are.
+    sxx = float(np.cumsum([weight, *(xx - x * x / n)])[-1])
+    slope = float(np.cumsum([weight * prior_mean, *(xz - x * z / n)])[-1]) / sxx
     levels = levels_of(pairs, nodes, slope)
     seen = levels[np.isfinite(levels)]
     spread = max(float(np.ptp(seen)) if seen.size else 0.0, 10.0 * float(np.sqrt(variance)))
+    information = sxx / variance
     return Level(index, nodes, pairs, slope, information, spread, *jumps_of(pairs, nodes, slope, information, variance))
+
+
+def jumps_of(
+    pairs: FloatArray, nodes: IntArray, slope: float, information: float, variance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return size and variance of the jump at each candidate, see `Level`.
+
+    The variance holds that of both means, of their slope, and of levels that are not quite constant.
+    """
+    at = np.arange(1, pairs.shape[1] - 1)
+    left, x_left, z_left = pairs[:3, nodes[np.searchsorted(nodes, at) - 1], at]
+    right, x_right, z_right = pairs[:3, at, nodes[np.searchsorted(nodes, at, side="right")]]
+    seen, left, right = (left > 0.0) & (right > 0.0), np.maximum(left, 1.0), np.maximum(right, 1.0)
+    speed, friction = x_right / right - x_left / left, z_right / right - z_left / left
+    spread = variance * (1.0 / left + 1.0 / right) + speed * speed / information + 2.0 * level_scatter(variance)
+    return np.where(seen, friction - slope * speed, 0.0), np.where(seen, spread, np.inf)
 
 
 def levels_of(pairs: FloatArray, nodes: IntArray, slope: float) -> FloatArray:
@@ -115,13 +138,12 @@ def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, va
 
 def typical_jump(jump: FloatArray) -> float:
     """Return the median size of jumps, those that are finite; 0 without any."""
-    sizes = np.abs(jump[np.isfinite(jump)])
-    return float(np.median(sizes)) if sizes.size > 0 else 0.0
+    return median_size(jump[np.isfinite(jump)])
 
 
 def reach_of(candidates: Candidates) -> IntArray:
     """Return how far each candidate's position may be off [slots]: half the window that found it."""
-    return np.clip(candidates.scale // 2, MIN_REACH, MAX_REACH)
+    return np.clip(candidates.scale // 2, *REACH)
 
 
 def possible_signs(candidates: Candidates, level: Level) -> BoolArray:

@@ -11,6 +11,7 @@ from abc import abstractmethod
 from typing import Annotated, Final, Literal
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike
 from pydantic import ConfigDict, Field, model_validator
 from scipy import special
@@ -30,7 +31,7 @@ class _Law(Strict):
         """Return P(τ ≥ slots), float64, the shape of `slots`; 1 for slots ≤ 1."""
 
     @abstractmethod
-    def sample(self, rng: np.random.Generator, size: int) -> IntArray:
+    def sample(self, rng: Generator, size: int) -> IntArray:
         """Draw `size` durations [slots], int64, each at least 1."""
 
     @abstractmethod
@@ -78,7 +79,7 @@ class Uniform(_Law):
         at = np.asarray(slots, dtype=np.float64)
         return np.minimum(np.maximum((self.high + 1 - at) / (self.high + 1 - self.low), 0.0), 1.0)
 
-    def sample(self, rng: np.random.Generator, size: int) -> IntArray:
+    def sample(self, rng: Generator, size: int) -> IntArray:
         return rng.integers(self.low, self.high, size=size, endpoint=True, dtype=np.int64)
 
     def longest(self) -> float:
@@ -98,7 +99,7 @@ class Geometric(_Law):
         stay = 1.0 - 1.0 / self.mean_slots
         return np.power(stay, at - 1.0)
 
-    def sample(self, rng: np.random.Generator, size: int) -> IntArray:
+    def sample(self, rng: Generator, size: int) -> IntArray:
         return rng.geometric(1.0 / self.mean_slots, size=size).astype(np.int64)
 
     def longest(self) -> float:
@@ -116,14 +117,14 @@ class _RoundedContinuous(_Law):
         """Return P(x > value) of the continuous law."""
 
     @abstractmethod
-    def _draw(self, rng: np.random.Generator, size: int) -> FloatArray:
+    def _draw(self, rng: Generator, size: int) -> FloatArray:
         """Draw `size` values of the continuous law, float64."""
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         at = np.asarray(slots, dtype=np.float64)
         return np.where(at <= 1, 1.0, self._tail(np.maximum(at - 0.5, 0.5)))
 
-    def sample(self, rng: np.random.Generator, size: int) -> IntArray:
+    def sample(self, rng: Generator, size: int) -> IntArray:
         slots: IntArray = np.clip(np.rint(self._draw(rng, size)), 1, LONGEST).astype(np.int64)
         return slots
 
@@ -138,7 +139,7 @@ class Weibull(_RoundedContinuous):
     def _tail(self, value: FloatArray) -> FloatArray:
         return np.exp(-np.power(value / self.scale, self.shape))
 
-    def _draw(self, rng: np.random.Generator, size: int) -> FloatArray:
+    def _draw(self, rng: Generator, size: int) -> FloatArray:
         return self.scale * rng.weibull(self.shape, size=size)
 
     def longest(self) -> float:
@@ -155,7 +156,7 @@ class Lognormal(_RoundedContinuous):
     def _tail(self, value: FloatArray) -> FloatArray:
         return np.asarray(special.ndtr(-(np.log(value) - self.mu) / self.sigma), dtype=np.float64)
 
-    def _draw(self, rng: np.random.Generator, size: int) -> FloatArray:
+    def _draw(self, rng: Generator, size: int) -> FloatArray:
         return rng.lognormal(self.mu, self.sigma, size=size)
 
     def longest(self) -> float:
@@ -186,7 +187,7 @@ class Histogram(_Law):
         at = np.asarray(slots, dtype=np.float64)
         return np.asarray(np.interp(at, np.asarray(self.edges, dtype=np.float64), tails / tails[0]))
 
-    def sample(self, rng: np.random.Generator, size: int) -> IntArray:
+    def sample(self, rng: Generator, size: int) -> IntArray:
         weights = np.asarray(self.weights)
         bins = rng.choice(weights.size, size=size, p=weights / weights.sum())
         edges = np.asarray(self.edges, dtype=np.int64)

@@ -4,8 +4,6 @@ Floats that the program writes into a file keep 12 significant digits: more than
 enough that the last bits, in which machines differ, never show.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

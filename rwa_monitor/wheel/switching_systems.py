@@ -5,12 +5,11 @@ A record begins somewhere in the middle of a wheel's life, so the first configur
 randomly chosen moment sees (errata 9).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray, IntArray
@@ -21,8 +20,7 @@ from rwa_monitor.wheel.wheel import SwitchingSystem
 FrictionFactor = Callable[[int], float]
 
 
-@dataclass(frozen=True, slots=True)
-class Realisation:
+class Realisation(NamedTuple):
     """One switching system over n slots.
 
     Attributes
@@ -73,7 +71,7 @@ def time_law(system: SwitchingSystem) -> FloatArray:
     return share
 
 
-def residual_duration(law: DurationLaw, rng: np.random.Generator, limit: int) -> int:
+def residual_duration(law: DurationLaw, rng: Generator, limit: int) -> int:
     """Draw how many slots a sojourn seen at a random moment still lasts, this slot included.
 
     P(rest = r) = S(r)/μ for r ≥ 1, drawn by inverting its cumulative sum. Rests longer than `limit` are returned as
@@ -88,7 +86,7 @@ def residual_duration(law: DurationLaw, rng: np.random.Generator, limit: int) ->
 def simulate_system(
     system: SwitchingSystem,
     slots: int,
-    rng: np.random.Generator,
+    rng: Generator,
     friction_factor: float | FrictionFactor = 1.0,
 ) -> Realisation:
     """Simulate a switching system over `slots` slots, begun in its stationary law.

@@ -5,8 +5,6 @@ J·dω/dt = K_T·I − friction, all at the wheel's axis: behind a gear K_T is t
 A plain difference of a real tachometer is useless (errata 17), so dω/dt comes from a Savitzky-Golay filter.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final, Literal
 

@@ -14,9 +14,11 @@ from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
 from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile
 
+SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise, where it is not stated
 MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
 
 Positive = Annotated[float, Field(gt=0)]
+NoNegative = Annotated[float, Field(ge=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -27,10 +29,10 @@ class Nominal(Strict):
     """
 
     dry_torque_Nm: Positive
-    viscous_Nm_s_rad: Annotated[float, Field(ge=0)]
+    viscous_Nm_s_rad: NoNegative
     nominal_speed_rad_s: Positive
     # Standard deviation of a healthy wheel's viscous friction where no temperature explains it, of itself.
-    viscous_spread: Annotated[float, Field(ge=0)] | None = None
+    viscous_spread: NoNegative | None = None
     dry_torque_std_Nm: NotNegative | None = None
     viscous_std_Nm_s_rad: NotNegative | None = None
 
@@ -79,7 +81,7 @@ class Window(Strict):
 
     samples: Annotated[int, Field(ge=16, le=10_000_000)] = 80_000
     hop: Annotated[int, Field(ge=1, le=10_000_000)] | None = None
-    dead_band_rad_s: Annotated[float, Field(ge=0)] | None = None
+    dead_band_rad_s: NoNegative | None = None
     run_length: Annotated[float, Field(ge=1e4, le=1e12)] | None = None
 
     @property

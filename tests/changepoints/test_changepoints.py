@@ -1,14 +1,12 @@
 """Stage 1: the wGLR against its definition, and the choice of candidates among its peaks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from rwa_monitor.changepoints.candidates import Threshold, peaks_behind_gaps, variance_table
+from rwa_monitor.changepoints.evidence import Threshold, peaks_behind_gaps, variance_table
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import choose, contrast

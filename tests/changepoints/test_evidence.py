@@ -1,7 +1,5 @@
 """The evidence of a window, gathered live: what it finds, and that it does not matter how the samples came."""
 
-from __future__ import annotations
-
 import os
 import tracemalloc
 from pathlib import Path
@@ -15,7 +13,8 @@ from scipy import signal
 from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import Candidates
-from rwa_monitor.kernels.wglr import CHUNK, MOST_PEAKS, STEP
+from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.wglr import CHUNK, MOST_PEAKS
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
@@ -220,12 +219,12 @@ def test_a_jump_is_confirmed_soon_after_it_happened():
     speed, torque, good = _telemetry(13, 6000, [(3000, 15.0)])
     window = WindowAccumulator(WHEEL, slots=6000)
     events = []
-    for start in range(0, 6000, STEP):
-        part = slice(start, start + STEP)
-        events += [(event, start + STEP) for event in window.append(speed[part], torque[part], good[part])]
+    for start in range(0, 6000, BLOCK):
+        part = slice(start, start + BLOCK)
+        events += [(event, start + BLOCK) for event in window.append(speed[part], torque[part], good[part])]
     [(event, when)] = events
     assert event.index == 3000
-    assert when - event.index <= 2 * STEP
+    assert when - event.index <= 2 * BLOCK
     assert event.jump == pytest.approx(15.0 * SIGMA / TORQUE, abs=4 * event.std)
     assert event.confidence > 0.99
 

@@ -1,7 +1,5 @@
 """The noise beside the jumps: white, coloured, heavy-tailed, with and without anything else in the window."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import signal, stats
@@ -18,13 +16,13 @@ from rwa_monitor.changepoints.noise import (
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
     LAGS,
-    NOISE_BLOCK,
     block_differences,
     contrast_variances,
     quantiles_of,
     quiet_levels,
     scale_variances,
 )
+from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.kernels.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
 
 N = 80_000
@@ -42,8 +40,8 @@ def _ar(rng, phi, n=N):
     return signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.standard_normal(n + 500))[500:]
 
 
-def _blocks(z, hop=4 * NOISE_BLOCK, used=None):
-    count = (z.size - NOISE_BLOCK - LAGS) // hop + 1
+def _blocks(z, hop=4 * BLOCK, used=None):
+    count = (z.size - BLOCK - LAGS) // hop + 1
     sums, pairs = np.zeros((count, LAGS)), np.zeros((count, LAGS))
     used = np.ones(z.size, dtype=np.bool_) if used is None else used
     block_differences(np.ones(z.size), z, used, 0, count, hop, 0.0, 1.0, sums, pairs)
@@ -57,7 +55,7 @@ def _outlier(z, variance=1.0):
 
 def _estimate(z, **kwargs):
     nothing = np.full(1, np.nan)
-    return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, None)
+    return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, np.nan)
 
 
 @pytest.mark.parametrize(("variance", "jumped"), [(1e-9, 0.0), (1.0, 0.0), (5.76e-4, 0.0), (1.0, 0.02), (1.0, 0.1)])
@@ -120,15 +118,15 @@ def test_block_differences_are_those_of_plain_loops(share):
     z, used = rng.standard_normal(300), rng.random(300) < share
     x, slope, weight = 1.0 + 0.01 * z[::-1].copy(), 0.5, 1e-2
     sums, pairs = np.zeros((2, LAGS)), np.zeros((2, LAGS))
-    block_differences(x, z, used, 0, 2, NOISE_BLOCK, slope, weight, sums, pairs)
+    block_differences(x, z, used, 0, 2, BLOCK, slope, weight, sums, pairs)
     for b in range(2):
-        there = slice(b * NOISE_BLOCK, b * NOISE_BLOCK + NOISE_BLOCK + LAGS)
+        there = slice(b * BLOCK, b * BLOCK + BLOCK + LAGS)
         good, u, v = used[there], x[there] - x[there][used[there]].mean(), z[there] - z[there][used[there]].mean()
         e = v - (u[good] @ v[good] + weight * slope) / (u[good] @ u[good] + weight) * u
         for lag in range(1, LAGS + 1):
-            both = good[:NOISE_BLOCK] & good[lag : NOISE_BLOCK + lag]
+            both = good[:BLOCK] & good[lag : BLOCK + lag]
             assert pairs[b, lag - 1] == both.sum()
-            half = 0.5 * (e[lag : NOISE_BLOCK + lag] - e[:NOISE_BLOCK])[both] ** 2
+            half = 0.5 * (e[lag : BLOCK + lag] - e[:BLOCK])[both] ** 2
             assert sums[b, lag - 1] == pytest.approx(half.sum(), rel=1e-9)
 
 

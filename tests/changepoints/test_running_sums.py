@@ -1,7 +1,6 @@
 """Running sums: any range's moments, exactly, from few reads."""
 
-from __future__ import annotations
-
+import itertools
 import math
 
 import numpy as np
@@ -9,13 +8,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.changepoints.running_sums import RunningSums
-from rwa_monitor.kernels.running_sums import CENTRE_BLOCK, STRIDE
+from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure, StructureSums
+from rwa_monitor.kernels.running_sums import STRIDE
+from rwa_monitor.kernels.structure import BLOCK, STRETCH, count_signs, extend_structure
+from rwa_monitor.samples import BoolArray, FloatArray
 
 FIELDS = ("n", "x", "z", "xx", "xz", "zz")
 
 
-def _sums(x, z, used, step=CENTRE_BLOCK):
+def _sums(x, z, used, step=BLOCK):
     sums = RunningSums(x, z, used)
     for stop in range(step, x.size, step):
         sums.extend(stop)
@@ -73,7 +74,7 @@ def test_sums_do_not_depend_on_the_steps_of_extension(seed, steps):
     in_steps = RunningSums(x, z, used)
     stop = 0
     for step in steps:
-        stop = min(stop + step * CENTRE_BLOCK, 1000)
+        stop = min(stop + step * BLOCK, 1000)
         in_steps.extend(stop)
     in_steps.extend(1000)
     assert in_steps.arrays.checkpoints.tobytes() == at_once.arrays.checkpoints.tobytes()
@@ -114,3 +115,134 @@ def test_a_range_beyond_the_window_is_refused(start, stop):
     sums = _sums(*_record(np.random.default_rng(6), 100))
     with pytest.raises(IndexError, match="100 slots"):
         sums.between(np.array([start]), np.array([stop]))
+
+
+# ---- what a window keeps beside its running sums ---------------------------------------------------------------------
+
+
+SLOTS = 20_000
+PERIOD_S = 0.125
+BAND, CERTAIN = 1.0, 0.05  # rad/s
+ANGLE = PERIOD_S  # x in rad/s: the angle of a slot at x = 1
+
+
+def gather(speed: FloatArray, z: FloatArray, good: BoolArray, cuts: list[int]) -> Structure:
+    """Gather a window in pieces."""
+    x = np.abs(speed)
+    used = good & (x >= BAND)
+    sums = StructureSums(speed.size, ANGLE)
+    edges = [0, *sorted(cuts), speed.size]
+    for start, stop in itertools.pairwise(edges):
+        _extend(sums, speed, (x, z, good, used), start, stop, CERTAIN)
+    return sums.close()
+
+
+def _extend(
+    sums: StructureSums,
+    speed: FloatArray,
+    samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray],
+    start: int,
+    stop: int,
+    certain: float,
+) -> None:
+    """Add the slots [start, stop)."""
+    count_signs(start, speed[start:stop], samples[2][start:stop], sums.arrays.signs, sums.arrays.counts)
+    extend_structure(samples[0], *samples, start, stop, certain, sums.angle_per_x, sums.hop, sums.arrays)
+
+
+def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
+    speed = 60.0 * np.sin(2 * np.pi * np.arange(SLOTS) / 9_000.0) + 0.005 * rng.standard_normal(SLOTS)
+    return speed, 1.0 + 0.02 * rng.standard_normal(SLOTS), rng.random(SLOTS) > 0.0005
+
+
+@settings(deadline=None)
+@given(cuts=st.lists(st.integers(1, SLOTS - 1), max_size=6, unique=True))
+def test_nothing_depends_on_the_pieces(cuts: list[int]) -> None:
+    window = swing(np.random.default_rng(1))
+    whole, pieces = gather(*window, []), gather(*window, cuts)
+    for name in Structure.__slots__:
+        np.testing.assert_array_equal(getattr(whole, name), getattr(pieces, name))
+
+
+def test_direction_and_dead_band_are_what_a_plain_sum_gives() -> None:
+    speed, z, good = swing(np.random.default_rng(2))
+    found = gather(speed, z, good, [])
+    blocks = np.arange(SLOTS) // BLOCK
+    near = good & (np.abs(speed) < BAND) & (np.abs(speed) > CERTAIN)
+    assert near.any()
+    for row, values in zip(found.near_zero, (np.ones(SLOTS), np.abs(speed), z, z**2), strict=True):
+        np.testing.assert_allclose(row, np.bincount(blocks, np.where(near, values, 0.0)), rtol=1e-12)
+    signs = np.bincount(blocks, good * np.sign(speed)) / np.bincount(blocks, good)
+    np.testing.assert_allclose(found.direction, signs, rtol=1e-12)
+
+
+def test_noise_has_the_power_of_two_at_every_harmonic_and_a_ripple_stands_out() -> None:
+    rng = np.random.default_rng(3)
+    speed = 150.0 + 20.0 * np.sin(2 * np.pi * np.arange(SLOTS) / 9_000.0)
+    noise = rng.standard_normal(SLOTS)
+    good = np.ones(SLOTS, dtype=np.bool_)
+    plain = gather(speed, noise, good, []).ripple
+    assert plain.shape == (21, HARMONICS)
+    # 3 % look slow. 1,950 values of χ² with two degrees of freedom: mean 2, standard error 0.05.
+    assert 0.95 < np.isfinite(plain).mean() < 0.99
+    assert abs(np.nanmean(plain) - 2.0) < 0.2
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))]) * PERIOD_S
+    ripple = gather(speed, noise + 0.5 * np.sqrt(2.0) * np.sin(12 * angle), good, []).ripple
+    mean = np.nanmean(ripple, axis=0)
+    assert int(np.argmax(mean)) + 1 == 12
+    # A part of 0.25 / 1.25 of the energy, in one harmonic: n times that share, and the noise's own.
+    assert abs(mean.max() / (STRETCH * 0.2) - 1.0) < 0.15
+
+
+def test_at_one_speed_jumps_do_not_look_like_a_ripple() -> None:
+    rng = np.random.default_rng(50120)
+    level = np.repeat(rng.uniform(0.0, 20.0, 50), SLOTS // 50)
+    good = np.ones(SLOTS, dtype=np.bool_)
+    for harmonic in (46, 56, 60, 95):
+        turns = rng.uniform(-0.01, 0.01)  # of this harmonic in a slot, beside whole ones
+        speed = np.full(SLOTS, (12 + turns) * 2.0 * np.pi / (harmonic * PERIOD_S))
+        ripple = gather(speed, level + rng.standard_normal(SLOTS), good, []).ripple
+        assert np.isnan(ripple[:, harmonic - 1]).all()
+        assert np.nansum(ripple, axis=0).max() / len(ripple) < 10.0  # 26 to 43 without the limit
+
+
+def test_a_dead_zone_is_told_from_rest_and_from_a_lattice() -> None:
+    rng = np.random.default_rng(4)
+    good = np.ones(SLOTS, dtype=np.bool_)
+    slow = 5.0 * np.sin(2 * np.pi * np.arange(SLOTS) / 9_000.0)
+
+    def count(speed: FloatArray) -> tuple[int, int]:
+        found = gather(speed, np.ones(SLOTS), good, [])
+        return found.zero_runs, found.plateaus
+
+    noisy = slow + 0.005 * rng.standard_normal(SLOTS)
+    assert count(noisy) == (0, 0)
+    dead = np.where(np.abs(noisy) < 0.5 * BAND, 0.0, noisy)
+    assert count(np.where(np.abs(slow) < 0.05, 0.0, dead) / 10.0) == (5, 5)  # x below a tenth of the nominal speed
+    fine = 0.005 * np.rint((0.1 * slow + 0.005 * rng.standard_normal(SLOTS)) / 0.005)
+    runs, plateaus = count(fine)  # a slow crossing reads zero by chance, too
+    assert runs > 0
+    assert plateaus == 0
+    runs, plateaus = count(0.02 * np.rint(slow / 0.02))  # a coarse tachometer
+    assert runs > 0
+    assert plateaus == 0
+    rest = np.maximum(slow - 2.0, 0.0)  # stands still, then leaves in small steps
+    runs, plateaus = count(rest)
+    assert runs > 0
+    assert plateaus == 0
+
+
+def test_the_ripple_is_the_power_at_multiples_of_the_angle() -> None:
+    rng = np.random.default_rng(9)
+    x, z = 1.0 + 0.01 * rng.standard_normal(STRETCH), rng.standard_normal(STRETCH)
+    everywhere = np.ones(STRETCH, dtype=np.bool_)
+    sums = StructureSums(STRETCH, angle_per_x=0.61)
+    _extend(sums, x, (x, z, everywhere, everywhere), 0, STRETCH, 0.0)
+    [power] = sums.close().ripple
+    slots = np.arange(STRETCH)
+    e = z - np.polyval(np.polyfit(slots, z, 1), slots)
+    angle = 0.61 * np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]))))
+    wave = np.exp(1j * np.outer(np.arange(1, HARMONICS + 1), angle))
+    there = np.isfinite(power)
+    assert there.sum() > HARMONICS // 2
+    np.testing.assert_allclose(power[there], (2.0 * np.abs(wave @ e) ** 2 / (e @ e))[there], rtol=1e-9)

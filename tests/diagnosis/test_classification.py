@@ -1,16 +1,16 @@
 """The classifiers: what they must find, what must widen them, what must not change them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy import integrate
 
-from rwa_monitor.diagnosis.classification import Judgement, classify
-from rwa_monitor.diagnosis.features import Features, FeaturesOfPath, SystemFeatures
+from rwa_monitor.changepoints.estimation import SlopePrior
+from rwa_monitor.diagnosis.classification import Coefficient, Judgement, classify, coefficient
+from rwa_monitor.diagnosis.features import Features, FeaturesOfPath, SystemFeatures, without_prior
 from rwa_monitor.diagnosis.model import built_in_model, models_for
-from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
+from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState, Tracked, probability_before
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 WHEEL, MODEL = built_in_wheel(), built_in_model()
@@ -89,7 +89,7 @@ def test_a_sure_anomaly_beside_doubtful_ones_has_no_more_than_probability_one() 
     sure = []
     for _ in range(100):
         seen = features(rng.uniform(1.0, 1.3), rng.uniform(1.0, 1.2), factor_2=rng.uniform(1.0, 1.6), std=0.03)
-        sure.append(judged(replace(seen, systems=(pulses, seen.systems[1])))["fss_1"])
+        sure.append(judged(seen._replace(systems=(pulses, seen.systems[1])))["fss_1"])
     assert min(sure) > 1.0 - 1e-12
     assert max(sure) <= 1.0
 
@@ -108,8 +108,8 @@ def test_where_a_system_never_rests_the_split_that_is_handed_over_does_not_matte
     """Only base plus friction is seen there: any split of it gives the same judgement."""
     seen = features(dry=1.3, rests=False)
     rested, unrested = seen.systems
-    other = replace(
-        seen, base_dry=seen.base_dry - moved, systems=(rested, replace(unrested, friction=unrested.friction + moved))
+    other = seen._replace(
+        base_dry=seen.base_dry - moved, systems=(rested, unrested._replace(friction=unrested.friction + moved))
     )
     assert judged(other) == pytest.approx(judged(seen), abs=1e-9)
 
@@ -117,7 +117,7 @@ def test_where_a_system_never_rests_the_split_that_is_handed_over_does_not_matte
 def test_the_most_plausible_split_is_handed_back() -> None:
     seen = features(dry=1.0, rests=False)
     rested, unrested = seen.systems
-    wrong = replace(seen, base_dry=0.7, systems=(rested, replace(unrested, friction=unrested.friction + 0.3)))
+    wrong = seen._replace(base_dry=0.7, systems=(rested, unrested._replace(friction=unrested.friction + 0.3)))
     found = classify(wrong, MODELS, NAMES, MODEL, EMPTY).features
     assert found.base_dry == pytest.approx(1.0, abs=3 * found.base_dry_std)
     assert found.base_dry_std < 0.1
@@ -153,7 +153,7 @@ def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another()
     silent = features(std=50.0)
     expected = 0.1
     for _ in range(5):
-        after = classify(replace(silent, viscous=1.0, viscous_std=1e-3), MODELS, NAMES, MODEL, carried).to_carry
+        after = classify(silent._replace(viscous=1.0, viscous_std=1e-3), MODELS, NAMES, MODEL, carried).to_carry
         expected = probability_before(expected, 0.2)
         assert after["dry"] == pytest.approx(expected, abs=0.03)
         carried = carried.model_copy(update={"probability": after})
@@ -162,7 +162,7 @@ def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another()
 @pytest.mark.parametrize(("name", "change"), [("dry", {"base_dry": 1.3}), ("viscous", {"viscous": 1.1})])
 def test_a_coefficient_that_no_window_measures_well_does_not_add_up(name: str, change: dict[str, float]) -> None:
     """Its estimate is drawn to the same side each time: by friction without a name, by a speed that hardly moves."""
-    seen = replace(features(), **change, **{f"{'base_' if name == 'dry' else ''}{name}_std": 1.0})
+    seen = features()._replace(**change, **{f"{'base_' if name == 'dry' else ''}{name}_std": 1.0})
     carried, found = EMPTY, []
     for _ in range(50):
         judgement = classify(seen, MODELS, NAMES, MODEL, carried)
@@ -188,8 +188,7 @@ def test_paths_count_by_what_was_learned_of_friction(against: float) -> None:
     """One path has healthy friction throughout, the other a base that no anomaly has: the samples cannot decide."""
     healthy = features()
     shifted = features(dry=1.48, factor_2=0.8)
-    told = replace(
-        shifted,
+    told = shifted._replace(
         by_path=(
             FeaturesOfPath(0.0, shifted, same_jumps=True),
             FeaturesOfPath(against, healthy, same_jumps=True),
@@ -205,4 +204,81 @@ def test_paths_count_by_what_was_learned_of_friction(against: float) -> None:
 def test_paths_that_agree_change_nothing(weight: float) -> None:
     for seen in (features(), features(rests=False), features(factor_2=1.4)):
         one = FeaturesOfPath(weight, seen, same_jumps=True)
-        assert judged(replace(seen, by_path=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
+        assert judged(seen._replace(by_path=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
+
+
+# ---- a coefficient over windows --------------------------------------------------------------------------------------
+
+
+VISCOUS = built_in_model().anomaly("viscous")
+LEVELS, RATE = VISCOUS.levels[0], VISCOUS.rate
+
+
+def before(mean: float = 1.0, std: float = 0.004, held: float = 0.98) -> Coefficient:
+    return Coefficient(LEVELS, RATE, Tracked(mean=mean, std=std, windows=5, held=held))
+
+
+def probability(seen: Coefficient, value: float, std: float) -> float:
+    rows = seen.log_evidence(np.array([value]), np.array([std]))[:, 0] + np.log([1.0 - seen.prior, seen.prior])
+    return float(np.exp(rows[1] - np.logaddexp(*rows)))
+
+
+def over_windows(values: list[tuple[float, float]]) -> list[float]:
+    tracked, found = None, []
+    for value, std in values:
+        seen = coefficient(VISCOUS, tracked)
+        found.append(probability(seen, value, std))
+        tracked = seen.after(value, std)
+    return found
+
+
+@pytest.mark.parametrize(("mean", "std", "held"), [(1.0, 0.01, 0.98), (1.15, 0.02, 0.5), (1.05, 0.03, 0.9)])
+def test_what_a_window_can_measure_has_total_probability_one(mean: float, std: float, held: float) -> None:
+    """Oracle: the density of a measurement, over both classes and all values, integrates to 1, by quadrature."""
+    seen = before(mean, std, held)
+    grid = np.linspace(-60.0, 60.0, 600_001)
+    # Strays reach far beyond any grid; with next to none of them the bands hold everything.
+    seen = Coefficient(LEVELS.model_copy(update={"stray": 1e-12}), RATE, seen.before)
+    held_part, changed = (np.exp(part).sum(axis=0) for part in seen.log_parts(grid, np.full(grid.size, 0.02)))
+    # The tail of anomalies of other sizes (a Lomax law of shape 1) beyond the grid: OTHER_SIZE · reach/60 or so.
+    assert integrate.trapezoid(changed, grid) == pytest.approx(1.0 - held, abs=1e-3)
+    assert integrate.trapezoid(held_part, grid) == pytest.approx(held, abs=1e-3)
+
+
+@pytest.mark.parametrize("viscous", [1.0, 1.04, 1.06, 1.08, 1.15])
+def test_the_same_value_again_is_no_new_evidence(viscous: float) -> None:
+    """A healthy wheel keeps its place in its band: twenty windows must not make certain what is uncertain."""
+    found = over_windows([(viscous, 0.003)] * 20)
+    assert found[-1] == pytest.approx(found[0], abs=0.1)
+
+
+@given(st.floats(0.9, 1.4), st.integers(1, 30))
+def test_a_window_that_shows_the_value_wins_whatever_went_before(value: float, windows: int) -> None:
+    """The verdict of a sharp measurement is that of the window alone, at most the hazard away from it."""
+    alone = over_windows([(value, 0.002)])[0]
+    after_healthy = over_windows([(1.0, 0.002)] * windows + [(value, 0.002)])[-1]
+    if alone > 0.9:
+        assert after_healthy > 0.6
+    if alone < 0.1:
+        assert after_healthy < 0.4
+
+
+@given(st.integers(1, 60))
+def test_windows_that_do_not_show_the_value_leave_it_with_the_hazard(windows: int) -> None:
+    vague = 10.0 * LEVELS.reach
+    found = over_windows([(1.0, 0.002)] + [(1.0, vague)] * windows)
+    hazard = RATE * (1.0 - (1.0 - CHANGE_PER_WINDOW) ** windows)
+    assert found[-1] >= 0.8 * hazard
+    assert found[-1] <= RATE + 0.02
+
+
+def test_what_a_window_alone_measures_is_what_the_prior_was_multiplied_by() -> None:
+    """Oracle: the product of two Gaussians, of a prior and of a measurement, undone."""
+    prior, value, std = SlopePrior(1.04, 0.05), 1.2, 0.08
+    weights = np.array([prior.std**-2, std**-2])
+    mean, spread = float(weights @ [prior.mean, value] / weights.sum()), float(weights.sum() ** -0.5)
+    seen = Features(1.0, 0.01, mean, spread, ())
+    alone = without_prior(seen, prior)
+    assert alone.viscous == pytest.approx(value)
+    assert alone.viscous_std == pytest.approx(std)
+    assert without_prior(seen._replace(viscous=1.04, viscous_std=0.05), prior).viscous_std == np.inf

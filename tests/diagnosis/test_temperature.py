@@ -1,7 +1,5 @@
 """Viscous friction judged at the bearing's temperature; a channel that is broken makes no false alarm."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The trend over windows: false alarms and coverage counted on simulated courses, invariances, refusals."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

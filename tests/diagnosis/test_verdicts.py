@@ -1,7 +1,5 @@
 """What a verdict must not claim: that a silent system ails, or that all is nominal where the numbers contradict it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import subprocess
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -77,7 +77,7 @@ def motion(period_s: float) -> Motion:
 def simulated(wheel: Wheel) -> Script:
     """Return the script as the package simulates the wheel on it."""
     moved = motion(wheel.sample_period_s)
-    streams = record._Streams(*np.random.default_rng(7).spawn(len(fields(record._Streams))))
+    streams = record._Streams(*np.random.default_rng(7).spawn(len(record._Streams._fields)))
     scenario = Scenario(duration_s=DURATION_S)
     parts = record._friction_parts(scenario, wheel, moved, streams)
     unit = wheel.torque_unit_Nm

@@ -1,7 +1,5 @@
 """Duration laws from few sojourns: calibrated for the next one, unbiased by cuts, shared where configurations agree."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How viscous friction follows the temperature, learned by `identify` alone, and what is judged by it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

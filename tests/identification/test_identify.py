@@ -1,7 +1,5 @@
 """A wheel learned from its recordings: the built-in wheel comes back; too little data is refused."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from dataclasses import replace

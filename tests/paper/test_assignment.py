@@ -1,7 +1,5 @@
 """The paper's own assignment and Algorithm 1: what it does, and where it fails as the errata state."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Section IV-D: the histogram of errata 13, the support vector machine and the decision."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

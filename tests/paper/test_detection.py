@@ -1,7 +1,5 @@
 """Section IV-A: the wGLR beside the compiled one, and its changepoints with what the errata state of them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

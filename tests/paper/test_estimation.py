@@ -1,12 +1,11 @@
 """Section IV-B: least squares beside the default method's running sums, and the cost of rejecting a changepoint."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+from rwa_monitor.changepoints.noise import FALSE_POSITIVE
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
-from rwa_monitor.paper.detection import FALSE_POSITIVE, SCALE, Signal
+from rwa_monitor.paper.detection import SCALE, Signal
 from rwa_monitor.paper.estimation import estimate, kept
 
 SIGMA = 0.024

@@ -1,7 +1,5 @@
 """The effect that the demo hides: the same for a seed, none of the monitor's wheel, as strong as it states."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

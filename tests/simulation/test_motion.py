@@ -1,7 +1,5 @@
 """Motions: smooth, within limits, and each kind what its name means."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Scenario files: round trip, and one clear sentence for each mistake."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Stage 3 on simulated windows: accuracy beside the paper's method, properties, rare events, bounds on work."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The search against all assignments there are, one by one; its budget; its bounds."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -10,7 +8,7 @@ import pytest
 
 from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_up_laws
 from rwa_monitor.switching.assignment import search
-from tests.switching.assignment_problems import FREE, LONG, SHORT, UNATTRIBUTED, Problem, random_problem, step_of
+from tests.switching.assignment_windows import FREE, LONG, SHORT, UNATTRIBUTED, Problem, random_problem, step_of
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,15 @@
 """The kernels over paths and levels of stage 3 against the same in plain Python and numpy."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.stage_results import Candidates, FlatPath
+from rwa_monitor.changepoints.stage_results import Candidates, SwitchingPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.kernels.laws import densities
-from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
+from rwa_monitor.kernels.segments import PREFERENCE
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_windows import sums_of
@@ -93,7 +91,7 @@ def test_the_posterior_is_that_of_the_normal_equations(spread):
     covariance = prior - prior @ rows.T @ np.linalg.solve(gram, rows @ prior)
     evidence = -0.5 * miss @ np.linalg.solve(gram, miss) - 0.5 * np.linalg.slogdet(gram)[1]
     evidence -= 0.5 * squares[1].sum() / variance - 0.5 * (np.log(variance / n).sum() + count * np.log(variance))
-    path = FlatPath(configurations, starts, np.array([4, 3]), np.array([alone]))
+    path = SwitchingPath(configurations, starts, np.array([4, 3]), np.array([alone]))
     cases = Cases(np.array([[base, *anomaly]]), np.zeros((1, 3), dtype=np.int64), np.zeros(1), rest)
     found = solve_cases(path, borders, table, statistics, cases, variance, scatter)
     assert found[0] == pytest.approx(evidence, rel=1e-9)
@@ -143,19 +141,19 @@ def _error(values: np.ndarray) -> float:
 
 def test_jumps_and_levels_are_those_of_the_samples(record):
     x, z, used = record
-    pairs = pair_moments(np.concatenate([[0], INDEX, [SLOTS]]), sums_of(x, z, used).arrays)
+    pairs = segments.measure_level(INDEX, np.array([0, 2]), sums_of(x, z, used), STD**2, 0.0, 1.0).pairs
     nodes = np.array([0, 1, 3, 6])  # the first and the third candidate are accepted
     borders = np.concatenate([[0], INDEX, [SLOTS]])
     residual = np.where(used, z - SLOPE * x, np.nan)
     levels = segments.levels_of(pairs, nodes, SLOPE)
     plain = [np.nanmean(residual[borders[a] : borders[b]]) for a, b in pairwise(nodes)]
     assert levels == pytest.approx(plain, rel=1e-10)
-    jump, variance = jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
+    jump, variance = segments.jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
     for k, (before, after) in enumerate([(0, 3), (1, 3), (1, 6), (3, 6), (3, 6)], start=1):
         left, right = slice(borders[before], borders[k]), slice(borders[k], borders[after])
         assert jump[k - 1] == pytest.approx(np.nanmean(residual[right]) - np.nanmean(residual[left]), rel=1e-9)
         apart = x[right][used[right]].mean() - x[left][used[left]].mean()
-        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * LEVEL_SCATTER**2)
+        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * segments.LEVEL_SCATTER**2)
         assert variance[k - 1] == pytest.approx(own + apart**2 / 1e4, rel=1e-9)
 
 

@@ -1,9 +1,5 @@
 """Friction split into its parts: against simulated truth, uncertain where a window does not show it (errata 10)."""
 
-from __future__ import annotations
-
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -96,9 +92,9 @@ def test_evidence_is_that_of_the_whole_gaussian():
     def densities(path: SwitchingPath, borders: np.ndarray) -> tuple[float, float]:
         sums = sums_of(x, z)
         moments = sums.between(borders[:-1], borders[1:])
-        closed = solve(path.flat(), borders, moments.table, priors, std**2, scatter).log_evidence
+        closed = solve(path, borders, moments.table, priors, std**2, scatter).log_evidence
         table, cases = prior_tables(priors)
-        alone = evidence_of_cases(path.flat(), borders, table, moments.table, cases, std**2, scatter)
+        alone = evidence_of_cases(path, borders, table, moments.table, cases, std**2, scatter)
         assert alone == pytest.approx(closed, abs=1e-9)
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []
@@ -106,10 +102,10 @@ def test_evidence_is_that_of_the_whole_gaussian():
         for choice in cases.choice.tolist():
             base, first, second = (part[i] for part, i in zip(parts, choice, strict=True))
             friction_of = []
-            for q in path.configurations[1]:
+            for q in path.split(path.configurations)[1]:
                 law = priors.laws[1][int(q)]
                 friction_of.append(((1 + second.mean) * law.mid, law.mid * second.std, (1 + second.mean) * law.scatter))
-            sojourn = np.searchsorted(path.starts[1], np.arange(slots), side="right") - 1
+            sojourn = np.searchsorted(path.split(path.starts)[1], np.arange(slots), side="right") - 1
             own = np.array(friction_of)[sojourn]
             mean = base.mean + own[:, 0] + priors.slope.mean * x
             covariance = base.std**2 + np.outer(own[:, 1], own[:, 1]) + priors.slope.std**2 * np.outer(x, x)
@@ -124,7 +120,7 @@ def test_evidence_is_that_of_the_whole_gaussian():
     differences = []
     for configurations, starts, borders in paths:
         rest = np.zeros(1, dtype=np.int64)  # fss_1 rests throughout
-        path = SwitchingPath((rest, np.array(configurations)), (rest, np.array(starts)), np.zeros(0, dtype=np.int64))
+        path = SwitchingPath.of((rest, np.array(configurations)), (rest, np.array(starts)), np.zeros(0, dtype=np.int64))
         closed, direct = densities(path, np.array(borders))
         differences.append(closed - direct)
     assert np.ptp(differences) < 1e-6
@@ -135,7 +131,7 @@ def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
     rng = np.random.default_rng(46)
     slots, std = 60, 0.3
     x, z = rng.uniform(0.3, 1.0, slots), rng.normal(1.5, 0.5, slots)
-    priors = replace(priors_of(WHEEL, None, 1.0, 0.5), slope=SlopePrior(0.0, 1e-9))
+    priors = priors_of(WHEEL, None, 1.0, 0.5)._replace(slope=SlopePrior(0.0, 1e-9))
     rest, grid = np.zeros(1, dtype=np.int64), np.linspace(-4.0, 6.0, 401)
     none = np.zeros(0, dtype=np.int64)
     step = grid[1] - grid[0]
@@ -148,9 +144,9 @@ def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
         return float(np.logaddexp.reduce(log_likelihood, axis=None) + log_likelihood.ndim * np.log(step))
 
     def log_measured(configurations: tuple[int, ...], starts: tuple[int, ...], borders: np.ndarray) -> float:
-        path = SwitchingPath((rest, np.array(configurations)), (rest, np.array(starts)), none)
+        path = SwitchingPath.of((rest, np.array(configurations)), (rest, np.array(starts)), none)
         segments = sums_of(x, z).between(borders[:-1], borders[1:])
-        return measure(path.flat(), borders, segments.table, priors, std**2, 1e-12).log_evidence
+        return measure(path, borders, segments.table, priors, std**2, 1e-12).log_evidence
 
     base, first = np.meshgrid(grid, grid, indexing="ij")
     borders = np.array([0, 20, 60])

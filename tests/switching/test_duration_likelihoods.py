@@ -1,7 +1,5 @@
 """Log-probability tables: the chances of all that can happen in a window add up to one (errata 9)."""
 
-from __future__ import annotations
-
 from itertools import combinations, pairwise
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Jumps attributed to switching systems: right where size, duration or closing separate them, else refused."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

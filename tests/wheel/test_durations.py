@@ -1,7 +1,5 @@
 """Duration laws against what their definitions give, by brute force."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

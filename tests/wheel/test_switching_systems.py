@@ -1,7 +1,5 @@
 """Switching systems against their laws."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The torque balance, its derivative filter and the noise that it leaves."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """wheel.toml: round trip, and one clear sentence for each mistake."""
 
-from __future__ import annotations
-
 import copy
 import re
 import tomllib

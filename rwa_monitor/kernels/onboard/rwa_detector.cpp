@@ -12,23 +12,13 @@ namespace std {
 
 namespace rwa {
 namespace {
-constexpr double NORMAL_MEDIAN = 0.6744897501960817;  // median of |N(0, 1)|
-constexpr int64_t PIECE = 64;  // samples that are taken at once
 constexpr int64_t ALL_SCALES[] = {1, 2, 4, 8, 16, 32, 64, 128};
 // Fixed: histogram, prefix sums, peaks and what sorts them; measured with windows full of jumps, and half as much again.
 constexpr std::size_t FIXED_BYTES = 3'000'000, BYTES_PER_SLOT = 40;
 
-double median_size(NewFloats& values) {
-    if (values.empty()) return 0.0;
-    for (double& value : values) value = abs(value);
-    const std::size_t low = (values.size() - 1) / 2, high = values.size() / 2;
-    sort(values.begin(), values.end());
-    return 0.5 * (values[low] + values[high]);
-}
-
 double interpolate(double at, const double* x, const double* y, int64_t n) {
     if (!(at > x[0])) return y[0];
-    for (int64_t i = 1; i < n; ++i) {
+    for (int64_t i : rwa::range(1, n)) {
         if (at <= x[i]) return y[i - 1] + (y[i] - y[i - 1]) / (x[i] - x[i - 1]) * (at - x[i - 1]);
     }
     return y[n - 1];
@@ -49,45 +39,15 @@ struct rwa_detector {
         return {x, x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, {}};
     }
     rwa::WindowSettings kernel_settings() const {
-        return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.start_std,
-                settings.prior_mean, settings.prior_std, settings.nominal_slope, settings.outlier,
-                settings.sure_outlier, settings.sure_margin, settings.sure_statistic};
+        return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.dead_band,
+                settings.speed_noises, settings.start_std, settings.prior_mean, settings.prior_std,
+                settings.nominal_slope, settings.outlier, settings.sure_outlier, settings.sure_margin,
+                settings.sure_statistic};
     }
     // Without any idea of the slope, two neighbouring samples show nothing of a jump.
     rwa::Integers scales() const {
         const int64_t first = rwa::isnan(settings.prior_std);
         return {rwa::ALL_SCALES + first, {8 - first}};
-    }
-
-    // `_first_learned` of evidence.py.
-    void learn_first(int64_t stop) {
-        const double prior = settings.prior_mean;
-        rwa::NewFloats speeds, second, steps;
-        for (int64_t k = 0; k < stop; ++k) {
-            if (good[k]) speeds.push_back(x[k]);
-        }
-        for (std::size_t k = 2; k < speeds.size(); ++k) {
-            second.push_back((speeds[k] - speeds[k - 1]) - (speeds[k - 1] - speeds[k - 2]));
-        }
-        const double noises = settings.speed_noises * rwa::median_size(second);
-        const double certain = noises / (rwa::NORMAL_MEDIAN * rwa::sqrt(6.0));
-        const double band = rwa::isnan(settings.dead_band) ? certain : settings.dead_band;
-        double last = NAN;
-        for (int64_t k = 0; k < stop; ++k) {
-            used[k] = good[k] && x[k] >= band && x[k] > 0.0;
-            if (!used[k]) continue;
-            const double level = z[k] - prior * x[k];
-            if (!rwa::isnan(last)) steps.push_back(level - last);
-            last = level;
-        }
-        double weight = rwa::SMALLEST_WEIGHT;
-        if (!rwa::isnan(settings.prior_std)) {
-            double std = settings.start_std;
-            if (rwa::isnan(std)) std = rwa::median_size(steps) / (rwa::NORMAL_MEDIAN * rwa::sqrt(2.0));
-            std = rwa::max(std, rwa::SMALLEST_STD);
-            weight = std * std / (settings.prior_std * settings.prior_std);
-        }
-        window.begin(weight, band, certain);
     }
 
     // `_outliers` of evidence.py, of tails that are heavy.
@@ -134,14 +94,13 @@ int64_t rwa_detector_add(
     rwa_detector& of = *detector;
     if (count < 0 || of.filled + count > of.settings.slots) return -1;
     rwa::pool = of.pool;
-    bool there[rwa::PIECE];  // NaN is not good
-    rwa::fill_n(there, rwa::PIECE, true);
+    bool there[rwa::BLOCK];  // NaN is not good
+    rwa::fill_n(there, rwa::BLOCK, true);
     int64_t found = 0;
-    for (int64_t first = 0; first < count; first += rwa::PIECE) {
-        int64_t n = rwa::min(rwa::PIECE, count - first), why = -1;
-        for (; why != rwa::ALL_DONE; n = 0) {
-            int64_t reported = 0;
-            std::tie(std::ignore, of.done, reported, why) = of.window.gather(
+    for (int64_t first = 0; first < count; first += rwa::BLOCK) {
+        int64_t n = rwa::min(rwa::BLOCK, count - first), reported = 0;
+        for (bool heavy = true; heavy; n = 0) {
+            std::tie(std::ignore, of.done, reported, heavy) = of.window.gather(
                 {speed + first, {n}}, {friction + first, {n}}, {there, {n}}, {}, of.filled, of.done, false);
             of.filled += n;
             const auto& [slots, sizes, stds, normalised] = of.window.reported;
@@ -150,8 +109,7 @@ int64_t rwa_detector_add(
                 const double unit = of.settings.torque_unit;
                 jumps[found] = {slots[i], sizes[i] * unit, stds[i] * unit};
             }
-            if (why == rwa::FIRST_CHUNK) of.learn_first(rwa::min(of.filled, rwa::CHUNK));
-            if (why == rwa::HEAVY_TAILS) of.learn_tails();
+            if (heavy) of.learn_tails();
         }
     }
     return found;

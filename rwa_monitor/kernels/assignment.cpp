@@ -1,0 +1,783 @@
+// Which candidates are jumps, and which switching system made each (see rwa_monitor/switching/assignment.py).
+#include "assignment.hpp"
+#include "detection.hpp"
+
+namespace rwa {
+namespace {
+
+enum : int64_t { REJECT, NO_SYSTEM };  // the first two rows of every table of actions
+constexpr int64_t STEPS = 6;           // that a system can take at a candidate, see `step_from`
+enum : int64_t { UNATTRIBUTED = -2, REJECTED };  // in place of a system: a changepoint of none; no changepoint
+
+// See assignment.Scores.
+struct Scores {
+    FloatMatrix fit;
+    Array<const double, 4> jump;
+    FloatCube stay, turn;
+    Array<const double, 5> missed;
+    Integers configurations;
+    Matrix<const bool> signs;
+    IntegerMatrix actions;
+    Floats size, size_variance;
+    FloatMatrix law_mean, law_variance;
+    double log_range, unattributed, unattributed_variance;
+    FIELDS(fit, jump, stay, turn, missed, configurations, signs, actions, size, size_variance, law_mean, law_variance,
+           log_range, unattributed, unattributed_variance)
+};
+
+// Upper bounds of what can follow: the lower of `rest`, and of `rest_fit` with the `own` of all systems.
+struct Bounds {
+    NewMatrix rest;      // (m + 1, m + 1): fits and laws, last changepoint at i, candidates up to k decided
+    NewMatrix rest_fit;  // without laws, less the prices of the jumps
+    Table<double, 4> own;       // (S, Q, m + 1, m + 1): a system's laws, with what it earns; sojourn begun at i
+};
+
+// The most that a jump at each node can be worth [log density over the flat one that the fits assume].
+struct Worth {
+    Table<double, 4> single;  // (S, Q, 2, m + 1): by its size, down or up from q; -inf where there is none
+    NewFloats twice;          // by its size, of one that two systems make at once
+    NewFloats alone;          // by its size, of one that no system makes
+    NewFloats with_law;       // of any, by its size and the best law
+};
+
+struct Step {
+    int64_t direction;      // 0 down, 1 up
+    int64_t skipped;        // a jump without a candidate before it: 0 none, 1 down, 2 up
+    int64_t before, after;  // configurations
+};
+inline Step step_from(int64_t configuration, int64_t number) {
+    const int64_t direction = number % 2, skipped = number / 2;
+    const int64_t before = configuration + (skipped == 0 ? 0 : 2 * skipped - 3);
+    return {direction, skipped, before, before + 2 * direction - 1};
+}
+inline bool possible(const Step& step, int64_t configurations) {
+    return min(step.before, step.after) >= 0 && max(step.before, step.after) < configurations;
+}
+
+// Call `visit(system, step number)` for each system that steps in an action.
+template <typename Visit>
+void each_step(IntegerMatrix actions, int64_t action, Visit visit) {
+    for (int place : {0, 2}) {
+        if (actions(action, place) >= 0) visit(actions(action, place), actions(action, place + 1));
+    }
+}
+
+// Configurations of all systems at the window's begin, by their number; the last system counts fastest.
+inline NewIntegers start_of(int64_t number, Integers configurations) {
+    NewIntegers start(configurations.size());
+    for (int64_t s = configurations.size() - 1; s >= 0; number /= configurations[s--]) {
+        start[s] = number % configurations[s];
+    }
+    return start;
+}
+
+// log P of a sojourn of system s in q from one node to each other, and of the jump that was skipped at its end.
+inline const double* sojourn_laws(const Scores& scores, int64_t s, int64_t q, int64_t since, const Step& step) {
+    return step.skipped == 0 ? &scores.jump(s, q, since, 0) : &scores.missed(s, q, step.skipped - 1, since, 0);
+}
+
+// log P(size of the jump at candidate k), Gaussian, over the flat density that the fits assume.
+inline double size_term(const Scores& scores, int64_t k, double mean, double variance) {
+    const double total = variance + scores.size_variance[k - 1], miss = scores.size[k - 1] - mean;
+    return scores.log_range - 0.5 * log(2.0 * M_PI * total) - 0.5 * (miss * miss) / total;
+}
+
+// ---- bounds ----------------------------------------------------------------------------------------------------------
+// Upper bounds of what can follow a partial assignment, of two kinds. The free bound: every jump has the best law and
+// the best size that any system could have there. The priced one is a Lagrangian relaxation (Fisher 1981, "The
+// Lagrangian relaxation method for solving integer programming problems", Management Science 27): levels and each
+// system are planned on their own, and the levels pay a price for their jump at a candidate, which a system that jumps
+// there earns. With any prices the separate optima add up to at least the joint one; under good ones the jumps of a
+// good path earn what they cost.
+constexpr double LEAST_WORTH = -5.0;  // of the size of a path's own jump: an odd one must not make all others free
+
+// The most that `size_term` can be for any mean and at least this variance.
+double highest_size(const Scores& scores, int64_t k, double variance) {
+    return size_term(scores, k, scores.size[k - 1], variance);
+}
+
+// Call `visit(q, direction, after)` for each jump that a system can make.
+template <typename Visit>
+void each_jump(int64_t configurations, Visit visit) {
+    for (int64_t q : range(configurations)) {
+        for (int64_t direction : range(2)) {
+            const int64_t after = q + 2 * direction - 1;
+            if (after >= 0 && after < configurations) visit(q, direction, after);
+        }
+    }
+}
+
+// What sizes are worth at most.
+Worth size_worth(const Scores& scores) {
+    const auto [systems, configurations, nodes] = scores.stay.shape;
+    Worth worth{Table<double, 4>({systems, configurations, 2, nodes}, -INFINITY), NewFloats(nodes), NewFloats(nodes),
+                NewFloats(nodes, scores.unattributed)};
+    double smallest = INFINITY;  // variance of a friction that moves at all
+    for (double variance : scores.law_variance) {
+        if (variance > 0.0) smallest = min(smallest, variance);
+    }
+    for (int64_t k : range(1, nodes)) {
+        worth.alone[k] = size_term(scores, k, 0.0, scores.unattributed_variance);
+        // Both of two may return to rest only where the level may fall; otherwise one of them takes up friction.
+        worth.twice[k] = highest_size(scores, k, scores.signs(k - 1, 0) || smallest == INFINITY ? 0.0 : smallest);
+        for (int64_t s : range(systems)) {
+            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t after) {
+                const double variance = scores.law_variance(s, after);
+                worth.single(s, q, direction, k) =
+                    scores.law_variance(s, q) == 0.0  // from rest the friction before is known
+                        ? size_term(scores, k, scores.law_mean(s, after) - scores.law_mean(s, q), variance)
+                        : highest_size(scores, k, variance);
+            });
+        }
+    }
+    return worth;
+}
+
+// Raise `highest` to the highest entry of each column above the diagonal.
+void raise(Vector<double> highest, FloatMatrix table) {
+    for (int64_t i : range(table.shape[0])) {
+        for (int64_t k : range(i + 1, table.shape[1])) highest[k] = max(highest[k], table(i, k));
+    }
+}
+
+// Add the laws to the most that a jump at each node can be worth; return that by size alone.
+NewFloats add_best_laws(const Scores& scores, Worth& worth) {
+    const auto [systems, configurations, nodes] = scores.stay.shape;
+    NewCube law({systems, configurations, nodes}, -INFINITY);
+    for (int64_t s : range(systems)) {
+        NewFloats skips(nodes, -INFINITY);
+        for (int64_t q : range(configurations)) {
+            for (int64_t skipped : range(2)) raise(skips, scores.missed.row(s).row(q).row(skipped));
+        }
+        for (int64_t q : range(scores.configurations[s])) {
+            const auto best = law.row(s).row(q);
+            copy(skips, best.begin());
+            raise(best, scores.jump.row(s).row(q));
+        }
+    }
+    NewFloats size_only(nodes);
+    for (int64_t k : range(1, nodes)) {
+        double& with_law = worth.with_law[k];
+        with_law += worth.alone[k];
+        size_only[k] = max(0.0, worth.alone[k]);
+        double first = -INFINITY, second = -INFINITY;  // the best laws of any two systems
+        for (int64_t s : range(systems)) {
+            double plain = -INFINITY;
+            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
+                const double turned = law(s, q, k) + scores.turn(s, q, direction);
+                const double size = worth.single(s, q, direction, k);
+                plain = max(plain, turned);
+                with_law = max(with_law, turned + size);
+                size_only[k] = max(size_only[k], size);
+            });
+            second = max(second, min(first, plain));
+            first = max(first, plain);
+        }
+        with_law = max(with_law, first + second + worth.twice[k]);
+        if (systems > 1) size_only[k] = max(size_only[k], worth.twice[k]);
+    }
+    return size_only;
+}
+
+// The best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k: (m + 1, m + 1).
+NewMatrix best_rest(FloatMatrix fit, Floats gain) {
+    const auto nodes = fit.shape[0] - 1;
+    NewMatrix rest({nodes, nodes}, -INFINITY);
+    NewFloats from_node(nodes);
+    for (int64_t i = nodes - 1; i >= 0; --i) {
+        double best = rest(i, nodes - 1) = fit(i, nodes);
+        for (int64_t k = nodes - 1; k > i; --k) {
+            rest(i, k - 1) = best = max(best, fit(i, k) + gain[k] + from_node[k]);
+        }
+        from_node[i] = best;
+    }
+    return rest;
+}
+
+// `own` of Bounds; earned, (S, Q, 2, m + 1), is what a jump from a configuration down or up adds at each node.
+Table<double, 4> best_chains(const Scores& scores, Array<const double, 4> earned) {
+    const auto [systems, configurations, nodes] = scores.stay.shape;
+    Table<double, 4> own({systems, configurations, nodes, nodes}, -INFINITY);
+    NewMatrix begun({configurations, nodes}, -INFINITY);  // of a sojourn that begins at the node
+    for (int64_t s : range(systems)) {
+        for (int64_t i = nodes - 1; i >= 0; --i) {
+            for (int64_t q : range(configurations)) {
+                double* best = &own(s, q, i, 0);
+                for (int64_t number : range(STEPS)) {
+                    const Step step = step_from(q, number);
+                    if (!possible(step, configurations)) continue;
+                    const double turn = scores.turn(s, step.before, step.direction);
+                    const double* gain = &earned(s, step.before, step.direction, 0);
+                    const double* law = sojourn_laws(scores, s, q, i, step);
+                    const double* then = &begun(step.after, 0);
+                    for (int64_t k : range(i + 1, nodes)) {
+                        best[k - 1] = max(best[k - 1], law[k] + (turn + gain[k]) + then[k]);
+                    }
+                }
+                best[nodes - 1] = scores.stay(s, q, i);
+                for (auto k = nodes - 1; k > i; --k) best[k - 1] = max(best[k], best[k - 1]);
+            }
+            for (int64_t q : range(configurations)) begun(q, i) = own(s, q, i, i);
+        }
+    }
+    return own;
+}
+
+// Prices under which the path's jumps cost their systems nothing on balance; where it rejects, no jump earns more than
+// it costs.
+NewFloats prices(const Scores& scores, const Worth& worth, Integers start, Integers taken) {
+    NewFloats price;
+    for (double most : worth.with_law) price.push_back(-most);
+    NewIntegers configuration(start.begin(), start.end()), since(start.size());
+    for (int64_t node : range(1, taken.size() + 1)) {
+        const auto action = taken[node - 1];
+        if (action == REJECT) continue;
+        if (action == NO_SYSTEM) {
+            price[node] = -scores.unattributed;
+            continue;
+        }
+        double cost = 0.0, systems = 0.0;
+        each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+            const Step step = step_from(configuration[s], number);
+            cost -= sojourn_laws(scores, s, configuration[s], since[s], step)[node] +
+                    scores.turn(s, step.before, step.direction) +
+                    max(worth.single(s, step.before, step.direction, node), LEAST_WORTH);
+            systems += 1.0;
+            configuration[s] = step.after, since[s] = node;
+        });
+        price[node] = cost / systems;
+    }
+    return price;
+}
+
+
+// The bounds without prices, and what jumps are worth; every law term must be ≤ 0.
+tuple<Bounds, Worth> free_bounds(const Scores& scores) {
+    Worth worth = size_worth(scores);
+    const NewFloats size_only = add_best_laws(scores, worth);
+    const Table<double, 4> nothing(worth.single.shape);
+    Bounds bounds{
+        best_rest(scores.fit, worth.with_law), best_rest(scores.fit, size_only), best_chains(scores, nothing)};
+    return {move(bounds), move(worth)};
+}
+
+// Make the bounds `rest_fit` and `own` those with prices from a complete path: its start and the actions taken.
+void set_prices(const Scores& scores, const Worth& worth, Integers start, Integers taken, Bounds& bounds) {
+    const NewFloats price = prices(scores, worth, start, taken);
+    Table<double, 4> earned(worth.single.shape, -INFINITY);
+    NewFloats paid(price.size());
+    for (int64_t k : range(1, price.size())) {
+        paid[k] = max(-price[k], scores.unattributed + worth.alone[k]);
+        // Two that jump at once earn twice, and share one size: each is taken to be worth half of it at least.
+        const double least = 0.5 * (worth.twice[k] - price[k]);
+        for (int64_t s : range(scores.configurations.size())) {
+            each_jump(scores.configurations[s], [&](int64_t q, int64_t direction, int64_t) {
+                // Against the level's sign a system jumps only together with another one.
+                double size = worth.single(s, q, direction, k);
+                size = scores.signs(k - 1, direction) ? max(size, least) : least;
+                earned(s, q, direction, k) = size + price[k];
+            });
+        }
+    }
+    bounds.rest_fit = best_rest(scores.fit, paid);
+    bounds.own = best_chains(scores, earned);
+}
+
+// ---- states ----------------------------------------------------------------------------------------------------------
+// Expanded candidate by candidate, merged, pruned by bounds. Sums are taken in a fixed order, so that results are the
+// same on every machine.
+
+constexpr double ROUNDING = 1e-6;    // bounds and scores add up the same terms in different orders [log-likelihood]
+constexpr int64_t MOST_SYSTEMS = 8;  // of a wheel
+constexpr int64_t MOST_KEPT = 4;     // entries of a state
+
+// The last accepted changepoint, and the configuration of each system with the node at which its sojourn began.
+struct State {
+    std::int16_t last = 0;
+    array<std::int16_t, MOST_SYSTEMS> configuration{}, since{};
+
+    bool operator==(const State&) const = default;
+};
+
+// A partial assignment: its state, score and node in the tree; mean and variance of each system's friction.
+struct Entry {
+    State state;
+    int64_t node;
+    double score;
+    array<double, MOST_SYSTEMS> mean{}, variance{};
+};
+
+// The entries kept as a tree, and the complete paths (last entry and score); how many entries were expanded, and the
+// highest bound of what the budget cut.
+struct Expansion {
+    struct Node {
+        int64_t before, action;  // at the root the number of the start
+    };
+    vector<Node> tree;
+    NewIntegers last;
+    NewFloats score;
+    int64_t expanded = 0;
+    double lost = -INFINITY;
+};
+
+// An extension of an entry, and the bound of the complete paths through it.
+struct Offer {
+    int64_t entry, action;
+    double score, bound;
+};
+
+// A state of the next stage with its best offers, best first.
+struct Merged {
+    State state;
+    int64_t kept = 0;
+    array<int64_t, MOST_KEPT> best{};
+};
+
+// What a step of a system is worth: log-probability, change of its own bound, mean and variance of the jump.
+struct Weighed {
+    double law, own, mean, variance;
+};
+
+// What the systems may still do when candidates up to k are decided.
+double bound_of_systems(const Bounds& bounds, const State& state, int64_t systems, int64_t k) {
+    double sum = 0.0;
+    for (int64_t s : range(systems)) sum += bounds.own(s, state.configuration[s], state.since[s], k);
+    return sum;
+}
+
+// Enter all configurations that the systems may be in at the window's begin.
+vector<Entry> enter(const Scores& scores, const Bounds& bounds, double cutoff, int64_t starts, Expansion& found) {
+    const auto systems = scores.configurations.size();
+    vector<Entry> entries;
+    for (int64_t number : range(starts)) {
+        const NewIntegers start = start_of(number, scores.configurations);
+        Entry entry;
+        double by_own = bounds.rest_fit(0, 0);
+        for (int64_t s : range(systems)) {
+            entry.state.configuration[s] = start[s];
+            entry.mean[s] = scores.law_mean(s, start[s]), entry.variance[s] = scores.law_variance(s, start[s]);
+            by_own += bounds.own(s, start[s], 0, 0);
+        }
+        if (!(min(bounds.rest(0, 0), by_own) >= cutoff)) continue;
+        entry.score = 0.0;
+        entry.node = found.tree.size();
+        entries.push_back(entry);
+        found.tree.push_back({-1, number});
+    }
+    return entries;
+}
+
+// Weigh each step of each system, see `list_offers`; a law of -inf where it is impossible.
+void weigh_steps(const Scores& scores, const Bounds& bounds, const Entry& entry, int64_t k, Weighed* steps) {
+    for (int64_t s : range(scores.configurations.size())) {
+        const int64_t q = entry.state.configuration[s], since = entry.state.since[s];
+        const double now = bounds.own(s, q, since, k);
+        for (int64_t number = 0; number < STEPS; ++number, ++steps) {
+            const Step step = step_from(q, number);
+            if (!possible(step, scores.configurations[s])) {
+                steps->law = -INFINITY;
+                continue;
+            }
+            double law = sojourn_laws(scores, s, q, since, step)[k], mean = entry.mean[s], variance = entry.variance[s];
+            if (step.skipped != 0) {
+                mean = scores.law_mean(s, step.before), variance = scores.law_variance(s, step.before);
+                const double hidden = mean - entry.mean[s];  // no candidate, so no change of level that could be seen
+                law -= 0.5 * (hidden * hidden) / (variance + entry.variance[s] + scores.size_variance[k - 1]);
+            }
+            *steps = {law + scores.turn(s, step.before, step.direction), bounds.own(s, step.after, k, k) - now,
+                      scores.law_mean(s, step.after) - mean, scores.law_variance(s, step.after) + variance};
+        }
+    }
+}
+
+// List what may happen to each entry at candidate k and is within reach of the best.
+void list_offers(
+    const Scores& scores, const Bounds& bounds, int64_t k, double cutoff, const vector<Entry>& entries,
+    vector<Offer>& offers) {
+    const auto systems = scores.configurations.size(), actions = scores.actions.shape[0];
+    const double unattributed = scores.unattributed + size_term(scores, k, 0.0, scores.unattributed_variance);
+    const double highest = size_term(scores, k, scores.size[k - 1], 0.0);
+    const double rest = bounds.rest(k, k), rest_fit = bounds.rest_fit(k, k);
+    vector<Weighed> steps(systems * STEPS);
+    offers.clear();
+    for (int64_t at : range(entries.size())) {
+        const Entry& entry = entries[at];
+        const int64_t last = entry.state.last;
+        const double by_own = bound_of_systems(bounds, entry.state, systems, k);  // without a step here
+        if (by_own == -INFINITY) continue;
+        const auto offer = [&](int64_t action, double score, double follows) {
+            const double bound = score + follows;
+            if (bound >= cutoff && (bound > -INFINITY || action == REJECT)) {
+                offers.push_back({at, action, score, bound});
+            }
+        };
+        const double fit = scores.fit(last, k);
+        offer(REJECT, entry.score, min(bounds.rest(last, k), bounds.rest_fit(last, k) + by_own));
+        offer(NO_SYSTEM, entry.score + (fit + unattributed), min(rest, rest_fit + by_own));
+        // Most steps end here, before they are weighed: not even a perfect size would bring them within reach.
+        const double best = entry.score + fit + highest + rest;
+        if (best < cutoff - ROUNDING) continue;
+        weigh_steps(scores, bounds, entry, k, steps.data());
+        for (int64_t a : range(NO_SYSTEM + 1, actions)) {
+            const int64_t* action = &scores.actions(a, 0);
+            const Weighed& one = steps[action[0] * STEPS + action[1]];
+            if (best + one.law < cutoff - ROUNDING || one.law == -INFINITY) continue;
+            const bool two = action[3] >= 0;
+            if ((!two || action[1] % 2 == action[3] % 2) && !scores.signs(k - 1, action[1] % 2)) continue;
+            double score = entry.score + (fit + one.law), own = by_own + one.own;
+            double mean = one.mean, variance = one.variance;
+            if (two) {
+                const Weighed& other = steps[action[2] * STEPS + action[3]];
+                if (other.law == -INFINITY) continue;
+                score += other.law;
+                own += other.own;
+                mean += other.mean;
+                variance += other.variance;
+            }
+            const double follows = min(rest, rest_fit + own);
+            offer(a, score + size_term(scores, k, mean, variance), follows);
+        }
+    }
+}
+
+// The state that an action at candidate k makes of one.
+State moved(const Scores& scores, State state, int64_t k, int64_t action) {
+    if (action == REJECT) return state;
+    state.last = k;
+    each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+        state.configuration[s] = step_from(state.configuration[s], number).after;
+        state.since[s] = k;
+    });
+    return state;
+}
+
+// Scatters states over a table (FNV-1a).
+std::uint64_t hash(const State& state, int64_t systems) {
+    std::uint64_t key = 1469598103934665603u;
+    const auto add = [&key](std::int16_t value) { key = (key ^ static_cast<std::uint64_t>(value)) * 1099511628211u; };
+    add(state.last);
+    for (int64_t s : range(systems)) add(state.configuration[s]), add(state.since[s]);
+    return (key ^ (key >> 29)) >> 1;
+}
+
+// Put an offer among the best of its state, after those that score as much.
+void keep(const vector<Offer>& offers, int64_t offer, int64_t most, Merged& merged) {
+    auto& [state, kept, best] = merged;
+    const double score = offers[offer].score;
+    if (kept < most) {
+        ++kept;
+    } else if (!(score > offers[best[most - 1]].score)) {
+        return;
+    }
+    auto place = kept - 1;
+    for (; place > 0 && offers[best[place - 1]].score < score; --place) best[place] = best[place - 1];
+    best[place] = offer;
+}
+
+// Bring the first `room` offers that reach the cutoff together by state, which `table` finds by its hash.
+void merge(
+    const Scores& scores, int64_t k, double cutoff, size_t room, const vector<Entry>& entries,
+    const vector<Offer>& offers, int64_t kept, NewIntegers& table, vector<Merged>& merged) {
+    size_t slots = 16, taken = 0;
+    while (slots < 2 * min(room, offers.size())) slots *= 2;
+    table.assign(slots, -1);
+    merged.clear();
+    for (size_t offer = 0; offer < offers.size() && taken < room; ++offer) {
+        if (offers[offer].bound < cutoff) continue;
+        ++taken;
+        const State state = moved(scores, entries[offers[offer].entry].state, k, offers[offer].action);
+        auto place = hash(state, scores.configurations.size()) & (slots - 1);
+        while (table[place] >= 0 && !(merged[table[place]].state == state)) place = (place + 1) & (slots - 1);
+        if (table[place] < 0) {
+            table[place] = merged.size();
+            merged.push_back({state});
+        }
+        keep(offers, offer, kept, merged[table[place]]);
+    }
+}
+
+// Change the friction of each system by an action at candidate k. The jump's size gives the new friction: the law's
+// mean and variance are conditioned on it (a scalar Kalman step).
+void learn(const Scores& scores, const State& before, int64_t k, int64_t action, Entry& entry) {
+    if (action == REJECT) return;
+    double surprise = scores.size[k - 1], total = scores.size_variance[k - 1];
+    each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+        const Step step = step_from(before.configuration[s], number);
+        double &mean = entry.mean[s], &variance = entry.variance[s];
+        surprise += step.skipped == 0 ? mean : scores.law_mean(s, step.before);
+        total += step.skipped == 0 ? variance : scores.law_variance(s, step.before);
+        mean = scores.law_mean(s, step.after), variance = scores.law_variance(s, step.after);
+        surprise -= mean;
+        total += variance;
+    });
+    each_step(scores.actions, action, [&](int64_t s, int64_t) {
+        const double share = entry.variance[s] / total;
+        entry.mean[s] += share * surprise;
+        entry.variance[s] *= 1.0 - share;
+    });
+}
+
+
+// Expand all states candidate by candidate. Dropped: extensions with a bound below the cutoff, and those past the
+// budget of a candidate, by their bound; `kept` entries are kept of each state.
+Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept) {
+    const auto candidates = scores.signs.shape[0], systems = scores.configurations.size();
+    REQUIRE(systems <= MOST_SYSTEMS);
+    int64_t starts = 1;
+    for (auto configurations : scores.configurations) starts *= configurations;
+    const auto room = static_cast<size_t>(max(budget, starts));
+    Expansion found;
+    vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
+    vector<Offer> offers;
+    NewIntegers table;
+    vector<Merged> merged;
+    for (int64_t k : range(1, candidates + 1)) {
+        list_offers(scores, bounds, k, cutoff, entries, offers);
+        found.expanded += static_cast<int64_t>(entries.size());
+        double stage_cutoff = cutoff;
+        if (offers.size() > room) {  // the best that is cut shows whether the search missed anything
+            NewFloats reached;
+            for (const Offer& offer : offers) reached.push_back(offer.bound);
+            const auto first = reached.end() - room;
+            nth_element(reached, first);
+            stage_cutoff = *first;
+            found.lost = max(found.lost, *max_element(reached.begin(), first));
+        }
+        merge(scores, k, stage_cutoff, room, entries, offers, kept, table, merged);
+        following.clear();
+        for (const Merged& one : merged) {
+            for (int64_t rank : range(one.kept)) {
+                const Offer& offer = offers[one.best[rank]];
+                const Entry& before = entries[offer.entry];
+                Entry& entry = following.emplace_back(before);
+                learn(scores, before.state, k, offer.action, entry);
+                entry.state = one.state;
+                entry.score = offer.score;
+                entry.node = found.tree.size();
+                found.tree.push_back({before.node, offer.action});
+            }
+        }
+        swap(entries, following);
+    }
+    for (const auto& [state, node, score, mean, variance] : entries) {
+        double total = score + scores.fit(state.last, candidates + 1);
+        for (int64_t s : range(systems)) total += scores.stay(s, state.configuration[s], state.since[s]);
+        found.last.push_back(node);
+        found.score.push_back(total);
+    }
+    return found;
+}
+
+// ---- levels between candidates (see rwa_monitor/switching/segments.py) ----------------------------------------------
+
+constexpr double PREFERENCE = 1e-6;     // log-likelihood of a slot nearer to the detected one: decides ties in gaps
+
+// Σ (z - level - slope x)² of a segment about its own level.
+double squared_error(const Sums& sum, double slope) {
+    const double y = sum.z - slope * sum.x;
+    const double yy = sum.zz - 2.0 * slope * sum.xz + slope * slope * sum.xx;
+    return max(yy - y * y / max(sum.n, 1.0), 0.0);
+}
+
+// The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `width`: it charges
+// each level log(width √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
+NewMatrix fit_table(FloatCube pairs, double slope, double variance, double width) {
+    const int64_t count = pairs.shape[1];
+    const double log_range = log(width);
+    NewMatrix table({count, count});
+    for (int64_t i : range(count)) {
+        for (int64_t j : range(i + 1, count)) {
+            const Sums sum = Sums::read(&pairs(0, i, j), count * count);
+            if (!(sum.n > 0.0)) continue;
+            const double charge = log_range - 0.5 * log(2.0 * M_PI * variance / sum.n);
+            table(i, j) = -squared_error(sum, slope) / (2.0 * variance) - max(charge, 0.0);
+        }
+    }
+    return table;
+}
+
+// Each inner node moved to the slot within its reach, and no further than half way to a neighbour, that splits the two
+// intervals beside it best.
+NewIntegers refine_nodes(Integers nodes, Integers reach, double slope, double variance, const SumArrays& sums) {
+    const int64_t count = nodes.size() - 2;
+    NewIntegers refined(count);
+    vector<Sums> prefix;
+    for (const int64_t slot : nodes) prefix.push_back(prefix_moments(slot, sums));
+    for (int64_t i : range(count)) {
+        const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
+        const int64_t low = max(left + (at - left) / 2, at - reach[i]);  // exclusive unless it is `at`
+        const int64_t high = min(at + (right - at) / 2, at + reach[i]);
+        double best = -INFINITY;
+        refined[i] = at;
+        for (int64_t trial = min(low + 1, at); trial <= high; ++trial) {
+            const Sums here = prefix_moments(trial, sums);
+            double error = squared_error(moments_between(prefix[i], here, sums.centre), slope);
+            error += squared_error(moments_between(here, prefix[i + 2], sums.centre), slope);
+            const double score = -error / (2.0 * variance) - PREFERENCE * abs(trial - at);
+            if (score > best) best = score, refined[i] = trial;
+        }
+    }
+    return refined;
+}
+
+NewMatrix chain_of(FloatCube pairs, Integers nodes) {
+    NewMatrix chain({pairs.shape[0], nodes.size() - 1});
+    for (int64_t k : range(pairs.shape[0])) {
+        for (int64_t i = 0; i + 1 < nodes.size(); ++i) chain(k, i) = pairs(k, nodes[i], nodes[i + 1]);
+    }
+    return chain;
+}
+
+// ---- whole paths: found, traced back, weighed, compared --------------------------------------------------------------
+
+using IndexTable = Table<int64_t, 2>;
+
+// Paths, best first: configurations at the window's begin and actions; entries expanded, highest bound of what was cut.
+struct Found {
+    NewFloats score;
+    IndexTable start, taken;
+    int64_t states;
+    double lost;
+};
+
+// The best of all expanded paths, traced back from their leaves in the tree.
+Found search_once(
+    const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept, int64_t paths) {
+    const Expansion all = expand(scores, bounds, cutoff, budget, kept);
+    NewIntegers best(all.score.size());
+    iota(best.begin(), best.end(), 0);
+    stable_sort(best, std::greater(), [&](int64_t leaf) { return all.score[leaf]; });
+    const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
+    const int64_t count = min<int64_t>(best.size(), paths);
+    Found found{
+        NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
+    for (int64_t path : range(count)) {
+        found.score[path] = all.score[best[path]];
+        const Expansion::Node* node = &all.tree[all.last[best[path]]];
+        for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
+        const NewIntegers start = start_of(node->action, scores.configurations);
+        copy(start, found.start.row(path).begin());
+    }
+    return found;
+}
+
+// Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all. Where values
+// are wild the full search may drop every path within its budget; then the path of the narrow beam.
+tuple<NewFloats, IndexTable, IndexTable, int64_t, bool> find_paths(
+    const Scores& scores, int64_t paths, double margin, int64_t budget) {
+    auto [bounds, worth] = free_bounds(scores);
+    Found quick = search_once(scores, bounds, -INFINITY, min(paths, budget), 1, 1);
+    if (quick.score.empty()) return {};  // nothing is possible
+    set_prices(scores, worth, quick.start.row(0), quick.taken.row(0), bounds);
+    const double cutoff = quick.score[0] - (margin + ROUNDING);
+    Found full = search_once(scores, bounds, cutoff, budget, paths > 1 ? MOST_KEPT : 1, paths);
+    const bool none = full.score.empty(), pruned = none || full.lost > full.score[0];
+    Found& best = none ? quick : full;
+    return {best.score, best.start, best.taken, quick.states + full.states, pruned};
+}
+
+// The part of a path's score that comes from laws and from jumps that no system made: no fits, no sizes.
+double add_up_laws(const Scores& scores, Integers start, Integers taken) {
+    NewIntegers configuration(start.begin(), start.end()), since(start.size());
+    double total = 0.0, staying = 0.0;
+    for (int64_t node : range(1, taken.size() + 1)) {
+        const auto action = taken[node - 1];
+        if (action == NO_SYSTEM) total += scores.unattributed;
+        each_step(scores.actions, action, [&](int64_t s, int64_t number) {
+            const Step step = step_from(configuration[s], number);
+            total += sojourn_laws(scores, s, configuration[s], since[s], step)[node];
+            total += scores.turn(s, step.before, step.direction);
+            configuration[s] = step.after, since[s] = node;
+        });
+    }
+    for (int64_t s : range(start.size())) staying += scores.stay(s, configuration[s], since[s]);
+    return total + staying;
+}
+
+// A path of the search as a switching path, see stage_results.SwitchingPath.
+struct NewPath {
+    NewIntegers configurations, starts, sojourns, unattributed;
+    FIELDS(configurations, starts, sojourns, unattributed)
+};
+
+// A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
+// which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.
+tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
+    IntegerMatrix actions, Integers index, Integers start, Integers taken) {
+    IndexTable system({taken.size(), 2}, REJECTED), direction({taken.size(), 2});
+    vector<NewIntegers> configurations, starts(start.size(), {0});
+    for (int64_t q : start) configurations.push_back({q});
+    NewPath path;
+    NewIntegers nodes{0};
+    for (int64_t k : range(taken.size())) {
+        if (taken[k] == REJECT) continue;
+        nodes.push_back(k + 1);
+        if (taken[k] == NO_SYSTEM) {
+            system(k, 0) = UNATTRIBUTED;
+            path.unattributed.push_back(index[k]);
+            continue;
+        }
+        for (int64_t place : range(2)) {
+            const auto who = actions(taken[k], 2 * place);
+            if (who < 0) continue;
+            const Step step = step_from(configurations[who].back(), actions(taken[k], 2 * place + 1));
+            system(k, place) = who, direction(k, place) = step.after - step.before;
+            if (step.skipped != 0) {  // where it happened is not known; by the level, right after the sojourn began
+                starts[who].push_back(starts[who].back() + 1);
+                configurations[who].push_back(step.before);
+            }
+            starts[who].push_back(index[k]);
+            configurations[who].push_back(step.after);
+        }
+    }
+    nodes.push_back(taken.size() + 1);
+    for (int64_t s : range(start.size())) {
+        path.configurations.insert(path.configurations.end(), configurations[s].begin(), configurations[s].end());
+        path.starts.insert(path.starts.end(), starts[s].begin(), starts[s].end());
+        path.sojourns.push_back(starts[s].size());
+    }
+    return {path, nodes, system, direction};
+}
+
+// A path weighed by its full likelihood: switching path, systems and directions as from `switching_path`; slots at which
+// its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
+tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> weigh(
+    const Scores& scores, Integers start, Integers taken, Integers index, FloatCube pairs, int64_t slots,
+    FloatCube table, const Cases& cases, double variance, double scatter) {
+    auto [path, borders, system, direction] = switching_path(scores.actions, index, start, taken);
+    auto statistics = chain_of(pairs, borders);
+    for (auto& node : borders) node = node == 0 ? 0 : node > index.size() ? slots : index[node - 1];
+    const double log_evidence = evidence_of_cases(
+        {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, table, statistics, cases,
+        variance, scatter);
+    const double score = add_up_laws(scores, start, taken) + log_evidence;
+    return {path, system, direction, borders, statistics, log_evidence, score};
+}
+
+// Add the weight of another path to each attribution (m, 2) that it shares with the best: the same system and direction
+// at a candidate at most `apart` slots away. Two that jump at once are listed in the order of their systems, so places
+// correspond.
+void add_agreement(
+    Integers index, int64_t apart, IntegerMatrix system, IntegerMatrix direction,
+    IntegerMatrix other_system, IntegerMatrix other_direction, double weight, Matrix<double> sure) {
+    for (int64_t k : range(index.size())) {
+        for (int64_t place : range(2)) {
+            const auto shared = [&, who = system(k, place), way = direction(k, place)](int64_t near, int beside) {
+                return other_system(near, beside) == who && other_direction(near, beside) == way;
+            };
+            bool same = shared(k, place);
+            for (int64_t near = 0; near < index.size() && !same && system(k, place) != REJECTED; ++near) {
+                same = abs(index[near] - index[k]) <= apart && (shared(near, 0) || shared(near, 1));
+            }
+            if (same) sure(k, place) += weight;
+        }
+    }
+}
+
+}  // namespace
+
+STAGE(segments, PREFERENCE, fit_table, refine_nodes)
+STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, find_paths, add_up_laws,
+      weigh, add_agreement)
+
+}  // namespace rwa
