@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.console import UNREADABLE, console_of_stdout, log
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FILE, UNREADABLE, console_of_stdout, log
 
 if TYPE_CHECKING:
     from rwa_monitor.telemetry.labels import JudgedWindow
