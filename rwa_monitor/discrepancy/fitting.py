@@ -291,7 +291,9 @@ class Fitting:
 
 
 def _is_possible(model: Model) -> bool:
-    """Return whether the strengths of the last term are what physics lets them be."""
+    """Return whether the last term is what physics lets it be, and more than what the others are not exact by."""
+    if model.is_minor(-1):
+        return False
     return model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
 
 

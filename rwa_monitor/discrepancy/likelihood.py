@@ -25,7 +25,10 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
-ACCEPT_GAIN: Final = 25.0  # by which a hypothesis must lower the score: no false name in 24 null records (effects.md)
+# By which the first effect must lower the score: chance gains so much in fewer than one record of a thousand (10.5 at
+# most in 288 simulated null records, see `nulls.json`, and e^-½ times as often for each unit more).
+FIRST_GAIN: Final = 14.0
+ACCEPT_GAIN: Final = 25.0  # and what stands beside named effects: no law is exact, what one leaves is more than chance
 FEWEST_MEMORIES: Final = 20.0  # in the data: noise with fewer correlation times is a level that wanders
 ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some per cent
 STRETCHES: Final = 10
@@ -55,6 +58,11 @@ NOTHING: Final[tuple[dict[str, float], ...]] = (  # each parameter as it is wher
 )
 
 
+def asked_gain(named: int) -> float:
+    """Return by how much an effect must lower the score beside so many that are named."""
+    return ACCEPT_GAIN if named else FIRST_GAIN
+
+
 @dataclass(frozen=True, slots=True)
 class NoiseLaw:
     """The noise's law; its scale is fitted with the coefficients.
@@ -68,7 +76,7 @@ class NoiseLaw:
     growth
         Logarithm of the ratio of the standard deviations at the largest speed and at rest; linear between.
     slew
-        The same at the largest |dω/dt| and at constant speed: a time between the channels leaves an error in proportion.
+        The same at the largest |dω/dt| and at constant speed: time between the channels leaves errors in proportion.
     level_spread
         Variance of the recordings' levels about the common one, in variances of the noise.
     """
@@ -459,16 +467,15 @@ def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, size: int, again: 
     return min(found, key=lambda one: one[1])
 
 
-def _along(
-    score: Score, law: NoiseLaw, name: str, most: float, least: float | None = None
-) -> tuple[NoiseLaw, float]:
+def _along(score: Score, law: NoiseLaw, name: str, most: float, least: float | None = None) -> tuple[NoiseLaw, float]:
     """Fit one more parameter of a law; the spread of levels by its logarithm."""
 
     def changed(at: float) -> NoiseLaw:
         return replace(law, **{name: float(np.exp(at) if name == "level_spread" else at)})
 
     options: Any = {"xatol": 0.03, "maxiter": 16}
+    bounds = -most if least is None else least, most
     found: Any = optimize.minimize_scalar(
-        lambda at: score(changed(at)), bounds=(-most if least is None else least, most), method="bounded", options=options
+        lambda at: score(changed(at)), bounds=bounds, method="bounded", options=options
     )
     return changed(float(found.x)), float(found.fun)

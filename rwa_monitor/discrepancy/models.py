@@ -6,12 +6,15 @@ How they are made is in `search`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import MeanEffect
+
+INEXACT: Final = 0.1  # of the torque of a law: what a real machine may differ from it by, a working assumption
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +47,13 @@ class Model:
         """Return the fitted strengths of term `index`."""
         begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
+
+    def is_minor(self, index: int) -> bool:
+        """Return whether a term's torque is, where it acts, within what the largest of the others is not exact by."""
+        squares = [(term.columns @ self.strengths(i)) ** 2 for i, term in enumerate(self.terms)]
+        own = squares.pop(index)
+        largest = max((float(own @ other) for other in squares), default=0.0)
+        return float(own @ own) < INEXACT**2 * largest
 
 
 def law_of(model: Model) -> NoiseLaw:
