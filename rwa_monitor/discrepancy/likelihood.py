@@ -92,6 +92,10 @@ class NoiseLaw:
         """The law where the levels of recordings differ, as a start."""
         return self if self.level_spread > 0.0 else replace(self, level_spread=LEVELS_APART)
 
+    def beside(self, series: Series) -> NoiseLaw:
+        """Return the law of samples whose level may jump: there, what a slew is apart by would hide jumps."""
+        return replace(self, slew=0.0) if series.jumps_within else self
+
     @property
     def memory(self) -> float:
         """φ of AR(1) noise whose means over long times vary as much."""
@@ -101,11 +105,11 @@ class NoiseLaw:
     def price(self, size: int) -> float:
         """Return what the law costs in `size` samples: log N a parameter.
 
-        A level that wanders is what no cause is known of: it must pay as much as a hypothesis, as no law does that
-        explains the same.
+        A level that wanders, and noise of slews, is what no cause is known of: it must pay as much as a hypothesis,
+        as no law does that explains the same.
         """
         parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.slew > 0.0) + (self.level_spread > 0.0)
-        return float(np.log(size)) * parameters + ACCEPT_GAIN * self.wanders(size)
+        return float(np.log(size)) * parameters + ACCEPT_GAIN * (self.wanders(size) + (self.slew > 0.0))
 
     def of_means(self, width: int) -> NoiseLaw:
         """Return the law of means over so many slots."""
@@ -183,6 +187,11 @@ class Series:
     def several(self) -> bool:
         """Return whether there is more than one recording."""
         return int(np.count_nonzero(self.gap == 0)) > 1
+
+    @property
+    def jumps_within(self) -> bool:
+        """Return whether a level jumps, but where a recording begins."""
+        return bool(self.gap[self.jumps].any())
 
     def in_part(self) -> Series:
         """Return stretches of a long recording, evenly spread: the noise's law needs no more."""
@@ -377,7 +386,7 @@ def fit_noise(
     the law of nearly the same model: then only near it is looked, but where its memory is so long that it may be the
     very law that is missing.
     """
-    again = again and start.correlation < LONG_MEMORY
+    again, start = again and start.correlation < LONG_MEMORY, start.beside(series)
 
     def under(law: NoiseLaw) -> _NoiseFit:
         """Return a noise law with the coefficients that are best under it, and the score."""
@@ -427,7 +436,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
             best, least = min((best, least), coloured, key=lambda one: one[1])
         if start.growth != 0.0 or not again:
             best, least = min((best, least), _along(score, best, "growth", LARGEST_GROWTH), key=lambda one: one[1])
-        if start.slew > 0.0 or not again:
+        if not series.jumps_within and (start.slew > 0.0 or not again):
             best, least = min((best, least), _along(score, best, "slew", LARGEST_GROWTH, 0.0), key=lambda one: one[1])
         if best.level_spread > 0.0:
             spread = _along(score, best, "level_spread", LARGEST_SPREAD)

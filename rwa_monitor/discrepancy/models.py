@@ -48,11 +48,19 @@ class Model:
         begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
 
-    def is_minor(self, index: int) -> bool:
-        """Return whether a term's torque is, where it acts, within what the largest of the others is not exact by."""
-        squares = [(term.columns @ self.strengths(i)) ** 2 for i, term in enumerate(self.terms)]
-        own = squares.pop(index)
-        largest = max((float(own @ other) for other in squares), default=0.0)
+    def is_minor(self, index: int, sign: FloatArray) -> bool:
+        """Return whether a term's torque is, where it acts, within what the largest of the others is not exact by.
+
+        Parameters
+        ----------
+        index
+            Which of the terms.
+        sign
+            float64 (n,), direction of rotation. A torque that is constant has no form that could be inexact.
+        """
+        torques = [sign * (term.columns @ self.strengths(i)) for i, term in enumerate(self.terms)]
+        own = torques.pop(index) ** 2
+        largest = max((float(own @ (other - other.mean()) ** 2) for other in torques), default=0.0)
         return float(own @ own) < INEXACT**2 * largest
 
 

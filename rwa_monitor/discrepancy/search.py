@@ -130,7 +130,7 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
     """Leave out effects that later ones have made superfluous, and parameters that do not pay."""
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
-        minor = [one for index, one in enumerate(simpler) if model.is_minor(index)]
+        minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
         plainer = None if keep_last or minor else fitting.plainer(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)
