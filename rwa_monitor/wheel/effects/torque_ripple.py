@@ -12,7 +12,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 ORDERS: Final = tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
 LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
-FEWEST_PERIODS: Final = 2.0  # within the range of the angle: a wave that is not seen to repeat is a curve over it
+FEWEST_PERIODS: Final = 1.5  # within the range of the angle: a wave that is not seen to repeat is a curve over it
 MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order that is no whole number is a line beside
 
 
