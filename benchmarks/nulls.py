@@ -77,7 +77,7 @@ def null_gains(count: int, motion: ProfileKind, noise: str, number: int) -> dict
     samples = simulate(scenario, wheel, np.random.default_rng(place)).samples
     problem = prepare([make_record(samples, wheel, "null")], wheel)
     # Nothing is accepted, so that the best candidate is always the best rejected one.
-    found = search(Fitting(problem, jumps=True), CANDIDATES, least_gain=np.inf)
+    found = search(Fitting(problem, jumps=True), CANDIDATES, asked=lambda _: np.inf)
     base = found.nested[0]
     gains = {"mean": found.best_rejected, "switching": largest_switching_gain(problem, base, wheel)}
     if noise == "white":

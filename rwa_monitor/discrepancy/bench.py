@@ -30,6 +30,8 @@ UNEVEN_SHARE: Final = 0.1  # of the steps; fewer are single late samples
 FINEST: Final = 8  # slots in a median step; rows that are closer still share one, and the first counts
 LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
+STRETCH_SHARE: Final = 0.5  # of a stretch without a lost sample
+LOST: Final = 1.5  # median steps: a sample is lost
 WINDOW_SHARE: Final = 0.1  # of a recording, that a slope of the speed reaches over at most
 LEAST_HALF: Final = 2  # rows to each side from which dω/dt is estimated
 MOST_HALF: Final = 200
@@ -103,14 +105,29 @@ def as_measured(
 
 
 def _with_short_window(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Wheel:
-    """Return a wheel whose window for dω/dt, where its file states none, is a small part of the longest recording."""
+    """Return a wheel whose window for dω/dt, where its file states none, is a small part of the longest recording.
+
+    And no more than half of the stretch without a lost sample that is the longest of all.
+    """
     derivative = wheel.friction.derivative
     longest_s = max((float(np.sum(_steps_s(samples))) for _, samples in recordings), default=np.inf)
-    if "window_s" in derivative.model_fields_set or derivative.window_s <= WINDOW_SHARE * longest_s:
+    whole_s = max((_longest_stretch_s(samples) for _, samples in recordings), default=np.inf)
+    most_s = min(WINDOW_SHARE * longest_s, STRETCH_SHARE * whole_s)
+    if "window_s" in derivative.model_fields_set or derivative.window_s <= most_s:
         return wheel
-    derivative = derivative.model_copy(update={"window_s": WINDOW_SHARE * longest_s})
+    derivative = derivative.model_copy(update={"window_s": most_s})
     friction = wheel.friction.model_copy(update={"derivative": derivative})
     return wheel.model_copy(update={"friction": friction})
+
+
+def _longest_stretch_s(samples: Samples) -> float:
+    """Return the longest time without a lost sample [s], as an even clock shows them."""
+    steps = _steps_s(samples)
+    if steps.size == 0 or not is_even(samples.time_ns):
+        return np.inf
+    times = np.append(0.0, np.cumsum(steps))
+    lost = np.flatnonzero(steps > LOST * np.median(steps))
+    return float(np.max(times[[*lost, -1]] - times[[0, *(lost + 1)]]))
 
 
 def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Bench:

@@ -190,7 +190,12 @@ class Fitting:
             gain = max((current.score - one.score for one in started), default=0.0)
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started)
-        return _best_of_each([one for one in refined if _is_possible(one) and _explains(one, current)])
+        return _best_of_each([one for one in refined if self._is_possible(one) and _explains(one, current)])
+
+    def _is_possible(self, model: Model) -> bool:
+        """Return whether the last term is what physics lets it be, and more than what the others are not exact by."""
+        possible = model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
+        return possible and not model.is_minor(-1, self.problem.sign)
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
         """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.
@@ -288,11 +293,6 @@ class Fitting:
                 jumps = _off_steps(term, jumps)
         off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
         return with_law(self.problem, off_steps, law_of(model))
-
-
-def _is_possible(model: Model) -> bool:
-    """Return whether the strengths of the last term are what physics lets them be."""
-    return model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
 
 
 def _explains(model: Model, current: Model) -> bool:

@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 from scipy import linalg, optimize, special
+from scipy.ndimage import maximum_filter1d
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.kernels.state_space import filter_gains, whiten
@@ -24,7 +25,10 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
-ACCEPT_GAIN: Final = 25.0  # by which a hypothesis must lower the score: no false name in 24 null records (effects.md)
+# By which the first effect must lower the score: chance gains so much in fewer than one record of a thousand (10.5 at
+# most in 288 simulated null records, see `nulls.json`, and e^-½ times as often for each unit more).
+FIRST_GAIN: Final = 14.0
+ACCEPT_GAIN: Final = 25.0  # and what stands beside named effects: no law is exact, what one leaves is more than chance
 FEWEST_MEMORIES: Final = 20.0  # in the data: noise with fewer correlation times is a level that wanders
 ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some per cent
 STRETCHES: Final = 10
@@ -39,6 +43,7 @@ LONGEST_MEMORY: Final = 7.0
 LONG_MEMORY: Final = 0.95  # φ: noise that is correlated over some sixty samples can pass for a law of a slow motion
 LARGEST_GROWTH: Final = 4.6
 LARGEST_SPREAD: Final = 14.0
+TIMING_REACH: Final = 2  # samples, by which channels may be apart in time
 LEVELS_APART: Final = 100.0  # the spread of levels that a fit starts from
 SHORTEST_MEMORY: Final = -4.0  # logit of φ
 COLOURS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # logits of share and φ from which a fit of the colour starts
@@ -48,8 +53,14 @@ DESCENT: Final = {"eps": 1e-3, "ftol": 1e-6, "gtol": 0.05}  # of the score: to s
 NOTHING: Final[tuple[dict[str, float], ...]] = (  # each parameter as it is where it is not in use
     {"white": 1.0, "correlation": 0.0},
     {"growth": 0.0},
+    {"slew": 0.0},
     {"level_spread": 0.0},
 )
+
+
+def asked_gain(named: int) -> float:
+    """Return by how much an effect must lower the score beside so many that are named."""
+    return ACCEPT_GAIN if named else FIRST_GAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +75,8 @@ class NoiseLaw:
         φ of the AR(1) part from slot to slot.
     growth
         Logarithm of the ratio of the standard deviations at the largest speed and at rest; linear between.
+    slew
+        The same at the largest |dω/dt| and at constant speed: time between the channels leaves errors in proportion.
     level_spread
         Variance of the recordings' levels about the common one, in variances of the noise.
     """
@@ -71,12 +84,17 @@ class NoiseLaw:
     white: float = 1.0
     correlation: float = 0.0
     growth: float = 0.0
+    slew: float = 0.0
     level_spread: float = 0.0
 
     @property
     def apart(self) -> NoiseLaw:
         """The law where the levels of recordings differ, as a start."""
         return self if self.level_spread > 0.0 else replace(self, level_spread=LEVELS_APART)
+
+    def beside(self, series: Series) -> NoiseLaw:
+        """Return the law of samples whose level may jump: there, what a slew is apart by would hide jumps."""
+        return replace(self, slew=0.0) if series.jumps_within else self
 
     @property
     def memory(self) -> float:
@@ -87,11 +105,11 @@ class NoiseLaw:
     def price(self, size: int) -> float:
         """Return what the law costs in `size` samples: log N a parameter.
 
-        A level that wanders is what no cause is known of: it must pay as much as a hypothesis, as no law does that
-        explains the same.
+        A level that wanders, and noise of slews, is what no cause is known of: it must pay as much as a hypothesis,
+        as no law does that explains the same.
         """
-        parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.level_spread > 0.0)
-        return float(np.log(size)) * parameters + ACCEPT_GAIN * self.wanders(size)
+        parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.slew > 0.0) + (self.level_spread > 0.0)
+        return float(np.log(size)) * parameters + ACCEPT_GAIN * (self.wanders(size) + (self.slew > 0.0))
 
     def of_means(self, width: int) -> NoiseLaw:
         """Return the law of means over so many slots."""
@@ -133,6 +151,7 @@ class Series:
     sign: FloatArray
     speed: FloatArray
     gap: IntArray
+    slew: FloatArray
     jumps: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     smallest_variance: float = 0.0
     memory: float = 1.0
@@ -145,8 +164,19 @@ class Series:
         gap[problem.starts[:-1][np.diff(problem.starts) > 0]] = 0
         smallest = problem.smallest_noise_Nm**2
         nowhere = np.zeros(0, dtype=np.int64)
+        speed = problem.sign * problem.motion
+        rate = np.abs(np.diff(speed, prepend=speed[0])) / np.maximum(gap, 1)
+        rate[gap == 0] = 0.0
+        slew = maximum_filter1d(rate, 2 * TIMING_REACH + 1)
         return cls(
-            problem.sign * problem.z, problem.sign, problem.sign * problem.speed, gap, nowhere, smallest, problem.memory
+            problem.sign * problem.z,
+            problem.sign,
+            problem.sign * problem.speed,
+            gap,
+            slew / max(float(slew.max()), SMALLEST),
+            nowhere,
+            smallest,
+            problem.memory,
         )
 
     def with_jumps(self, jumps: IntArray) -> Series:
@@ -157,6 +187,11 @@ class Series:
     def several(self) -> bool:
         """Return whether there is more than one recording."""
         return int(np.count_nonzero(self.gap == 0)) > 1
+
+    @property
+    def jumps_within(self) -> bool:
+        """Return whether a level jumps, but where a recording begins."""
+        return bool(self.gap[self.jumps].any())
 
     def in_part(self) -> Series:
         """Return stretches of a long recording, evenly spread: the noise's law needs no more."""
@@ -174,6 +209,7 @@ class Series:
             sign=self.sign[kept],
             speed=self.speed[kept],
             gap=gap,
+            slew=self.slew[kept],
             jumps=jumps,
             top_speed=float(np.abs(self.speed).max()),
         )
@@ -192,11 +228,11 @@ class Series:
         gap = np.diff(np.cumsum(self.gap)[first], prepend=0)
         gap[self.gap[first] == 0] = 0
         jumps = np.unique(np.searchsorted(first, self.jumps - width // 2))
-        rows = np.stack([self.friction, self.sign, self.speed])
-        friction, sign, speed = np.add.reduceat(rows, first, axis=1) / counts
+        rows = np.stack([self.friction, self.sign, self.speed, self.slew])
+        friction, sign, speed, slew = np.add.reduceat(rows, first, axis=1) / counts
         jumps = jumps[(jumps > 0) & (jumps < first.size)]
         memory, top = max(self.memory / width, 1.0), self.top_speed or float(np.abs(self.speed).max())
-        means = replace(self, friction=friction, sign=sign, speed=speed, gap=gap, jumps=jumps)
+        means = replace(self, friction=friction, sign=sign, speed=speed, gap=gap, slew=slew, jumps=jumps)
         return replace(means, memory=memory, top_speed=top), first
 
     @property
@@ -217,7 +253,7 @@ class Series:
     def spread(self, law: NoiseLaw) -> FloatArray:
         """Return the noise's standard deviation at each sample, float64 (n,), of mean logarithm 0."""
         share = np.abs(self.speed) / (self.top_speed or np.abs(self.speed).max())
-        spread = 1.0 + np.expm1(law.growth) * share
+        spread = 1.0 + np.expm1(law.growth) * share + np.expm1(law.slew) * self.slew
         return np.asarray(spread / np.exp(np.mean(np.log(spread))))
 
     def whitened(self, rows: FloatArray, law: NoiseLaw) -> tuple[FloatArray, float]:
@@ -252,7 +288,7 @@ class Whitening:
     @classmethod
     def of(cls, series: Series, law: NoiseLaw) -> Self:
         """Make the filter of a law."""
-        spread = series.spread(law) if law.growth != 0.0 else None
+        spread = series.spread(law) if law.growth != 0.0 or law.slew > 0.0 else None
         level = series.sign if spread is None else series.sign / spread  # friction, not noise: the same at every speed
         drift = np.where(series.gap == 0, law.level_spread, 0.0)
         gains, parts = np.empty((series.size, 4)), (law.white, 1.0 - law.white, law.correlation)
@@ -350,7 +386,7 @@ def fit_noise(
     the law of nearly the same model: then only near it is looked, but where its memory is so long that it may be the
     very law that is missing.
     """
-    again = again and start.correlation < LONG_MEMORY
+    again, start = again and start.correlation < LONG_MEMORY, start.beside(series)
 
     def under(law: NoiseLaw) -> _NoiseFit:
         """Return a noise law with the coefficients that are best under it, and the score."""
@@ -394,12 +430,14 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     law = replace(start, white=1.0, correlation=0.0)
     best, least = law, score(law)
     for _ in range(2):  # colour and growth hide each other at first
-        others = best.growth, best.level_spread
+        others = best.growth, best.slew, best.level_spread
         if series.memory == 1.0 and (start.correlation > 0.0 or not again):
             coloured = _coloured(score, best, best if best.correlation > 0.0 else start, series.size, again)
             best, least = min((best, least), coloured, key=lambda one: one[1])
         if start.growth != 0.0 or not again:
             best, least = min((best, least), _along(score, best, "growth", LARGEST_GROWTH), key=lambda one: one[1])
+        if not series.jumps_within and (start.slew > 0.0 or not again):
+            best, least = min((best, least), _along(score, best, "slew", LARGEST_GROWTH, 0.0), key=lambda one: one[1])
         if best.level_spread > 0.0:
             spread = _along(score, best, "level_spread", LARGEST_SPREAD)
             best, least = min((best, least), spread, key=lambda one: one[1])
@@ -407,7 +445,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
             plainer = replace(best, **nothing)
             if plainer != best:
                 best, least = min((best, least), (plainer, score(plainer)), key=lambda one: one[1])
-        if (best.growth, best.level_spread) == others:
+        if (best.growth, best.slew, best.level_spread) == others:
             break
     return best
 
@@ -438,14 +476,15 @@ def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, size: int, again: 
     return min(found, key=lambda one: one[1])
 
 
-def _along(score: Score, law: NoiseLaw, name: str, most: float) -> tuple[NoiseLaw, float]:
+def _along(score: Score, law: NoiseLaw, name: str, most: float, least: float | None = None) -> tuple[NoiseLaw, float]:
     """Fit one more parameter of a law; the spread of levels by its logarithm."""
 
     def changed(at: float) -> NoiseLaw:
         return replace(law, **{name: float(np.exp(at) if name == "level_spread" else at)})
 
     options: Any = {"xatol": 0.03, "maxiter": 16}
+    bounds = -most if least is None else least, most
     found: Any = optimize.minimize_scalar(
-        lambda at: score(changed(at)), bounds=(-most, most), method="bounded", options=options
+        lambda at: score(changed(at)), bounds=bounds, method="bounded", options=options
     )
     return changed(float(found.x)), float(found.fun)

@@ -6,12 +6,15 @@ How they are made is in `search`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import MeanEffect
+
+INEXACT: Final = 0.1  # of the torque of a law: what a real machine may differ from it by, a working assumption
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +47,21 @@ class Model:
         """Return the fitted strengths of term `index`."""
         begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
+
+    def is_minor(self, index: int, sign: FloatArray) -> bool:
+        """Return whether a term's torque is, where it acts, within what the largest of the others is not exact by.
+
+        Parameters
+        ----------
+        index
+            Which of the terms.
+        sign
+            float64 (n,), direction of rotation. A torque that is constant has no form that could be inexact.
+        """
+        torques = [sign * (term.columns @ self.strengths(i)) for i, term in enumerate(self.terms)]
+        own = torques.pop(index) ** 2
+        largest = max((float(own @ (other - other.mean()) ** 2) for other in torques), default=0.0)
+        return float(own @ own) < INEXACT**2 * largest
 
 
 def law_of(model: Model) -> NoiseLaw:

@@ -57,6 +57,7 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
 def with_law(problem: Problem, model: Model, law: NoiseLaw) -> Model:
     """Return a model with the coefficients that are best under a law of the noise, and its score."""
     series = Series.of(problem).with_jumps(model.fit.jumps)
+    law = law.beside(series)
     rows, low, high = regressors(series, model.terms)
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
     parameters = price(model.terms) + JUMP_PENALTY * model.fit.jumps.size
@@ -191,6 +192,7 @@ class Background:
     def of(cls, problem: Problem, terms: Sequence[Term], law: NoiseLaw, jumps: IntArray) -> Self:
         """Whiten what is in a model."""
         whole = Series.of(problem).with_jumps(jumps)
+        law = law.beside(whole)
         rows, low, high = regressors(whole, terms)
         series, first = whole.averaged(SCREENED)
         means = law.of_means(-(-whole.size // series.size))

@@ -5,13 +5,13 @@ How a model is made and fitted: see `fitting`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
 
 MAX_EFFECTS: Final = 4
@@ -20,10 +20,10 @@ WORTH_SWAPPING: Final = 1.0  # of the score
 
 
 def search(
-    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, least_gain: float = ACCEPT_GAIN
+    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, asked: Callable[[int], float] = asked_gain
 ) -> SearchResult:
     """Search for mean effects; the arguments are those of `grow`."""
-    return rank(fitting, grow(fitting, effects, progress, least_gain=least_gain), progress)
+    return rank(fitting, grow(fitting, effects, progress, asked=asked), progress)
 
 
 def grow(
@@ -31,7 +31,7 @@ def grow(
     effects: Effects,
     progress: Progress = lambda _: None,
     begin_with: Sequence[Model] = (),
-    least_gain: float = ACCEPT_GAIN,
+    asked: Callable[[int], float] = asked_gain,
 ) -> Growth:
     """Add effects one after the other, and exchange them, while that pays.
 
@@ -45,8 +45,8 @@ def grow(
         Called with a word on each step.
     begin_with
         Fitting found before, one effect more in each.
-    least_gain
-        By how much an effect must lower the score.
+    asked
+        Returns by how much an effect must lower the score beside so many that are named.
     """
     progress("base model")
     base = fitting.base()
@@ -64,13 +64,13 @@ def grow(
         if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
             simpler = fitting.without(alternatives[0], len(current.terms))
             current = nested[-1] = min(current, simpler, key=lambda model: model.score)
-        gain = current.score - alternatives[0].score
-        if gain < least_gain and _wanders(current):  # of two laws, neither alone may explain what wanders
+        gain, least = current.score - alternatives[0].score, asked(len(current.terms))
+        if gain < least and _wanders(current):  # of two laws, neither alone may explain what wanders
             pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
-            if current.score - best.score >= 2.0 * least_gain:
-                alternatives, gain = [best], least_gain
-        if gain < least_gain:
+            if current.score - best.score >= asked(0) + asked(1):
+                alternatives, gain = [best], least
+        if gain < least:
             best_rejected, rejected = gain, (alternatives[0].names or ("",))[-1]
             break
         swapped, of_last = _swap(fitting, alternatives[0], testable, progress)
@@ -130,8 +130,10 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
     """Leave out effects that later ones have made superfluous, and parameters that do not pay."""
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
-        plainer = None if keep_last else fitting.plainer(model)
-        best = min([*simpler, plainer] if plainer is not None else simpler, key=lambda one: one.score, default=None)
-        if best is None or best.score - model.score >= ACCEPT_GAIN:
+        minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
+        plainer = None if keep_last or minor else fitting.plainer(model)
+        tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
+        best = min(tried, key=lambda one: one.score, default=None)
+        if best is None or (not minor and best.score - model.score >= asked_gain(len(model.terms) - 1)):
             return model
         model = best

@@ -118,7 +118,8 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
         return _Axis(parameter.name, tuple(sorted({*points, *usual})), True, False)
     if parameter.choices:
         keep = around is not None and len(parameter.choices) > FEW_CHOICES
-        choices = (around.shape[parameter.name],) if around is not None and keep else parameter.choices
+        shown = tuple(choice for choice in parameter.choices if low <= choice <= high) or (high,)
+        choices = (around.shape[parameter.name],) if around is not None and keep else shown
         return _Axis(parameter.name, choices, False, False)
     if not low < high:
         return _Axis(parameter.name, (low,), False, False)
@@ -171,5 +172,6 @@ def middle_shape(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]
     for parameter in effect.shape_parameters():
         low, high = bounds[parameter.name]
         middle = float(np.sqrt(low * high)) if low > 0 else 0.5 * (low + high)
-        shape[parameter.name] = parameter.choices[0] if parameter.choices else middle
+        shown = [choice for choice in parameter.choices if low <= choice <= high]
+        shape[parameter.name] = shown[0] if shown else high if parameter.choices else middle
     return shape

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.models import Model, SearchResult, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
@@ -91,7 +91,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         gram = beside.equations_with(term).gram
         across = gram[:known, known]
         energy = float(gram[known, known] - across @ np.linalg.lstsq(gram[:known, :known], across, rcond=1e-12)[0])
-        asked = ACCEPT_GAIN + term.parameters * problem.log_size
+        asked = asked_gain(len(model.terms)) + term.parameters * problem.log_size
         visible = energy > VISIBLE * float(gram[known, known])
         strength = float(np.sqrt(asked * variance / energy)) if visible else float("nan")
         share = strength * float(np.sqrt(np.mean(column**2))) / friction

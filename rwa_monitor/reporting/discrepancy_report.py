@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.bench import SCALED_ONLY
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.plan import Plan, plan
 from rwa_monitor.discrepancy.problem import Problem
@@ -175,7 +175,7 @@ def _environment() -> jinja2.Environment:
         for used in (absent_effects, effect_class, in_words, laws_in_words, left_out_in_words, measure, nested_models)
     }
     environment.globals |= {used.__name__: used for used in (noise_gains, p_in_words, plan, sentence, steps_in_words)}
-    environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "ACCEPT_GAIN": ACCEPT_GAIN}
+    environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "asked_gain": asked_gain}
     environment.globals |= {"as_a_part": as_a_part, "SCALED_ONLY": SCALED_ONLY}
     return environment
 

@@ -104,18 +104,22 @@ def series(count: int, seed: int = 0, recordings: int = 1) -> Series:
     speed = 100.0 * np.sin(np.arange(count) / 17.0 + seed) + 5.0
     gap = np.ones(count, dtype=np.int64)
     gap[:: -(-count // recordings)] = 0
-    return Series(np.zeros(count), np.sign(speed), speed, gap)
+    slew = np.abs(np.cos(np.arange(count) / 17.0 + seed))
+    return Series(np.zeros(count), np.sign(speed), speed, gap, slew)
 
 
-@pytest.mark.parametrize("growth", [-1.5, 0.0, 2.0])
+@pytest.mark.parametrize(("growth", "slew"), [(-1.5, 0.0), (0.0, 0.0), (2.0, 0.0), (0.0, 3.0), (1.0, 2.0)])
 @pytest.mark.parametrize("level_spread", [0.0, 3.0])
-def test_noise_that_grows_with_the_speed_and_levels_of_recordings(growth: float, level_spread: float) -> None:
+def test_noise_that_grows_with_speed_and_slews_and_levels_of_recordings(
+    growth: float, slew: float, level_spread: float
+) -> None:
     record = series(COUNT, recordings=3)
-    law = NoiseLaw(0.3, 0.9, growth, level_spread)
+    law = NoiseLaw(0.3, 0.9, growth, slew, level_spread)
     columns = np.random.default_rng(1).normal(size=(2, COUNT))
     rows, log_determinant = record.whitened(columns, law)
     ends = np.abs(record.speed).max()
     spread = 1.0 + (np.exp(growth) - 1.0) * np.abs(record.speed) / ends
+    spread += (np.exp(slew) - 1.0) * record.slew
     spread /= np.exp(np.log(spread).mean())
     noise = dense(record.sign, np.zeros(COUNT), record.gap, (0.3, 0.7, 0.9))
     levels = dense(record.sign, np.where(record.gap == 0, level_spread, 0.0), record.gap, (0.0, 0.0, 0.0))

@@ -30,7 +30,7 @@ from rwa_monitor.wheel.effects.base import (
     narrowed,
     stack,
 )
-from rwa_monitor.wheel.effects.torque_ripple import LOWEST_ORDER, ORDERS, angle_turned, half_a_line
+from rwa_monitor.wheel.effects.torque_ripple import LOWEST_ORDER, ORDERS, angle_turned, half_a_line, orders_shown
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
 ORIGIN_degC: Final = 20.0  # where exponential and linear laws of the temperature are one or zero: a convention
@@ -281,6 +281,7 @@ def _ranges(name: str, channels: Channels) -> dict[str, tuple[float, float]]:
         "scale": (max(step, FINEST_SHARE * size), size),
         "centre": (low + margin, high - margin),
         "width": (max(step, FINEST_SHARE * (high - low)), WIDEST_SHARE * (high - low)),
+        "order": orders_shown(channels),
         "slew": (2 * INSIDE_SHARE * slew, (1.0 - 2 * INSIDE_SHARE) * slew),
     }
 

@@ -12,6 +12,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 ORDERS: Final = tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
 LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
+FEWEST_PERIODS: Final = 1.5  # within the range of the angle: a wave that is not seen to repeat is a curve over it
 MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order that is no whole number is a line beside
 
 
@@ -54,6 +55,12 @@ def half_a_line(channels: Channels) -> float:
     return 0.5 / turns if 0.0 < turns < MANY_TURNS else 0.0
 
 
+def orders_shown(channels: Channels) -> tuple[float, float]:
+    """Return the orders that repeat within the range of the angle."""
+    turns = angle_range_turns(channels)
+    return (FEWEST_PERIODS / turns if turns > 0.0 else ORDERS[-1]), ORDERS[-1]
+
+
 class TorqueRipple(MeanEffect):
     """A torque that is periodic in the wheel's angle: one harmonic and its double."""
 
@@ -91,7 +98,16 @@ class TorqueRipple(MeanEffect):
         Parameter("strength_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter("strength_double_cos_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter("strength_double_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
-        Parameter("harmonic", "-", LOWEST_ORDER, ORDERS[-1], 6.0, choices=ORDERS, between=half_a_line),
+        Parameter(
+            "harmonic",
+            "-",
+            LOWEST_ORDER,
+            ORDERS[-1],
+            6.0,
+            choices=ORDERS,
+            between=half_a_line,
+            shown=orders_shown,
+        ),
     )
 
     @classmethod
