@@ -99,12 +99,13 @@ class Fitting:
             self.problem, self._known = calmer, {}
         return model
 
-    def extensions(self, current: Model, effects: Effects) -> list[Model]:
+    def extensions(self, current: Model, effects: Effects, *, minor: bool = False) -> list[Model]:
         """Return a model with one effect more, for each of the most promising, best first.
 
-        Or with levels of the recordings that differ: a hypothesis like any other.
+        Or with levels of the recordings that differ: a hypothesis like any other. `minor`: those with an effect that is
+        within what another is not exact by, too.
         """
-        models = self._extended(current, effects)
+        models = self._extended(current, effects, minor=minor)
         if not self.jumps and self.several and law_of(current).level_spread == 0.0:
             models.append(self._refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
         return _in_order(models, effects)
@@ -167,7 +168,9 @@ class Fitting:
             return [NO_JUMPS]
         return jump_sets(self.problem, model.fit)
 
-    def _extended(self, current: Model, effects: Effects, instead: Term | None = None) -> list[Model]:
+    def _extended(
+        self, current: Model, effects: Effects, instead: Term | None = None, *, minor: bool = False
+    ) -> list[Model]:
         """Return the model with each of the most promising effects added; `instead` of a term, those that come near."""
         law, missing = law_of(current), [effect for effect in effects if effect.name not in current.names]
         starts = [(law, jumps) for jumps in self._starts(current)]
@@ -190,12 +193,8 @@ class Fitting:
             gain = max((current.score - one.score for one in started), default=0.0)
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started)
-        return _best_of_each([one for one in refined if self._is_possible(one) and _explains(one, current)])
-
-    def _is_possible(self, model: Model) -> bool:
-        """Return whether the last term is what physics lets it be, and more than what the others are not exact by."""
-        possible = model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
-        return possible and not model.is_minor(-1, self.problem.sign)
+        possible = [one for one in refined if _is_possible(one) and _explains(one, current)]
+        return _best_of_each([one for one in possible if minor or not one.is_minor(-1, self.problem.sign)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
         """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.
@@ -293,6 +292,11 @@ class Fitting:
                 jumps = _off_steps(term, jumps)
         off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
         return with_law(self.problem, off_steps, law_of(model))
+
+
+def _is_possible(model: Model) -> bool:
+    """Return whether the strengths of the last term are what physics lets them be."""
+    return model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
 
 
 def _explains(model: Model, current: Model) -> bool:

@@ -58,12 +58,15 @@ def grow(
         nested[-1] = fitting.settled(nested[-1])
         current = nested[-1]
         progress(" + ".join((*current.names, f"one of {len(testable)} effects")))
-        alternatives = fitting.extensions(current, testable)
+        alternatives = fitting.extensions(current, testable, minor=True)
         if not alternatives:
             break
         if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
             simpler = fitting.without(alternatives[0], len(current.terms))
             current = nested[-1] = min(current, simpler, key=lambda model: model.score)
+        alternatives = [one for one in alternatives if not _is_minor(fitting, one, current)]
+        if not alternatives:
+            break
         gain, least = current.score - alternatives[0].score, asked(len(current.terms))
         if gain < least and _wanders(current):  # of two laws, neither alone may explain what wanders
             pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
@@ -103,6 +106,11 @@ def rank(fitting: Fitting, grown: Growth, progress: Progress = lambda _: None) -
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return SearchResult(grown.nested, ranked, grown.untestable, grown.best_rejected, grown.rejected)
+
+
+def _is_minor(fitting: Fitting, model: Model, current: Model) -> bool:
+    """Return whether a model has an effect more, within what those of the current one are not exact by."""
+    return len(model.terms) > len(current.terms) and model.is_minor(-1, fitting.problem.sign)
 
 
 def _wanders(model: Model) -> bool:
