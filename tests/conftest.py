@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
+
+import rwa_monitor
+
+if Path(rwa_monitor.__file__).resolve().parents[1] != Path(__file__).resolve().parents[1]:  # of another checkout
+    raise pytest.UsageError(f"the tests would test {rwa_monitor.__file__}; run make venv in this checkout")
 
 # A test on a busy machine takes as long as it takes: pytest-timeout ends one that hangs. The same examples at each run:
 # what fails here fails everywhere, and does not pass next time. Others are tried by --hypothesis-profile=explore.

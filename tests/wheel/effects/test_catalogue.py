@@ -85,7 +85,7 @@ def test_what_it_needs_are_channels(effect: type[Effect]) -> None:
 def test_units_are_stated_and_agree_with_the_names(effect: type[Effect]) -> None:
     for parameter in effect.parameters:
         ending = next((ending for ending in UNITS if parameter.name.endswith(ending)), None)
-        assert parameter.unit == (UNITS[ending] if ending else "-"), parameter.name
+        assert parameter.unit == (UNITS[ending] if ending else "-"), f"{parameter.name}: is its ending in UNITS?"
     names = [parameter.name for parameter in effect.parameters]
     assert len(set(names)) == len(names)
     if issubclass(effect, MeanEffect):
