@@ -239,11 +239,11 @@ screenshots: $(VENV)/.installed-dev ## remakes docs/screenshots from a running d
 
 .PHONY: blind
 blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires finding them; writes docs/blind.md (BLIND_ARGS=...)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.suite $(BLIND_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind.suite $(BLIND_ARGS)
 
 .PHONY: blind-plan
 blind-plan: $(VENV)/.installed-dev ## flies what `--plan` proposes and searches again (PLAN_ARGS="--draws 4 --seed 1")
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.manoeuvres $(PLAN_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind.manoeuvres $(PLAN_ARGS)
 
 .PHONY: faults
 faults: $(VENV)/.installed-dev ## the fault campaign on real processes; writes docs/faults.md (FAULTS_ARGS="--histories 300 --jobs 2")

@@ -83,7 +83,7 @@ PAGES: Final = (
     ResultPage("false_alarms", "false-alarms", (*DIAGNOSIS, "benchmarks/false_alarms.py")),
     ResultPage("heat", "heat", (*DIAGNOSIS, *_rooms("identification", "wheel/effects"), "benchmarks/heat.py")),
     ResultPage("neighbours", "neighbours", (*DIAGNOSIS, *_rooms("history"), "benchmarks/neighbours.py")),
-    ResultPage("blind", "blind", (*SEARCH, "tests/blind")),
+    ResultPage("blind", "blind", (*SEARCH, "benchmarks/blind")),
     ResultPage("measured", "measured", (*SEARCH, "benchmarks/measured.py")),
     ResultPage("faults", "faults", (*_rooms("monitor"), "tests/faults"), timed=True),
     ResultPage("fuzzing", "fuzz", (*_rooms("telemetry", "wheel", "monitor"), "tests/fuzz"), timed=True),

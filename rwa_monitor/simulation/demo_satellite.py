@@ -52,7 +52,7 @@ EFFECTS: Final = tuple(
         ("lubricant_lag", {"strength_Nm_s_rad": 1.0e-6, "time_constant_s": 50.0}),
     )
 )
-# Names that no record of current, speed and friction separates (tests/blind/equivalence.py has the whole table).
+# Names that no record of current, speed and friction separates (benchmarks/blind/equivalence.py has the whole table).
 SAME: Final = (frozenset({"inertia_error", "torque_constant_error"}),)
 
 

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from benchmarks.blind.generator import MANOEUVRES, NOISES, generate, plan
 from benchmarks.nulls import null_gains
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.fitting import Fitting
@@ -22,7 +23,6 @@ from rwa_monitor.discrepancy.p_values import Nulls, built_in_null_distribution
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.wheel.effects.base import Family
-from tests.blind.generator import MANOEUVRES, NOISES, generate, plan
 
 FAMILIES: tuple[Family, ...] = ("mean", "noise", "switching")
 FRESH = 36  # null records: four for each motion and noise

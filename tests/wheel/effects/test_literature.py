@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.blind import literature
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS, NOISE_EFFECTS, SWITCHING_EFFECTS
 from rwa_monitor.wheel.effects.switching_base import Jumps
-from tests.wheel.effects import literature
 from tests.wheel.effects.records import DRY_NM, INERTIA_KG_M2, PERIOD_S, rich_motion
 
 TORQUE_CONSTANT = 0.032  # N m/A

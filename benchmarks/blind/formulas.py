@@ -1,6 +1,6 @@
 """Torques of the hidden effects at unit strength, from the literature's formulas, never from the package's classes.
 
-Each takes the true motion and a shape drawn for it. What `tests/wheel/effects/literature.py` already has is used from
+Each takes the true motion and a shape drawn for it. What `benchmarks/blind/literature.py` already has is used from
 there.
 """
 
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from tests.wheel.effects import literature
+from benchmarks.blind import literature
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Shape = dict[str, float]
@@ -34,7 +34,7 @@ class Truth:
     period: float
     speed_unit: float
     torque_unit: float
-    jump_index: Array
+    jump_index: np.ndarray[Any, np.dtype[np.int64]]
     jump_size: Array
 
     @property
@@ -68,6 +68,7 @@ def delayed_current(truth: Truth, shape: Shape) -> Array:
 
 
 def ripple(truth: Truth, shape: Shape) -> Array:
+    """Two harmonics of the angle."""
     h = int(shape["harmonic"])
     second = shape["second"]
     return literature.ripple(truth.angle, [1.0, second], [shape["phase"], 2.1 * shape["phase"]], [h, 2 * h])
@@ -82,27 +83,27 @@ def lagging(truth: Truth, shape: Shape) -> Array:
     return np.asarray(truth.speed - lagged)
 
 
-def constant(truth: Truth, shape: Shape) -> Array:
-    del shape
+def constant(truth: Truth, _: Shape) -> Array:
+    """An offset of the current, as a torque."""
     return literature.offset_current(truth.motor_torque, 1.0, 1.0)
 
 
 MEAN: dict[str, Callable[[Truth, Shape], Array]] = {
     "stribeck": lambda t, s: literature.stribeck_curve(t.speed, 1.0, 2.0, s["stribeck_speed_rad_s"], s["exponent"]),
     "presliding": dahl_torque,
-    "coulomb_asymmetry": lambda t, s: literature.direction_dependent_coulomb(t.speed, t.level, 1.0),
+    "coulomb_asymmetry": lambda t, _: literature.direction_dependent_coulomb(t.speed, t.level, 1.0),
     "torque_bias": constant,
-    "viscous_asymmetry": lambda t, s: literature.direction_dependent_viscous(t.speed, 1.0, -1.0),
+    "viscous_asymmetry": lambda t, _: literature.direction_dependent_viscous(t.speed, 1.0, -1.0),
     "viscosity_temperature": lambda t, s: literature.viscous_with_temperature(t.speed, t.temperature, 1.0, s["B"]),
     "sublinear_viscous": lambda t, s: t.sign * np.exp(s["exponent"] * np.log(np.maximum(np.abs(t.speed), 1e-12))),
     "saturating_drag": lambda t, s: t.sign * (1.0 - 1.0 / (1.0 + np.abs(t.speed) / s["saturation_speed_rad_s"])),
-    "quadratic_drag": lambda t, s: literature.disc_windage(t.speed, 1.0, 2.0, 1.0),
+    "quadratic_drag": lambda t, _: literature.disc_windage(t.speed, 1.0, 2.0, 1.0),
     "lubricant_lag": lagging,
     "run_in_drift": lambda t, s: literature.running_in(t.speed, t.period, 1.0, s["time_constant_s"]),
-    "load_dependence": lambda t, s: literature.loaded_bearing(t.speed, t.motor_torque, 1.0),
-    "inertia_error": lambda t, s: literature.wrong_inertia(t.motor_torque, t.acceleration, 2.0, 1.0),
-    "torque_constant_error": lambda t, s: literature.wrong_torque_constant(t.motor_torque, 1.0, 2.0),
-    "torque_constant_temperature": lambda t, s: literature.weakening_magnets(t.motor_torque, t.temperature, 1.0, -1.0),
+    "load_dependence": lambda t, _: literature.loaded_bearing(t.speed, t.motor_torque, 1.0),
+    "inertia_error": lambda t, _: literature.wrong_inertia(t.motor_torque, t.acceleration, 2.0, 1.0),
+    "torque_constant_error": lambda t, _: literature.wrong_torque_constant(t.motor_torque, 1.0, 2.0),
+    "torque_constant_temperature": lambda t, _: literature.weakening_magnets(t.motor_torque, t.temperature, 1.0, -1.0),
     "current_delay": delayed_current,
     "torque_ripple": ripple,
     "speed_dead_zone": lambda t, s: literature.speed_threshold(t.speed, 1.0, s["dead_zone_rad_s"]),

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
+from benchmarks.blind.generator import Case, plan
+from benchmarks.blind.table import real_names
+from benchmarks.blind.trial import Outcome, run_trial
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
-from tests.blind.generator import Case, plan
-from tests.blind.table import real_names
-from tests.blind.trial import Outcome, run_trial
 
 SEED = 20_000  # not a seed on which the search was tried
 NAMES = (
@@ -81,7 +81,7 @@ def what_is_outside_the_catalogue_is_not_passed_over(outsiders: list[Outcome]) -
 
 
 def test_every_effect_of_the_catalogue_can_be_hidden() -> None:
-    from tests.blind.formulas import MEAN
-    from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS
+    from benchmarks.blind.formulas import MEAN
+    from benchmarks.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS
 
     assert {*MEAN, *NOISE_EFFECTS, *SWITCHING_EFFECTS} == set(CATALOGUE)

@@ -1,6 +1,6 @@
 """The loop of `--plan`, closed: a record confuses causes, the proposed manoeuvre is flown, and searched as well.
 
-    python -m tests.blind.manoeuvres [--draws N] [--seed N]
+    python -m benchmarks.blind.manoeuvres [--draws N] [--seed N]
 
 Causes, motions and torques are those of `formulas`, which share no code with the package. A case counts where the first
 search names the truth in a set of several. Beside the plan, manoeuvres of the library in a random order are flown.
@@ -18,14 +18,14 @@ from typing import Any, Final
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from benchmarks.blind import formulas
+from benchmarks.blind.generator import orthogonal_rms
+from benchmarks.blind.table import rate
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.plan import MANOEUVRES, Manoeuvre, plan
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
-from tests.blind import formulas
-from tests.blind.generator import orthogonal_rms
-from tests.blind.table import rate
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -83,8 +83,11 @@ class Hidden:
     def __init__(self, case: Case) -> None:
         self.rng = np.random.default_rng(case.seed)
         self.wheel: Wheel = built_in_wheel()
+        assert self.wheel.inertia_kg_m2 is not None, "built in"
+        assert self.wheel.torque_constant_Nm_A is not None, "built in"
+        self.inertia, self.torque_constant = self.wheel.inertia_kg_m2, self.wheel.torque_constant_Nm_A
         self.cause = case.cause
-        time = np.arange(8000) * self.wheel.sample_period_s
+        time = np.arange(8000.0) * self.wheel.sample_period_s
         truth = self._truth(time, case.motion(time), np.full(time.size, DRY_NM))
         self.shape = formulas.draw_shape(case.cause, self._truth(*self._motion(MANOEUVRES[0])), self.rng)
         unit = formulas.MEAN[case.cause](truth, self.shape)
@@ -113,7 +116,7 @@ class Hidden:
             speed=speed,
             acceleration=acceleration,
             angle=np.cumsum(speed) * period,
-            motor_torque=np.sign(speed) * level + VISCOUS_NM_S * speed + self.wheel.inertia_kg_m2 * acceleration,
+            motor_torque=np.sign(speed) * level + VISCOUS_NM_S * speed + self.inertia * acceleration,
             temperature=20.0 + 1.5 * np.sin(2 * np.pi * time / 5800.0),
             level=level,
             period=period,
@@ -127,12 +130,12 @@ class Hidden:
         torque = self.strength * formulas.MEAN[self.cause](truth, self.shape)
         friction = np.sign(truth.speed) * truth.level + VISCOUS_NM_S * truth.speed + torque
         friction = friction + NOISE_NM * self.rng.normal(size=truth.time.size)
-        motor = friction + self.wheel.inertia_kg_m2 * truth.acceleration
+        motor = friction + self.inertia * truth.acceleration
         return Samples(
             np.round(truth.time * 1e9).astype(np.int64),
             truth.speed + self.rng.normal(0.0, 0.01, truth.time.size),
             friction,
-            motor_current_A=motor / self.wheel.torque_constant_Nm_A,
+            motor_current_A=motor / self.torque_constant,
             bearing_temperature_degC=truth.temperature + self.rng.normal(0.0, 0.02, truth.time.size),
         )
 
@@ -191,6 +194,7 @@ def cases(draws: int, seed: int) -> list[Case]:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Fly, search again, print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--draws", type=int, default=2)
     parser.add_argument("--seed", type=int, default=1)

@@ -12,15 +12,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from benchmarks.blind import formulas, literature
+from benchmarks.blind.formulas import Array, Shape
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile, simulate_motion
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.torque_balance import derived_noise_variance
 from rwa_monitor.wheel.wheel import Derivative, FrictionFilter, FrictionRange, Nominal, SwitchingSystem, Wheel
-from tests.blind import formulas
-from tests.blind.formulas import Array, Shape
-from tests.wheel.effects import literature
 
 SAMPLES = 20_000
 RELATIVE_NOISE = 0.024  # of the nominal dry torque, as the paper's errors show it
@@ -224,6 +223,8 @@ def generate(case: Case) -> tuple[Samples, Wheel, Hidden]:
     """Draw the record of a case: what the search may see, and the truth."""
     rng = np.random.default_rng(case.seed)
     wheel = draw_wheel(case, rng)
+    assert wheel.nominal is not None, "drawn with it"
+    assert wheel.inertia_kg_m2 is not None, "drawn with it"
     unit = wheel.nominal.dry_torque_Nm
     motion = _motion(case, wheel, rng)
     level, jump_index = _level(case, motion, wheel, rng)
@@ -278,7 +279,7 @@ def _motion(case: Case, wheel: Wheel, rng: np.random.Generator) -> formulas.Trut
     motion = simulate_motion(SpeedProfile(kind=case.manoeuvre), template, SAMPLES, rng)
     period = wheel.sample_period_s
     speed = motion.speed_rad_s
-    time = np.arange(SAMPLES) * period
+    time = np.arange(float(SAMPLES)) * period
     angle = np.concatenate([[0.0], np.cumsum(0.5 * period * (speed[1:] + speed[:-1]))])
     # A temperature that swings about 20 °C, 2 to 8 K peak to peak, as over an orbit that the record has one or two of.
     turns = rng.uniform(0.8, 1.8)
@@ -294,7 +295,7 @@ def _motion(case: Case, wheel: Wheel, rng: np.random.Generator) -> formulas.Trut
         period=period,
         speed_unit=float(np.max(np.abs(speed))),
         torque_unit=1.0,
-        jump_index=np.zeros(0),
+        jump_index=np.zeros(0, dtype=np.int64),
         jump_size=np.zeros(0),
     )
 
@@ -323,6 +324,7 @@ def _level(case: Case, motion: formulas.Truth, wheel: Wheel, rng: np.random.Gene
     if "extra_switching_system" in case.effects:
         level = level + rng.uniform(0.6, 1.0) * _telegraph(rng, rest=900.0, active=400.0)
     jumps = np.flatnonzero(np.diff(level)) + 1
+    assert wheel.nominal is not None, "drawn with it"
     return wheel.nominal.dry_torque_Nm * level, jumps
 
 
@@ -374,6 +376,7 @@ def _tachometer(
         unit = float(np.sqrt(derived_noise_variance(wheel, 1.0)))
         step = float(rng.uniform(1.0, 3.0)) * std / unit * np.sqrt(12.0)
         return step * np.rint(truth.speed / step), step / np.sqrt(12.0)
+    assert wheel.nominal is not None, "drawn with it"
     error = wheel.nominal.nominal_speed_rad_s / 30_000.0
     return truth.speed + rng.normal(0, error, SAMPLES), error
 

@@ -17,6 +17,7 @@ Values = Sequence[float] | np.ndarray
 
 
 def sgn(value: float) -> float:
+    """Return the sign of a number, 0 of 0."""
     return 1.0 if value > 0 else -1.0 if value < 0 else 0.0
 
 
@@ -111,7 +112,7 @@ def dahl(speed: Values, period: float, coulomb: float, stiffness: float, steps: 
 def lagging_lubricant(
     speed: Values, period: float, strength: float, time_constant: float, steps: int = 50
 ) -> np.ndarray:
-    """b (ω - ω_f), τ dω_f/dt = ω - ω_f, ω linear between samples, by the midpoint rule."""
+    """B (ω - ω_f), τ dω_f/dt = ω - ω_f, ω linear between samples, by the midpoint rule."""
     lagged = speed[0]
     out = [0.0]
     for before, after in itertools.pairwise(speed):
@@ -144,11 +145,13 @@ def _balance(motor_torque: float, inertia: float, acceleration: float) -> float:
 
 
 def wrong_inertia(motor_torque: Values, acceleration: Values, true: float, assumed: float) -> np.ndarray:
+    """Return what a balance with a wrong inertia shows beyond the right one."""
     pairs = zip(motor_torque, acceleration, strict=True)
     return np.array([_balance(m, assumed, a) - _balance(m, true, a) for m, a in pairs])
 
 
 def wrong_torque_constant(current: Values, true: float, assumed: float) -> np.ndarray:
+    """Return what a balance with a wrong torque constant shows beyond the right one."""
     return np.array([_balance(assumed * i, 1.0, 0.0) - _balance(true * i, 1.0, 0.0) for i in current])
 
 
@@ -181,6 +184,7 @@ def loaded_bearing(speed: Values, motor_torque: Values, coefficient: float) -> n
 
 
 def offset_current(current: Values, torque_constant: float, offset: float) -> np.ndarray:
+    """Return the torque that an offset of the measured current seems to be."""
     return np.array([torque_constant * (i + offset) - torque_constant * i for i in current])
 
 
@@ -240,4 +244,4 @@ def carreau_yasuda_film(speed: Values, slope: float, critical: float, bend: floa
 
     With a = 1 Cross (1965): η₀/(1 + λγ̇).
     """
-    return speed * slope * (1.0 + (np.abs(speed) / critical) ** bend) ** (-1.0 / bend)
+    return np.asarray(speed) * slope * (1.0 + (np.abs(speed) / critical) ** bend) ** (-1.0 / bend)

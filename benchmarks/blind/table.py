@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 from scipy import stats
 
+from benchmarks.blind.trial import FORMULA, GRAMMAR, Outcome
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from tests.blind.trial import FORMULA, GRAMMAR, Outcome
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
@@ -48,7 +48,8 @@ def intervals(outcome: Outcome) -> list[bool]:
         if name in COMPARED:
             truth = outcome.shapes[name]
             is_strength = any(parameter == one.name for one in CATALOGUE[name].parameters if one.linear)
-            true_value = truth.get(parameter, truth.get("strength" if is_strength else TEMPERATURE_OF_VISCOSITY))
+            of_all = "strength" if is_strength else TEMPERATURE_OF_VISCOSITY
+            true_value = truth[parameter] if parameter in truth else truth[of_all]
             inside.append(abs(value - true_value) <= WIDTH_95 * std)
     return inside
 
@@ -127,8 +128,8 @@ def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
         "# The blind suite",
         "",
         f"{len(outcomes)} of the {planned} records of the plan, 20,000 samples each, seed {seed}; rates with 95 %",
-        "intervals (Wilson). Written by `python -m tests.blind.suite`; what is hidden, and what counts as the same",
-        "answer, stands in `tests/blind/`. Any first part of the plan is balanced over what is hidden.",
+        "intervals (Wilson). Written by `python -m benchmarks.blind.suite`; what is hidden, and what counts as the",
+        "same answer, stands in `benchmarks/blind/`. Any first part of the plan is balanced over what is hidden.",
         "",
         "| | target | measured |",
         "|---|---|---|",

@@ -5,7 +5,7 @@ Two names are equivalent where no record of this kind could separate them.
 
 from __future__ import annotations
 
-from tests.blind.generator import Case
+from benchmarks.blind.generator import Case
 
 # K_T·I - J·dω/dt: an error of K_T is an error of J up to a factor on all friction, which is free. Without the voltage
 # no record of current and speed separates them.

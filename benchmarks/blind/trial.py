@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.blind.equivalence import accepted
+from benchmarks.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
@@ -26,8 +28,6 @@ from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.effects.speed_triggered_jumps import SpeedTriggeredJumps
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEvidence
-from tests.blind.equivalence import accepted
-from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
 
 ACCEPTANCE = 25.0  # of the criterion, what the search asks for (docs/theory.md, "Discrepancy search", 4)
 TWICE_ACCEPTANCE = 2 * ACCEPTANCE

@@ -1,4 +1,4 @@
-"""The blind suite: `python -m tests.blind.suite --records N --jobs J --seed S` writes docs/blind.md and a JSON."""
+"""The blind suite: `python -m benchmarks.blind.suite --records N --jobs J --seed S` writes docs/blind.md and a JSON."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import rwa_monitor
+from benchmarks.blind.formulas import MEAN, OUTSIDE, PAIRS
+from benchmarks.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, plan
+from benchmarks.blind.table import report
+from benchmarks.blind.trial import Outcome, run_trial
 from benchmarks.page import made_at
-from tests.blind.formulas import MEAN, OUTSIDE, PAIRS
-from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, plan
-from tests.blind.table import report
-from tests.blind.trial import Outcome, run_trial
 
 NOTES = Path(__file__).with_name("notes.md")  # what a reader of the table must know
 PER_EFFECT, NULLS, PER_PAIR, PER_OUTSIDE = 20, 200, 3, 12  # of the full suite
@@ -84,6 +84,7 @@ def _done_before(path: Path, wanted: list[Case], code: str) -> list[Outcome]:
 
 
 def main(argv: list[str] | None = None) -> int:
+    """Run the plan, or its first part, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=None, help="the first N of the plan; default: all")
     parser.add_argument("--jobs", type=int, default=2)
