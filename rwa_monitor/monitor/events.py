@@ -106,10 +106,10 @@ class Carried(Message):
     state: dict[str, Any]
 
 
-def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str, *, late: bool = False) -> list[EncodedMessage]:
+def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str, *, stored: bool = False) -> list[EncodedMessage]:
     """Return the messages for events of a wheel, in order; all but `Carried` are published.
 
-    What a replay gives is, but for its key, what its telemetry gave live. `late` is whether the samples were
+    What a replay gives is, but for its key, what its telemetry gave live. `stored` is whether the samples were
     old by the clock when they came, of which the health alone gives notice: no diagnosis depends on the clock.
     """
     outputs: list[EncodedMessage] = []
@@ -124,7 +124,7 @@ def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str, *, late: bo
             diagnosis, end_ns = event.message(spacecraft, name), event.end_ns
             state = event.carried.model_dump(mode="json")
             carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
-            data: Literal["stored", "replay"] | None = "replay" if replayed else "stored" if late else None
+            data: Literal["stored", "replay"] | None = "replay" if replayed else "stored" if stored else None
             of_window = (diagnosis, carried, health_message(diagnosis, data))
             outputs += [message.encoded(spacecraft, wheel, end_ns) for message in of_window]
     return outputs

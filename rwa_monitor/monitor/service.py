@@ -350,7 +350,7 @@ class Monitor:
             if event.kind not in served.reported:  # a broken sensor may give thousands in a window
                 served.reported.add(event.kind)
                 self.log(f"{served.name}: {event.text}")
-        outputs = outputs_of(events, *served.key, late=served.data == "stored")
+        outputs = outputs_of(events, *served.key, stored=served.data == "stored")
         closed = [event for event in events if isinstance(event, WindowDiagnosed)]
         for output in outputs:
             self._record(output)
