@@ -59,6 +59,9 @@ class Samples:
         float64 (n,) or None, optional channels [A, N m, V, °C].
     angle_rad
         float64 (n,) or None, measured angle of the wheel [rad], within one turn or counted on; of tables only.
+    body_momentum_Nms, bus_voltage_V, drive_power_W
+        float64 (n,) or None, of tables only: angular momentum along the spin axis of all but this wheel [N m s], supply
+        voltage [V], electrical power into the drive, negative where it feeds back [W].
 
     Raises
     ------
@@ -74,6 +77,9 @@ class Samples:
     motor_voltage_V: FloatArray | None = None
     bearing_temperature_degC: FloatArray | None = None
     angle_rad: FloatArray | None = None
+    body_momentum_Nms: FloatArray | None = None
+    bus_voltage_V: FloatArray | None = None
+    drive_power_W: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Bring every channel to its one type and check that all have one length."""
@@ -104,7 +110,7 @@ class Samples:
                 yield field.name, values
 
 
-# The measured channels besides time, in the order in which messages list them, and tables, which may hold one more.
+# The measured channels besides time, in the order in which messages list them, and tables, which may hold more.
 ChannelName = Literal[
     "speed_rad_s",
     "friction_torque_Nm",
@@ -114,7 +120,7 @@ ChannelName = Literal[
     "bearing_temperature_degC",
 ]
 CHANNELS: Final[tuple[str, ...]] = get_args(ChannelName)
-TABLE_CHANNELS: Final = (*CHANNELS, "angle_rad")
+TABLE_CHANNELS: Final = (*CHANNELS, "angle_rad", "body_momentum_Nms", "bus_voltage_V", "drive_power_W")
 
 
 def concatenate(parts: list[Samples]) -> Samples:

@@ -124,12 +124,14 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
+    from rwa_monitor.discrepancy.motor_constants import shown_constants
     from rwa_monitor.discrepancy.plausible import remarks
 
     log(*as_measured([*samples, *held_out], wheel).notes)
     with status_line("searching") as progress:
         for name, one in (*samples, *held_out):
-            log(*(f"{name}: {words}" for words in remarks(one, wheel)))
+            shown = [constant.in_words() for constant in shown_constants(one, wheel)]
+            log(*(f"{name}: {words}" for words in [*remarks(one, wheel), *shown]))
         found = find_discrepancy(samples, wheel, progress, side_by_side, held_out)
         if wanted.search_again:
             found = with_search_again(found, samples, progress, side_by_side)

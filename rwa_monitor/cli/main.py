@@ -38,6 +38,7 @@ COMMANDS: Final = [
     "export",
     "identify",
     "tune",
+    "manoeuvre",
     "replay",
     "recover",
     "bridge",

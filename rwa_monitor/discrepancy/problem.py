@@ -11,6 +11,7 @@ from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
 
+from rwa_monitor.discrepancy.motor_constants import ShownConstant, combined
 from rwa_monitor.discrepancy.noise import Noise
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.samples import FloatArray, IntArray
@@ -127,6 +128,8 @@ class Problem:
         Largest speed [rad/s].
     largest_friction_Nm
         Range of the friction as measured, zero in it [N m]; infinite where none is: a manoeuvre that is only planned.
+    shown
+        Constants of the wheel file as channels show them in which there is no friction.
     """
 
     records: tuple[Record, ...]
@@ -147,12 +150,14 @@ class Problem:
     lowest_viscous: float = -np.inf
     top_speed: float = field(init=False)
     largest_friction_Nm: float = field(init=False)
+    shown: tuple[ShownConstant, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         """Note what every solution asks for."""
         object.__setattr__(self, "top_speed", float(self.speed.max(initial=0.0)))
         range_Nm = self.z_measured.max(initial=0.0) - self.z_measured.min(initial=0.0)
         object.__setattr__(self, "largest_friction_Nm", float(range_Nm) or np.inf)
+        object.__setattr__(self, "shown", combined(record.shown for record in self.records))
 
     def with_empty_caches(self) -> Problem:
         """Return the same data with caches of their own: for what is kept in a cache of these.

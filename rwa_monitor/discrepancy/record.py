@@ -22,6 +22,7 @@ from scipy.ndimage import correlate1d
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import Steps, derived_friction, source_of_friction, steps_of
+from rwa_monitor.discrepancy.motor_constants import ShownConstant, shown_constants
 from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, without_end_stops
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples, SlotGrid
@@ -79,6 +80,8 @@ class Record:
     own_viscous_rad_s
         float64 (n,), what viscous friction is in proportion to, where the wheel's effects make that another than the
         speed; None: the speed.
+    shown
+        Constants of the wheel file as channels show them in which there is no friction.
     """
 
     source: str
@@ -95,6 +98,7 @@ class Record:
     steps: Steps | None = None
     friction_as_read_Nm: FloatArray | None = None
     own_viscous_rad_s: FloatArray | None = None
+    shown: tuple[ShownConstant, ...] = ()
 
     @property
     def viscous_speed_rad_s(self) -> FloatArray:
@@ -175,6 +179,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         derivative_slots=2 * hole + 1 if derived else 0,
         left_out=_left_out(measured, samples, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
+        shown=shown_constants(samples, wheel),
     )
 
 
@@ -230,6 +235,7 @@ def _channels(
             None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=1) / wheel.sample_period_s
         ),
         measured_angle_rad=measured,
+        bus_voltage_V=_smooth_temperature(_on_grid(samples.bus_voltage_V, slot)),
     )
 
 

@@ -62,7 +62,8 @@ def with_law(problem: Problem, model: Model, law: NoiseLaw) -> Model:
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
     parameters = price(model.terms) + JUMP_PENALTY * model.fit.jumps.size
     fit = _fit(problem, series, rows, coefficients, law, model.fit)
-    return replace(model, fit=fit, law=law, score=deviance + series.log_size * parameters + law.price(series.size))
+    score = deviance + series.log_size * parameters + law.price(series.size)
+    return replace(model, fit=fit, law=law, score=score + contradiction(problem, model.terms, coefficients[2:]))
 
 
 def with_exact_jumps(problem: Problem, model: Model) -> Model:
@@ -137,6 +138,25 @@ def price(terms: Sequence[Term]) -> float:
     return BASE_PARAMETERS + sum(term.parameters for term in terms)
 
 
+def contradiction(problem: Problem, terms: Sequence[Term], strengths: FloatArray) -> float:
+    """Return twice the negative log-likelihood of what other channels show of the wheel file's constants.
+
+    Parameters
+    ----------
+    problem, terms
+        The data and the terms of a model, which gives a constant no error where none of them has it.
+    strengths
+        float64 (p,), of their columns.
+    """
+    begins = np.cumsum([0, *(term.columns.shape[1] for term in terms)])
+    errors = {term.effect.error_of: float(strengths[at]) for term, at in zip(terms, begins, strict=False)}
+    total = 0.0
+    for shown in problem.shown:
+        strength, std = shown.strength
+        total += ((errors.get(shown.quantity, 0.0) - strength) / std) ** 2
+    return total
+
+
 def term_rows(series: Series, term: Term) -> FloatArray:
     """Return the columns of a term in the friction's own sign, float64 (p, n)."""
     return np.asarray(term.columns.T * series.sign)
@@ -162,8 +182,8 @@ class Background:
 
     Attributes
     ----------
-    problem
-        The data.
+    problem, terms
+        The data, and what is in the model.
     sign
         float64 (n,), direction of rotation at each sample.
     first
@@ -179,6 +199,7 @@ class Background:
     """
 
     problem: Problem
+    terms: tuple[Term, ...]
     sign: FloatArray
     first: IntArray
     whitening: Whitening
@@ -200,7 +221,7 @@ class Background:
         white = whitening.innovations(np.vstack([series.friction, _means(rows, first)]))
         known = whole.log_size * (price(terms) + JUMP_PENALTY * jumps.size) + law.price(whole.size)
         products = white @ white.T
-        return cls(problem, whole.sign, first, whitening, white, products, low, high, known)
+        return cls(problem, tuple(terms), whole.sign, first, whitening, white, products, low, high, known)
 
     def equations_with(self, *terms: Term) -> Equations:
         """Return the normal equations with terms more."""
@@ -221,7 +242,9 @@ class Background:
     def criterion_with(self, *terms: Term) -> float:
         """Return the score with terms more."""
         added = sum(term.parameters for term in terms)
-        return self.equations_with(*terms).solve()[1] + self.price + self.problem.log_size * added
+        coefficients, deviance = self.equations_with(*terms).solve()
+        other = contradiction(self.problem, (*self.terms, *terms), coefficients[2:])
+        return deviance + other + self.price + self.problem.log_size * added
 
 
 def _means(rows: FloatArray, first: IntArray) -> FloatArray:

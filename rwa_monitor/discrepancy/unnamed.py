@@ -279,6 +279,7 @@ CURVES: Final = (
     ),
     _curve("curve_time", "a drag that drifts with time", lambda c: c.time_s, flips=True, knots=KNOTS_OF_TIME),
     _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
+    _curve("curve_bus_voltage", "a torque that depends on the bus voltage", lambda c: c.bus_voltage_V, flips=False),
     _curve("curve_angle", "a torque that depends on the angle", _angle, flips=False),
 )
 

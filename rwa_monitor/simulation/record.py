@@ -515,7 +515,8 @@ def _measure(
         channels["motor_current_A"] = measured
         channels["motor_torque_Nm"] = per_ampere * measured
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
-            per_speed = wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
+            off = sum(effect.values["strength"] for effect in parts.effects if effect.error_of == "torque constant")
+            per_speed = (1.0 - off) * wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
             voltage = wheel.winding_resistance_ohm * current + per_speed * motion.speed_rad_s
             channels["motor_voltage_V"] = measure(voltage, sensors["voltage_noise_V"], 0.0, voltage_rng)
     if scenario.channels is None:

@@ -51,6 +51,8 @@ class Channels:
         it is not prepared, `current_delay` then takes a backward difference of `motor_torque_Nm`.
     measured_angle_rad
         The wheel's angle where it does not follow from the speed alone [rad]; None where it is the speed's integral.
+    bus_voltage_V
+        Supply voltage [V], or None.
     """
 
     time_s: FloatArray
@@ -65,6 +67,7 @@ class Channels:
     good: BoolArray
     motor_torque_rate_Nm_s: FloatArray | None = None
     measured_angle_rad: FloatArray | None = None
+    bus_voltage_V: FloatArray | None = None
 
     def __len__(self) -> int:
         """Count the slots."""
@@ -117,6 +120,9 @@ class Parameter:
     shown: Callable[[Channels], tuple[float, float]] | None = None
 
 
+Quantity = Literal["inertia", "torque constant"]  # of the wheel file, that other channels may show
+
+
 class Effect:
     """Base of all effects: metadata of the class, parameter values of the instance.
 
@@ -152,6 +158,8 @@ class Effect:
     comes_and_goes: ClassVar[bool] = False
     # True where it may drive the wheel, so that dry friction seems to be negative.
     may_drive: ClassVar[bool] = False
+    # The constant whose error it is; None where it is another thing.
+    error_of: ClassVar[Quantity | None] = None
     # Why an exported friction model does not hold it; "" where it does.
     not_exported: ClassVar[str] = ""
 

@@ -14,6 +14,7 @@ class InertiaError(MeanEffect):
     name = "inertia_error"
     title = "Wrong inertia"
     follows_acceleration = True
+    error_of = "inertia"
     formula = r"\tau = \delta J\, \dot\omega, \qquad \delta J = J_{\mathrm{true}} - J_{\mathrm{assumed}}"
     description = (
         "Friction is K_T I − J dω/dt; where J is too small, a part of the accelerating torque is taken for friction. "
@@ -26,8 +27,8 @@ class InertiaError(MeanEffect):
     )
     confused_with = ("torque_constant_error", "load_dependence", "lubricant_lag", "current_delay")
     separate_by = (
-        "From current and speed alone never from `torque_constant_error`: the motor voltage (K_E = K_T) or the "
-        "body's angular momentum does. From `load_dependence`: brake and accelerate in both directions."
+        "From current and speed alone never from `torque_constant_error`: `motor_voltage_V` (K_E = K_T), "
+        "`drive_power_W` or `body_momentum_Nms` does. From `load_dependence`: brake and accelerate in both directions."
     )
     source = (
         "Follows from the torque balance of the wheel; J of wheels is usually known to 1–5 % before a calibration "

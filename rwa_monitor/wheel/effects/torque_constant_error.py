@@ -12,6 +12,7 @@ class TorqueConstantError(MeanEffect):
     name = "torque_constant_error"
     title = "Wrong torque constant"
     follows_acceleration = True
+    error_of = "torque constant"
     formula = r"\tau = \frac{\delta K_T}{K_T}\, K_T I, \qquad \delta K_T = K_{T,\mathrm{assumed}} - K_{T,\mathrm{true}}"
     description = (
         "Friction is K_T I − J dω/dt; where K_T is too large, a part of the motor torque that is not there reads as "
@@ -20,8 +21,8 @@ class TorqueConstantError(MeanEffect):
     signature = "A torque in proportion to the motor current."
     confused_with = ("inertia_error", "load_dependence", "torque_constant_temperature")
     separate_by = (
-        "From current and speed alone it equals `inertia_error` up to a common factor on all friction: the motor "
-        "voltage (K_E = K_T) or the body's angular momentum separates them."
+        "From current and speed alone it equals `inertia_error` up to a common factor on all friction: "
+        "`motor_voltage_V` (K_E = K_T), `drive_power_W` or `body_momentum_Nms` separates them."
     )
     source = (
         "Follows from the torque balance of the wheel; motor data sheets state K_T to 5–10 %, calibrated 1–5 % (a "

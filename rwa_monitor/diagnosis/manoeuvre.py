@@ -1,0 +1,102 @@
+"""The shortest change of speed that decides whether dry or viscous friction is nominal, on this wheel.
+
+At one speed the two are one number. Two speeds that are Δ apart, held for n samples each before and after a change,
+give the slope with the variance 2σ²/(n·Δ²), whatever the level is. Friction jumps from time to time: each change of the
+speed within a stretch between jumps adds as much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from scipy import stats
+
+from rwa_monitor.diagnosis.model import Levels, Model, models_for
+from rwa_monitor.errors import InputError
+from rwa_monitor.wheel.wheel import Wheel
+
+CHANGES: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of the nominal speed
+LEAST_HOLD: Final = 64  # samples: the monitor adds samples up in blocks of so many
+LONGEST_S: Final = 86_400.0  # a day: what takes longer is no manoeuvre
+
+
+@dataclass(frozen=True, slots=True)
+class Manoeuvre:
+    """Changes of speed, there and back, that decide.
+
+    Attributes
+    ----------
+    change_rad_s
+        By how much the speed is changed.
+    hold_s
+        How long each of the two speeds is held before and after a change [s].
+    changes
+        How many changes of speed.
+    duration_s
+        Of all that, ramps included [s].
+    """
+
+    change_rad_s: float
+    hold_s: float
+    changes: int
+    duration_s: float
+
+
+def deciding_manoeuvres(
+    wheel: Wheel, model: Model, doubt: Literal["dry", "viscous"], certainty: float, speed_rad_s: float
+) -> list[Manoeuvre]:
+    """Return the manoeuvres that decide a doubt, the shortest for each size of the change of speed, small ones first.
+
+    Parameters
+    ----------
+    wheel, model
+        The wheel, with its noise, and what was learned of its anomalies.
+    doubt
+        Which friction may be anomalous.
+    certainty
+        Wanted probability that a value at the edge of the nominal band, or at the median of the anomaly, is taken for
+        what it is.
+    speed_rad_s
+        Where the wheel runs.
+
+    Raises
+    ------
+    InputError
+        If the wheel file lacks nominal friction or noise.
+    """
+    source, nominal, noise_Nm = f"wheel {wheel.name}", wheel.nominal, wheel.noise.friction_std_Nm
+    if nominal is None or noise_Nm is None:
+        raise InputError(
+            source, "is missing: rwa-monitor identify learns it", "nominal" if nominal is None else "noise"
+        )
+    learned = models_for(wheel, model)[wheel.anomalies.index(doubt)]
+    if learned is None or learned.levels[0] is None:
+        raise InputError(source, "has no nominal range of it", doubt)
+    wanted = _wanted_std(learned.levels[0], certainty)
+    # Of the slope [N m s/rad]: dry friction is the level at this speed, which is known well, less the slope times it.
+    std = wanted * (nominal.viscous_Nm_s_rad if doubt == "viscous" else nominal.dry_torque_Nm / abs(speed_rad_s))
+    found = [_of_change(wheel, share * nominal.nominal_speed_rad_s, noise_Nm, std) for share in CHANGES]
+    top = wheel.limits.max_speed_rad_s or math.inf
+    return [one for one in found if one.duration_s < LONGEST_S and one.change_rad_s + abs(speed_rad_s) <= top]
+
+
+def _wanted_std(levels: Levels, certainty: float) -> float:
+    """Return the standard deviation with which the middle between nominal and anomalous separates them so surely."""
+    between = levels.severity_unit or levels.reach
+    return 0.5 * between / float(stats.norm.ppf(certainty))
+
+
+def _of_change(wheel: Wheel, change_rad_s: float, noise_Nm: float, slope_std: float) -> Manoeuvre:
+    """Return how often, and how long each time, speeds so far apart must be held [s]."""
+    period_s, torque = wheel.sample_period_s, wheel.max_motor_torque_Nm
+    ramp_s = 0.0
+    if torque is not None and wheel.inertia_kg_m2 is not None:
+        ramp_s = wheel.inertia_kg_m2 * change_rad_s / torque
+    samples = 2.0 * (noise_Nm / (change_rad_s * slope_std)) ** 2  # to each side, if one change is to decide
+    rate = sum(one.configurations / sum(law.mean() for law in one.durations) for one in wheel.fss)  # jumps a sample
+    longest = 0.25 / rate if rate > 0.0 else math.inf  # to each side: half of a stretch between jumps holds both
+    changes = max(math.ceil(samples / longest), 1) if math.isfinite(longest) else 1
+    hold_s = max(math.ceil(samples / changes), LEAST_HOLD) * period_s
+    return Manoeuvre(change_rad_s, hold_s, changes, changes * (2.0 * hold_s + ramp_s))
