@@ -35,14 +35,11 @@ def command(
     --plan`. Exit code 1 where no change of the speed decides.
     """
     from rwa_monitor.diagnosis.manoeuvre import deciding_manoeuvres
-    from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.telemetry.configuration import read_model, read_wheel
-    from rwa_monitor.wheel.wheel import built_in_wheel
 
-    known = read_wheel(wheel) if wheel else built_in_wheel()
+    known = read_wheel(wheel)
     at = speed or (known.nominal.nominal_speed_rad_s if known.nominal else 1.0)
-    learned = read_model(model) if model else built_in_model()
-    found = deciding_manoeuvres(known, learned, doubt, certainty, at)
+    found = deciding_manoeuvres(known, read_model(model), doubt, certainty, at)
     if json:
         click.echo(dumps({"doubt": doubt, "certainty": certainty, "manoeuvres": [asdict(one) for one in found]}))
     elif found:
