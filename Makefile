@@ -327,7 +327,7 @@ build/openmct/node_modules/openmct/package.json: docs/integrations/openmct/packa
 
 .PHONY: yamcs
 yamcs: $(VENV)/.installed-dev ## installs Yamcs in build/yamcs, for the test of space packets (needs java 17)
-	@test -d build/yamcs || $(BIN)/python -m pip install --disable-pip-version-check --quiet --no-deps --target build/yamcs fprime-yamcs-bundle==5.12.8.0
+	@test -d build/yamcs || $(BIN)/python -m pip install --disable-pip-version-check --quiet --target build/yamcs fprime-yamcs-bundle==5.12.8.0
 
 # Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
 OUTSIDE_VENV := .outside-venv
