@@ -16,7 +16,6 @@ from functools import partial
 from operator import attrgetter
 from typing import Any, Final, NamedTuple, Self, get_args
 
-import jinja2
 import zenoh
 
 from rwa_monitor.diagnosis.model import Model, models_for
@@ -172,6 +171,8 @@ class PacketWriter:
 
     def definition(self) -> str:
         """Return the XTCE definition of all packets."""
+        import jinja2  # noqa: PLC0415 - sending needs none, and a monitor alone has none
+
         numbers = {
             "Number": ("", ()),
             "Torque": (DRY_UNIT, ()),

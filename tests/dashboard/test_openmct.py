@@ -16,14 +16,17 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.recording.reader import read_chain
 from tests.dashboard.support import acknowledge, ask, expect, opened, send_windows
 from tests.docs.test_commands import ROOT
 from tests.history.support import diagnosis
+from tests.monitor.processes import wait_for
 
 PLUGIN = ROOT / "docs/integrations/openmct"
 INSTALLED = ROOT / "build/openmct/node_modules"
 MOST_LINES = 300
-VERDICT, VISCOUS = (f"#/browse/rwa:fleet/rwa:sat,wheel_2/rwa:sat,wheel_2,{part}" for part in ("verdict", "viscous"))
+GOOD, BAD = (f"#/browse/rwa:fleet/rwa:{wheel}/rwa:{wheel}" for wheel in ("sat,wheel_1", "reference,wheel_1"))
 FAULTS = "#/browse/faults.taxonomy:faultManagement.view"
 
 
@@ -59,41 +62,61 @@ def test_the_plugin_is_short() -> None:
 def test_open_mct_shows_wheels_verdicts_limits_and_alarms(
     chromium: Any, session: zenoh.Session, origin: str, tmp_path: Path
 ) -> None:
+    """A wheel that is well, and one of a recording, with the diagnoses that a monitor made."""
+    (recording,) = read_chain(ROOT / "replay/two_anomalies")
+    *earlier, last = recording.parsed(Diagnosis)
     options = DashboardOptions(0, tmp_path / "records", token="right", silent_s=0.0, allow_origin=origin)
     with serve(options, session) as running:
         send_windows(session, "wheel_1", failing=False)
-        send_windows(session, "wheel_2", failing=True)
+        for one in earlier:
+            session.put("rwa/reference/wheel_1/diagnosis", one.to_json())
+        wait_for(lambda: len(ask(running.address, "api/wheels/reference/wheel_1/windows")[1]) == 3, "the windows")
         with opened(chromium) as page:
-            start = f"{origin}/?{urlencode({'server': running.address.rstrip('/')})}"
+            start = f"{origin}/?{urlencode({'server': running.address.rstrip('/'), 'days': 40_000})}"
             page.goto(start)
             tree = page.get_by_role("tree", name="Main Tree")
             tree.get_by_role("treeitem", name="Reaction wheels").get_by_label("Expand").click()
             expect(tree.get_by_role("treeitem", name="sat/wheel_1")).to_be_visible()
-            tree.get_by_role("treeitem", name="sat/wheel_2").get_by_label("Expand").click()
-            expect(tree.get_by_role("treeitem", name="Friction of wheel_2: viscous")).to_be_visible()
+            tree.get_by_role("treeitem", name="reference/wheel_1").get_by_label("Expand").click()
+            for part in ("dry", "viscous", "fss_1", "fss_2"):
+                expect(tree.get_by_role("treeitem", name=f"Friction of wheel_1: {part}")).to_be_visible()
 
-            page.goto(f"{start}{VERDICT}?view=table")  # history, from the API
+            page.goto(f"{start}{BAD},verdict?view=table")  # history, from the API
             rows = page.locator(".c-telemetry-table__body tbody tr")
-            expect(rows).to_have_count(3)
-            bad = rows.filter(has_text="Viscous friction is too high.")
-            expect(bad).to_have_count(2)
-            for row in bad.all():
+            expect(rows.filter(has_text="anomalous")).to_have_count(3)
+            for row in rows.all():
                 assert "is-limit--red" in row.get_attribute("class")
-            good = rows.filter(has_text="All friction is nominal.")
-            assert "is-limit" not in good.get_attribute("class")
-            session.put("rwa/sat/wheel_2/diagnosis", diagnosis(3, severity=2.0, wheel="wheel_2").to_json())
+            expect(rows.filter(has_text=earlier[0].reason)).to_have_count(1)
+            session.put("rwa/reference/wheel_1/diagnosis", last.to_json())
             expect(rows).to_have_count(4)  # live, from the feed
 
-            page.goto(f"{start}{VISCOUS}?view=table")
+            page.goto(f"{start}{BAD},viscous?view=table")
             expect(page.get_by_role("columnheader", name="Nominal to", exact=True)).to_be_visible()
             expect(rows).to_have_count(4)
-            assert "is-limit--red" in rows.filter(has_text="0.0000066").first.get_attribute("class")
+            limits = sorted(
+                " ".join(re.findall(r"is-limit--\w+", row.get_attribute("class") or "")) for row in rows.all()
+            )
+            assert limits == [
+                "",
+                "",
+                "",
+                "is-limit--upr is-limit--yellow",
+            ]  # above its range once, and never called anomalous
+            page.goto(f"{start}{BAD},fss_1?view=table")
+            expect(page.locator("h1, .l-browse-bar__object-name", has_text="fss_1")).to_be_visible()
+            expect(rows.filter(has_text=f"{last.anomalies['fss_1'].estimate:.5g}")).to_have_class(
+                re.compile("is-limit--red")
+            )
+            page.goto(f"{start}{GOOD},verdict?view=table")
+            expect(rows.filter(has_text="All friction is nominal.")).to_have_count(3)
+            assert "is-limit" not in " ".join(row.get_attribute("class") or "" for row in rows.all())
 
             page.goto(f"{start}{FAULTS}")
-            fault = page.get_by_role("listitem").filter(has_text="viscous of wheel_2")
-            expect(fault.get_by_label("Live Value")).to_have_text("warning")
+            fault = page.get_by_role("listitem").filter(has_text="fss_1 of wheel_1")
+            (alarm,) = (one for one in ask(running.address, "api/alarms")[1] if one["name"] == "fss_1")
+            expect(fault.get_by_label("Live Value")).to_have_text(alarm["level"])
             expect(fault).to_have_class(re.compile("is-unacknowledged"))
-            assert acknowledge(running.address) == 200  # on the dashboard; the feed brings it to Open MCT
+            assert acknowledge(running.address, alarm["id"]) == 200  # on the dashboard; the feed brings it to Open MCT
             expect(fault).to_have_class(re.compile("is-acknowledged"))
 
             session.put("rwa/sat/wheel_7/diagnosis", diagnosis(0, wheel="wheel_7").to_json())

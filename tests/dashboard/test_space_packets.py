@@ -25,9 +25,10 @@ from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import HealthAlarm, health_message
+from rwa_monitor.messages import Diagnosis, HealthAlarm, health_message
 from rwa_monitor.monitor.bridge import UdpAddress
 from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.recording.reader import read_chain
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, definition_of
 from rwa_monitor.telemetry.reader import Decoding, TextFile
 from rwa_monitor.wheel.wheel import built_in_wheel
@@ -153,6 +154,23 @@ def test_a_diagnosis_is_read_back_by_the_definition() -> None:
     ]  # fmt: skip
     assert own["dry_STATE"] == "not_judged"  # this message has no such part
     assert math.isnan(own["dry_ESTIMATE"])
+
+
+@pytest.mark.parametrize("folder", ["heat", "two_anomalies"])
+def test_what_a_monitor_diagnosed_is_read_back(folder: str) -> None:
+    packets = writer("reference/wheel_1")
+    (recording,) = read_chain(ROOT / "replay" / folder)
+    for one in recording.parsed(Diagnosis):
+        packet = packets.take("rwa/reference/wheel_1/diagnosis", one.to_json())
+        found = parsed(packet, packets.definition())
+        assert (found["reference_wheel_1_VERDICT"], found["TIME"]) == (one.verdict, one.window_end_ns / 1e9)
+        for name, part in one.anomalies.items():
+            values = [found.get(f"reference_wheel_1_{name}_{what}") for what in ("PROBABILITY", "SEVERITY", "ESTIMATE")]
+            assert values == [part.probability, part.severity, part.estimate]
+            assert (found[f"reference_wheel_1_{name}_STATE"] == "active") == part.active
+        if folder == "two_anomalies":  # of the built-in wheel, as the definition: the same limits
+            for part in (one.anomalies["dry"], one.anomalies["viscous"]):
+                assert f'minInclusive="{part.nominal_low}" maxInclusive="{part.nominal_high}"' in packets.definition()
 
 
 @pytest.mark.parametrize(
