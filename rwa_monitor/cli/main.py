@@ -41,6 +41,7 @@ COMMANDS: Final = [
     "replay",
     "recover",
     "bridge",
+    "packets",
     "foxglove",
     "dashboard",
     "doctor",
