@@ -317,6 +317,18 @@ fuzz: $(VENV)/.installed-dev ## fuzzes every reader of outside bytes, 10 minutes
 	OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 	  nice -n 15 $(FUZZ_VENV)/bin/python -m tests.fuzz.campaign --page docs/fuzzing.md $(FUZZ_ARGS)
 
+# What the tests of docs/integrations.md drive: Open MCT, 58 MB from npm, and Yamcs, 50 MB from PyPI, both beside the environment.
+.PHONY: openmct
+openmct: build/openmct/node_modules/openmct/package.json ## installs Open MCT in build/openmct, for the test of its plugin (needs npm)
+build/openmct/node_modules/openmct/package.json: docs/integrations/openmct/package.json
+	mkdir -p build/openmct && cp $< build/openmct
+	npm install --prefix build/openmct --ignore-scripts --no-audit --no-fund --no-package-lock --loglevel=error
+	touch $@
+
+.PHONY: yamcs
+yamcs: $(VENV)/.installed-dev ## installs Yamcs in build/yamcs, for the test of space packets (needs java 17)
+	@test -d build/yamcs || $(BIN)/python -m pip install --disable-pip-version-check --quiet --target build/yamcs fprime-yamcs-bundle==5.12.8.0
+
 # Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
 OUTSIDE_VENV := .outside-venv
 .PHONY: outside

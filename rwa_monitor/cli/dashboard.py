@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     "PORT",
     "Serve Foxglove live on this port, on loopback (needs rwa-monitor[foxglove]).",
 )
+@option("--allow-origin", str, "ORIGIN", "Pages of this origin, such as Open MCT's http://127.0.0.1:8080, may read.")
 @option("--token", str, "T", "Who has it may acknowledge and shelve.  [default: a random one]")
 @option(
     "--wheel", FILE, "W.toml", "Constants for friction from current.  [default: those of the latest recording in DIR]"

@@ -42,6 +42,7 @@ COMMANDS: Final = [
     "replay",
     "recover",
     "bridge",
+    "packets",
     "foxglove",
     "dashboard",
     "doctor",

@@ -305,8 +305,8 @@ class Refusal(_Shown):
 # ---- the application -------------------------------------------------------------------------------------------------
 
 
-def create_app(api: Api, token: str) -> FastAPI:
-    """Return the application, whose changes need a token.
+def create_app(api: Api, token: str, origin: str | None = None) -> FastAPI:
+    """Return the application, whose changes need a token; pages of another origin may read, if it is given.
 
     The pages of FastAPI's documentation, which load scripts from elsewhere, are off.
     """
@@ -328,7 +328,7 @@ def create_app(api: Api, token: str) -> FastAPI:
         lifespan=lifespan,
         middleware=[
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"]),
-            Middleware(Guard, token=token),
+            Middleware(Guard, token=token, origin=origin),
         ],
         exception_handlers=dict.fromkeys((HTTPException, RequestValidationError, InputError, HistoryError), _refused),
         responses={422: {"model": Refusal}, 503: {"model": Refusal}},
@@ -372,15 +372,16 @@ class Guard:
     It adds the headers that every answer has.
     """
 
-    def __init__(self, app: ASGIApp, token: str) -> None:
-        self.app, self._token = app, token
+    def __init__(self, app: ASGIApp, token: str, origin: str | None) -> None:
+        self.app, self._token, self._origin = app, token, origin.encode() if origin else None
+        self._headers = HEADERS | ({"Access-Control-Allow-Origin": origin} if origin else {})
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
 
         async def with_headers(message: Any) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] += [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                message["headers"] += [(name.encode(), value.encode()) for name, value in self._headers.items()]
             await send(message)
 
         status, reason = self._refusal(scope)
@@ -394,9 +395,11 @@ class Guard:
     def _refusal(self, scope: Scope) -> tuple[int, str]:
         """Return the status and reason of a refusal, "" for none."""
         headers = dict(scope.get("headers", []))
-        if headers.get(b"origin") not in (None, b"http://" + headers.get(b"host", b"")):
+        reads = scope.get("method", "GET") in {"GET", "HEAD"}
+        own = b"http://" + headers.get(b"host", b"")
+        if headers.get(b"origin", own) not in (own, self._origin if reads else own):
             return 403, "another origin has no access"
-        if scope.get("method", "GET") in {"GET", "HEAD"}:
+        if reads:
             return 200, ""
         if not secrets.compare_digest(headers.get(b"authorization", b""), f"Bearer {self._token}".encode()):
             return 401, "the token is missing or wrong; it is printed where the dashboard was started"

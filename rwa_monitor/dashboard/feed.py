@@ -299,7 +299,7 @@ class Listener(BusThread):
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
         self._monitors = MonitorWatch(silent_s, history.monitors())
-        super().__init__(session, KEYS, "dashboard listener")
+        super().__init__(session, "dashboard listener", KEYS)
 
     def on_idle(self) -> None:
         """Do what is due by the clock: store what could not be stored, check database and bus."""

@@ -59,7 +59,7 @@ class FoxgloveServer(BusThread, ServerListener):
         except (OSError, RuntimeError) as error:
             raise RwaMonitorError(f"port {port} cannot be used: {error}; --foxglove names another") from error
         self._translator = Translator()
-        super().__init__(session, KEYS, "foxglove server")
+        super().__init__(session, "foxglove server", KEYS)
 
     @property
     def address(self) -> str:

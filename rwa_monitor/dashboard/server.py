@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import secrets
 import socket
 import time
@@ -18,7 +19,7 @@ from rwa_monitor.dashboard.app import Api, create_app
 from rwa_monitor.dashboard.feed import SILENT_S, AlarmNotifier, Listener
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.recordings import latest_setup
-from rwa_monitor.errors import RwaMonitorError, needs_extra
+from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.history.store import History
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
@@ -51,6 +52,8 @@ class DashboardOptions(NamedTuple):
         Silence from which a wheel's monitor is an alarm [s]; 0 for none.
     foxglove
         Port on loopback that Foxglove connects to, 0 for any that is free; None: none.
+    allow_origin
+        Of pages elsewhere, "http://HOST:PORT", that may read; None: of none.
     token
         For changes; None makes a random one.
     """
@@ -63,6 +66,7 @@ class DashboardOptions(NamedTuple):
     history: str | None = None
     silent_s: float = SILENT_S
     foxglove: int | None = None
+    allow_origin: str | None = None
 
     @property
     def history_place(self) -> Path | str | None:
@@ -86,15 +90,17 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
     RwaMonitorError
         If a port is taken, or foxglove-sdk is asked for and missing.
     InputError
-        If the history cannot be opened.
+        If the history cannot be opened, or what is given as an origin is none.
     """
+    if options.allow_origin and not re.fullmatch(r"https?://[^/\s*]+", options.allow_origin):
+        raise InputError("--allow-origin", f"{options.allow_origin!r} is no origin, such as http://127.0.0.1:8080")
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
         history = stack.enter_context(History(options.history_place))
         fleet = Fleet(Setup(options.wheel) if options.wheel else latest_setup(options.record))
         listening = stack.enter_context(_socket(options.port))
         notifier = stack.enter_context(AlarmNotifier(session, history))
-        app = create_app(Api(fleet, history, notifier, options.record), token)
+        app = create_app(Api(fleet, history, notifier, options.record), token, options.allow_origin)
         config = uvicorn.Config(
             app,
             log_level="error",

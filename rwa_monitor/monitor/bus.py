@@ -373,7 +373,7 @@ IDLE_WAIT_S: Final = 0.1  # between two looks at what is due by the clock, also 
 
 
 class BusThread:
-    """A subscription and the one thread that works on what it brings; use it with `with`.
+    """Subscriptions and the one thread that works on what they bring; use it with `with`.
 
     What was published before is asked for, too.
 
@@ -381,17 +381,17 @@ class BusThread:
     ----------
     session
         An open Zenoh session; it is left open.
-    key_expression
-        What to listen to.
     name
         Of the thread.
+    key_expressions
+        What to listen to.
     """
 
-    def __init__(self, session: zenoh.Session, key_expression: str, name: str) -> None:
+    def __init__(self, session: zenoh.Session, name: str, *key_expressions: str) -> None:
         self._inbox = Inbox()
         self._stop = Event()
         self._thread = Thread(target=self._run, name=name, daemon=True)
-        self._subscriber = _subscriber(session, key_expression, self._inbox)
+        self._subscribers = [_subscriber(session, one, self._inbox) for one in key_expressions]
 
     def __enter__(self) -> Self:
         """Begin to work on what came since the subscription."""
@@ -402,8 +402,9 @@ class BusThread:
         """Work on nothing more, and wait for the thread."""
         self._stop.set()
         self._inbox.close()
-        with suppress(zenoh.ZError):  # the session may have been closed under us
-            self._subscriber.undeclare()
+        for subscriber in self._subscribers:
+            with suppress(zenoh.ZError):  # the session may have been closed under us
+                subscriber.undeclare()
         self._inbox.wake.set()
         self._thread.join()
 

@@ -1,9 +1,12 @@
-"""What other tools get: metrics for Prometheus, a dashboard file for Grafana."""
+"""What other tools get: metrics and alert rules for Prometheus, a dashboard file for Grafana."""
 
 from __future__ import annotations
 
 import json
+import os
 import re
+import shutil
+import subprocess
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,13 +14,16 @@ from typing import Any
 
 import pytest
 import zenoh
+from jsonschema import Draft7Validator
 from prometheus_client.parser import text_string_to_metric_families
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from tests.dashboard.support import reporting, send_windows
+from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
 GRAFANA = Path("docs/integrations/grafana.json")
+RULES = Path("docs/integrations/prometheus_rules.yml")
 
 pytestmark = pytest.mark.processes
 
@@ -36,13 +42,17 @@ def parse(text: str) -> dict[str, dict[str, Any]]:
 
 
 @pytest.fixture
-def scraped(session: zenoh.Session, tmp_path: Path) -> Iterator[dict[str, dict[str, Any]]]:
+def metrics(session: zenoh.Session, tmp_path: Path) -> Iterator[str]:
     with (
         serve(DashboardOptions(0, tmp_path), session) as running,
         reporting(session, "wheel_1", "wheel_2", samples_used=7, slots_missed=2),
     ):
         send_windows(session, "wheel_1", failing=False)
         send_windows(session, "wheel_2", failing=True)
+        both = diagnosis(3, wheel="wheel_1")
+        dry = both.anomalies["viscous"].model_copy(update={"estimate": 1.6e-3, "unit": "N m"})
+        both = both.model_copy(update={"anomalies": {"dry": dry, **both.anomalies}})
+        session.put("rwa/sat/wheel_1/diagnosis", both.to_json())
 
         def text() -> str:
             with urllib.request.urlopen(running.address + "metrics", timeout=10) as answer:
@@ -51,12 +61,18 @@ def scraped(session: zenoh.Session, tmp_path: Path) -> Iterator[dict[str, dict[s
 
         wait_for(lambda: 'level="warning",phase="active"} 1.0' in text(), "the alarm in the metrics")
         wait_for(lambda: text().count("rwa_monitor_slots_missed_total{") == 2, "both monitors in the metrics")
-        yield parse(text())
+        wait_for(lambda: 'part="dry"' in text(), "the latest window in the metrics")
+        yield text()
+
+
+@pytest.fixture
+def scraped(metrics: str) -> dict[str, dict[str, Any]]:
+    return parse(metrics)
 
 
 def test_the_metrics_are_in_prometheus_format_and_hold_what_is_known(scraped: dict[str, dict[str, Any]]) -> None:
     assert sum(scraped["rwa_wheel_verdict"]["values"]) == 2
-    assert sorted(scraped["rwa_wheel_severity"]["values"]) == [0.0, 1.0]
+    assert sorted(scraped["rwa_wheel_severity"]["values"]) == [0.0, 0.0, 1.0]
     assert scraped["rwa_monitor_slots_missed_total"]["values"] == [2.0, 2.0]
     assert sum(scraped["rwa_monitor_samples_total"]["values"]) == 14.0
     assert all(value < 20.0 for value in scraped["rwa_monitor_status_age_seconds"]["values"])
@@ -79,3 +95,153 @@ def test_grafanas_file_asks_for_what_the_metrics_have(scraped: dict[str, dict[st
             assert scraped[name]["values"], name
     known = set().union(*(one["labels"] for one in scraped.values()))
     assert set(re.findall(r"{{(\w+)}}", " ".join(legends))) <= known
+
+
+# What Grafana asks of a dashboard's file, in short: the parts that ours has, and nothing else.
+SOURCE = {
+    "type": "object",
+    "required": ["type", "uid"],
+    "additionalProperties": False,
+    "properties": {"type": {"const": "prometheus"}, "uid": {"type": "string"}},
+}
+TEXT, TRUTH, WHOLE = {"type": "string"}, {"type": "boolean"}, {"type": "integer", "minimum": 0}
+
+
+def closed(required: str, **properties: Any) -> dict[str, Any]:
+    """Return the schema of an object that has these keys and no others."""
+    return {"type": "object", "required": required.split(), "additionalProperties": False, "properties": properties}
+
+
+TARGET = closed(
+    "refId datasource expr legendFormat", refId=TEXT, datasource=SOURCE, expr=TEXT, legendFormat=TEXT, instant=TRUTH
+)
+PLACE = closed(
+    "x y w h",
+    x={"type": "integer", "minimum": 0, "maximum": 23},
+    y=WHOLE,
+    w={"type": "integer", "minimum": 1, "maximum": 24},
+    h={"type": "integer", "minimum": 1},
+)
+PANEL = closed(
+    "id type title datasource gridPos targets",
+    id={"type": "integer", "minimum": 1},
+    type={"enum": ["stat", "timeseries"]},
+    title=TEXT,
+    description=TEXT,
+    datasource=SOURCE,
+    gridPos=PLACE,
+    targets={"type": "array", "minItems": 1, "items": TARGET},
+    fieldConfig=closed("defaults overrides", defaults={"type": "object"}, overrides={"type": "array"}),
+    options={"type": "object"},
+)
+VARIABLE = closed(
+    "name type query",
+    name=TEXT,
+    label=TEXT,
+    type={"enum": ["datasource", "query"]},
+    datasource=SOURCE,
+    query=TEXT,
+    refresh={"enum": [0, 1, 2]},
+    multi=TRUTH,
+    includeAll=TRUTH,
+    allValue=TEXT,
+)
+BOARD = closed(
+    "title uid schemaVersion templating annotations panels time",
+    title=TEXT,
+    uid={"type": "string", "pattern": "^[a-zA-Z0-9_-]{1,40}$"},
+    schemaVersion={"type": "integer", "minimum": 36},
+    version=WHOLE,
+    editable=TRUTH,
+    refresh=TEXT,
+    tags={"type": "array", "items": TEXT},
+    time=closed("from to", **{"from": TEXT, "to": TEXT}),
+    annotations=closed("list", list={"type": "array"}),
+    templating=closed("list", list={"type": "array", "items": VARIABLE}),
+    panels={"type": "array", "items": PANEL},
+)
+
+
+@pytest.mark.parametrize("schema", ["short", "grafana"])
+def test_grafanas_file_is_valid_by_its_schema(schema: str) -> None:
+    wanted = BOARD
+    if schema == "grafana":
+        file = os.environ.get("RWA_GRAFANA_SCHEMA")  # dashboard.jsonschema.json of Grafana's foundation SDK
+        if file is None:
+            pytest.skip("RWA_GRAFANA_SCHEMA names no file with Grafana's own schema of dashboards")
+        wanted = json.loads(Path(file).read_text())
+    board = json.loads(GRAFANA.read_text())
+    assert [f"{error.json_path}: {error.message}" for error in Draft7Validator(wanted).iter_errors(board)] == []
+
+
+# ---- by Prometheus's own tool ----------------------------------------------------------------------------------------
+
+
+def promtool(*words: str, **files: Any) -> None:
+    """Run promtool, as rules or tests of rules written to files; skips where there is none."""
+    if shutil.which("promtool") is None:
+        pytest.skip("no promtool: it is in Debian's package prometheus")
+    for name, content in files.items():
+        Path(name).write_text(json.dumps(content))  # JSON is YAML
+    done = subprocess.run(["promtool", *words], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def series(text: str) -> list[dict[str, str]]:
+    """Return what was scraped as input for tests of rules: ten minutes of the same."""
+    found = []
+    for family in text_string_to_metric_families(text):
+        for sample in family.samples:
+            labels = ",".join(f"{name}={json.dumps(value)}" for name, value in sample.labels.items())
+            found.append({"series": f"{sample.name}{{{labels}}}", "values": f"{sample.value:.9f}+0x10"})
+    return found
+
+
+def test_promtool_evaluates_every_expression_of_grafanas_file_on_what_is_exported(
+    metrics: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    board = json.loads(GRAFANA.read_text())
+    asked = [target["expr"] for panel in board["panels"] for target in panel["targets"]]
+    asked = [re.sub(r"\$\w+", ".*", one) for one in asked]
+    monkeypatch.chdir(tmp_path)
+    checks = [
+        {"expr": f"count({one}) > bool 0", "eval_time": "8m", "exp_samples": [{"labels": "{}", "value": 1}]}
+        for one in asked
+    ]
+    test = {"interval": "1m", "input_series": series(metrics), "promql_expr_test": checks}
+    promtool("test", "rules", "board", board={"evaluation_interval": "1m", "tests": [test]})
+    rules = [{"record": f"rwa:panel:{number}", "expr": one} for number, one in enumerate(asked)]
+    promtool("check", "rules", "rules", rules={"groups": [{"name": "board", "rules": rules}]})
+    assert len(asked) > 10
+
+
+def test_alert_rules_fire_when_they_should_and_not_before(
+    metrics: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rules = str(RULES.resolve())
+    monkeypatch.chdir(tmp_path)
+    promtool("check", "rules", rules)
+
+    def fires(input_series: list[dict[str, str]], **expected: int) -> dict[str, Any]:
+        names = ("WheelAlarm", "WheelTelemetryStale", "WheelMonitorSilent", "DashboardGone")
+        counts = [
+            {"expr": f'count(ALERTS{{alertname="{name}", alertstate="firing"}}) or vector(0)', "eval_time": "8m"}
+            | {"exp_samples": [{"labels": "{}", "value": expected.get(name, 0)}]}
+            for name in names
+        ]
+        return {"interval": "1m", "input_series": input_series, "promql_expr_test": counts}
+
+    def of(name: str, value: int) -> dict[str, str]:
+        return {"series": f'{name}{{spacecraft="s",wheel="w"}}', "values": f"{value}x10"}
+
+    quiet = [one for one in series(metrics) if not one["series"].startswith("rwa_alarms")]
+    age, limit = (f"rwa_wheel_telemetry_{what}_seconds" for what in ("age", "stale_after"))
+    tests = [
+        fires(quiet),
+        fires(series(metrics), WheelAlarm=1),
+        fires([*quiet, of(age, 60), of(limit, 60), of("rwa_monitor_status_age_seconds", 30)]),
+        fires([*quiet, of(age, 61), of(limit, 60)], WheelTelemetryStale=1),
+        fires([*quiet, of("rwa_monitor_status_age_seconds", 31)], WheelMonitorSilent=1),
+        fires([], DashboardGone=1),
+    ]
+    promtool("test", "rules", "alerts", alerts={"rule_files": [rules], "evaluation_interval": "1m", "tests": tests})

@@ -1,0 +1,74 @@
+"""`packets`: verdicts and alarms from the bus as CCSDS space packets over UDP, until SIGINT or SIGTERM."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rwa_monitor.cli.options import (
+    FILE,
+    Whole,
+    bus_options,
+    is_loopback,
+    log,
+    model_option,
+    option,
+    stop_on_signals,
+    warn_if_alone,
+    wheel_option,
+)
+
+if TYPE_CHECKING:
+    from rwa_monitor.monitor.bus import BusOptions
+
+
+@click.command(name="packets", short_help="Send verdicts and alarms as CCSDS space packets over UDP.")
+@click.argument("wheels", nargs=-1, required=True, metavar="SPACECRAFT/WHEEL...")
+@option("--to", str, "[HOST:]PORT", "Where packets go.  [HOST: 127.0.0.1 where none is given]")
+@option("--xtce", FILE, "X.xml", "Write their XTCE definition.")
+@option("--apid", Whole(0, 2046), "N", "APID of the first wheel; each other has the next.", default=1000)
+@wheel_option
+@model_option
+@bus_options
+def command(
+    wheels: tuple[str, ...],
+    to: str | None,
+    xtce: Path | None,
+    apid: int,
+    wheel: Path | None,
+    model: Path | None,
+    bus: BusOptions,
+) -> None:
+    """Send each diagnosis of these wheels, and each change of their alarms, as a CCSDS space packet over UDP.
+
+    The definition (--xtce) and the packets follow from the wheels, --apid, --wheel and --model: give both the same.
+    Without --to only the definition is written. Alarms come from a dashboard on the bus; without one there are none.
+    """
+    from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter
+    from rwa_monitor.messages import PERIOD_S
+    from rwa_monitor.monitor.bridge import UdpAddress
+    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
+    from rwa_monitor.telemetry.configuration import read_model, read_wheel
+    from rwa_monitor.telemetry.files import display_name, write_text
+
+    if to is None and xtce is None:
+        raise click.UsageError("nothing to do: give --to [HOST:]PORT, --xtce X.xml, or both")
+    address = None if to is None else UdpAddress.parse(to, "--to")
+    writer = PacketWriter(wheels, apid, read_wheel(wheel), read_model(model))
+    if xtce is not None:
+        write_text(xtce, writer.definition())
+        log(f"written to {display_name(xtce)}")
+    if address is None:
+        return
+    warn_if_alone(bus)
+    if not is_loopback(address.host):
+        log(f"--to {to} sends to another machine: UDP neither encrypts nor identifies the sender")
+    with stop_on_signals() as stop, open_session(bus) as session, PacketSender(session, writer, address, log) as sender:
+        log(f"sending to UDP {address.host} port {address.port}")
+        watch = BusWatch(session, endpoints(bus))
+        while not stop.wait(PERIOD_S):
+            watch.log_changes(time.monotonic(), log)
+    log(f"packets sent: {sender.packets}")

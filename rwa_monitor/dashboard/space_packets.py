@@ -1,0 +1,285 @@
+"""Verdicts and alarms as CCSDS space packets (133.0-B-2), and their XTCE definition: one list of fields makes both.
+
+Each wheel has an APID of its own, and two kinds of packets: its diagnosis of a window, and its alarms, all of them,
+whenever one changes. A text that is too long is cut, a number that is not known is NaN, and a part or an alarm that the
+definition does not name is left out; of such alarms the highest level stands under `other`.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import struct
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from operator import attrgetter
+from typing import Any, Final, NamedTuple, Self, get_args
+
+import zenoh
+
+from rwa_monitor.diagnosis.model import Model, models_for
+from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, VISCOUS_UNIT
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.history.alarms import BOUNDS, MODEL_ALARM, MONITOR_ALARM, WINDOW_POLICY, Level
+from rwa_monitor.messages import AlarmLevel, AlarmPhase, Diagnosis, Health, Verdict, split_key
+from rwa_monitor.monitor.bridge import UdpAddress
+from rwa_monitor.monitor.bus import OUTPUT_HISTORY, BusThread
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.telemetry.ccsds_packets import HEADER, SEQUENCE_MODULUS, UNSEGMENTED
+from rwa_monitor.telemetry.telemetry_map import MAX_APID
+from rwa_monitor.version import SOFTWARE
+from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.words import Log
+
+SECONDARY: Final = struct.Struct(">IHB")  # behind the primary header: seconds, their fractions, kind
+TEXT_BYTES: Final = 256
+OTHER: Final = "other"  # alarms that have no name in the definition
+KINDS: Final[Mapping[str, type[Diagnosis | Health]]] = {"diagnosis": Diagnosis, "alarms": Health}
+ENUMERATIONS: Final[Mapping[str, tuple[str, ...]]] = {
+    "Kind": tuple(KINDS),
+    "Verdict": get_args(Verdict),
+    "Part": ("not_judged", "none", "open", "may_be_active", "active"),
+    "Model": ("fits", "lacks_something"),
+    "Data": ("live", "stored"),
+    "Level": get_args(AlarmLevel),
+    "Phase": get_args(AlarmPhase),
+}
+# Label → XTCE's level; one window is a watch at most, what windows amount to has the level of its alarm.
+CONCERN: Final = {level: level for level in get_args(AlarmLevel)[1:]} | dict.fromkeys(
+    ("anomalous", "active", "lacks_something"), "watch"
+)
+
+
+class Field(NamedTuple):
+    """A parameter of a packet: its name, the name of its type in the definition, its value in a message."""
+
+    name: str
+    type: str
+    value: Callable[[Any], Any]
+
+    def packed(self, message: Diagnosis | Health) -> bytes:
+        """Return the value as it stands in a packet."""
+        value = self.value(message)
+        if self.type == "Text":
+            text = value.encode()[: TEXT_BYTES - 1].decode(errors="ignore")  # no half character at the cut
+            return struct.pack(f"{TEXT_BYTES}s", text.encode())
+        if self.type in ENUMERATIONS:
+            return struct.pack("B", ENUMERATIONS[self.type].index(value))
+        return struct.pack(">d", float("nan") if value is None else value)
+
+
+class Packet(NamedTuple):
+    """One kind of packets of one wheel."""
+
+    wheel: str
+    apid: int
+    kind: str
+    fields: list[Field]
+
+
+def _diagnosis_fields(parts: Sequence[str]) -> list[Field]:
+    """Return what stands in the packet of a window, of a wheel with these possible anomalies."""
+
+    def of_part(part: str, what: str, one: Diagnosis) -> Any:
+        return getattr(one.anomalies[part], what) if part in one.anomalies else None
+
+    def state(part: str, one: Diagnosis) -> str:
+        if of_part(part, "nominal_low", one) is None:
+            return "not_judged"
+        if of_part(part, "active", one):
+            return "active" if one.verdict == "anomalous" else "may_be_active"
+        return "none" if one.verdict != "inconclusive" and one.model_adequate else "open"
+
+    estimates = {"dry": "Dry", "viscous": "Viscous"}
+    fields = [
+        Field("WHEEL", "Text", lambda one: f"{one.spacecraft}/{one.wheel}"),
+        Field("VERDICT", "Verdict", attrgetter("verdict")),
+        Field("REASON", "Text", attrgetter("reason")),
+        Field("MODEL", "Model", lambda one: "fits" if one.model_adequate else "lacks_something"),
+        Field("DATA", "Data", lambda one: one.data or "live"),
+        Field("COVERAGE", "Number", attrgetter("coverage")),
+    ]
+    for part in parts:
+        fields += [
+            Field(f"{part}_STATE", "Part", partial(state, part)),
+            Field(f"{part}_PROBABILITY", "Number", partial(of_part, part, "probability")),
+            Field(f"{part}_SEVERITY", "Number", partial(of_part, part, "severity")),
+            Field(f"{part}_ESTIMATE", estimates.get(part, "Torque"), partial(of_part, part, "estimate")),
+        ]
+    return fields
+
+
+def _alarm_fields(names: Sequence[str]) -> list[Field]:
+    """Return what stands in the packet of a wheel's alarms: the level and phase of each of these, and of all others."""
+
+    def of(name: str, what: str, health: Health) -> str:
+        states = health.alarm_states or {}
+        chosen = [states[name]] if name in states else []
+        if name == OTHER:
+            chosen = [state for other, state in states.items() if other not in names]
+        worst = max(chosen, key=lambda state: Level[state.level.upper()], default=None)
+        return str(getattr(worst, what)) if worst else {"level": "normal", "phase": "quiet"}[what]
+
+    return [
+        Field(f"ALARM_{name}_{what.upper()}", what.capitalize(), partial(of, name, what))
+        for name in (*names, OTHER)
+        for what in ("level", "phase")
+    ]
+
+
+class PacketWriter:
+    """Makes packets of the messages of some wheels, and the definition of these packets.
+
+    Parameters
+    ----------
+    wheels
+        "SPACECRAFT/WHEEL" of each, in the order of their APIDs.
+    apid
+        Of the first.
+    wheel, model
+        The wheel file and the classifiers that they are diagnosed with: which parts there are, and what is nominal.
+
+    Raises
+    ------
+    InputError
+        If a name is none, two parameters would have one name, or there are too few APIDs.
+    """
+
+    def __init__(self, wheels: Sequence[str], apid: int, wheel: Wheel, model: Model) -> None:
+        if apid + len(wheels) - 1 > MAX_APID:
+            raise InputError("--apid", f"{len(wheels)} wheels from {apid} on need APIDs above {MAX_APID}, the last one")
+        self._wheel, self._model = wheel, model
+        parts = wheel.anomalies
+        alarms = _alarm_fields((*parts, MODEL_ALARM, MONITOR_ALARM))
+        fields = {"diagnosis": _diagnosis_fields(parts), "alarms": alarms}
+        self._packets: dict[str, Packet] = {}  # by the key of the message
+        for number, name in enumerate(wheels):
+            for kind, message in KINDS.items():
+                key = f"rwa/{name}/{message.kind}"
+                split_key(key)
+                prefix = re.sub(r"[^A-Za-z0-9_@+~-]", "_", name)  # what XTCE takes in a name
+                named = [field._replace(name=re.sub(r"[./:\[\]\s]", "_", field.name)) for field in fields[kind]]
+                self._packets[key] = Packet(prefix, apid + number, kind, named)
+        counts = Counter(f"{one.wheel}_{field.name}" for one in self._packets.values() for field in one.fields)
+        name, count = counts.most_common(1)[0]
+        if count > 1 or len(self._packets) < len(KINDS) * len(wheels):
+            raise InputError(name, "would name two parameters: give each wheel once, no two alike but for their dots")
+        self._sequence: Counter[int] = Counter()
+        kept = {"diagnosis": OUTPUT_HISTORY, "alarms": 1}  # alarms may come to be as they were before
+        self._recent = {key: deque[int](maxlen=kept[one.kind]) for key, one in self._packets.items()}
+
+    def definition(self) -> str:
+        """Return the XTCE definition of all packets."""
+        import jinja2  # noqa: PLC0415 - sending needs none, and a monitor alone has none
+
+        numbers = {
+            "Number": ("", ()),
+            "Torque": (DRY_UNIT, ()),
+            "Dry": (DRY_UNIT, self._ranges(0)),
+            "Viscous": (VISCOUS_UNIT, self._ranges(1)),
+        }
+        known = {"software": SOFTWARE, "text_bytes": TEXT_BYTES, "windows": WINDOW_POLICY.k, "concern": CONCERN}
+        environment = jinja2.Environment(
+            loader=jinja2.PackageLoader(__package__, ""), autoescape=True, undefined=jinja2.StrictUndefined
+        )
+        return environment.get_template("space_packets.xtce.xml.jinja").render(
+            known, enumerations=ENUMERATIONS, numbers=numbers, packets=self._packets.values()
+        )
+
+    def _ranges(self, part: int) -> list[tuple[str, float, float]]:
+        """Return level, lower and upper bound of the ranges of dry or viscous friction outside which a level begins."""
+        learned, nominal = models_for(self._wheel, self._model)[part], self._wheel.nominal
+        if learned is None or nominal is None or (levels := learned.levels[0]) is None:
+            return []
+        step = levels.severity_unit
+        bounds = [(0.0, Level.WATCH), *(BOUNDS if step else ())]
+        unit = (nominal.dry_torque_Nm, nominal.viscous_Nm_s_rad)[part]
+        low = unit * levels.nominal_low  # below it nothing is worse than a watch: the template has it there alone
+        return [(level.word, low, unit * (levels.nominal_high + size * (step or 0.0))) for size, level in bounds]
+
+    def take(self, key: str, payload: bytes) -> bytes | None:
+        """Return the packet of a message; None where it is of no wheel here, was sent already, or has no alarms' state.
+
+        Raises
+        ------
+        InputError
+            If the message cannot be read, or its time is none of a packet's.
+        """
+        if key not in self._packets:
+            return None
+        _, apid, kind, fields = self._packets[key]
+        message = KINDS[kind].parse(payload, key)
+        if isinstance(message, Health) and message.alarm_states is None:
+            return None
+        seconds, rest_ns = divmod(message.window_end_ns, NANOSECONDS_PER_SECOND)
+        if not 0 <= seconds < 2**32:
+            raise InputError(key, f"is {seconds} s; the time of a packet is 0 to {2**32 - 1} s", "window_end_ns")
+        head = SECONDARY.pack(seconds, rest_ns * 2**16 // NANOSECONDS_PER_SECOND, [*KINDS].index(kind))
+        content = head + b"".join(field.packed(message) for field in fields)
+        if hash(content) in self._recent[key]:  # the bus brings a message at least once
+            return None
+        self._recent[key].append(hash(content))
+        count = self._sequence[apid] % SEQUENCE_MODULUS
+        self._sequence[apid] += 1
+        has_secondary = 1 << 11
+        return HEADER.pack(has_secondary | apid, UNSEGMENTED * SEQUENCE_MODULUS | count, len(content) - 1) + content
+
+
+class PacketSender(BusThread):
+    """Sends a packet for each diagnosis, and each change of alarms, that comes from the bus; use it with `with`.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session; it is left open.
+    writer
+        Makes the packets.
+    address
+        Where they go.
+    log
+        Takes what cannot be sent, each line once.
+
+    Attributes
+    ----------
+    packets
+        How many were sent.
+
+    Raises
+    ------
+    RwaMonitorError
+        If there is no such address.
+    """
+
+    def __init__(self, session: zenoh.Session, writer: PacketWriter, address: UdpAddress, log: Log) -> None:
+        self.packets = 0
+        self._session, self._writer, self._log = session, writer, log
+        self._logged: set[str] = set()
+        try:
+            family, kind, protocol, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+        except OSError as error:
+            raise RwaMonitorError(f"{address.host}: there is no such address: {error.strerror or error}") from error
+        self._socket, self._place = socket.socket(family, kind, protocol), place
+        super().__init__(session, "space packets", *(f"rwa/*/*/{message.kind}" for message in KINDS.values()))
+
+    def __enter__(self) -> Self:
+        # The alarms as they are: a dashboard publishes changes only, and a monitor answers without them.
+        for reply in self._session.get("rwa/**/health", consolidation=zenoh.ConsolidationMode.NONE):
+            if reply.ok is not None:
+                self.receive(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+        return super().__enter__()
+
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
+        self._socket.close()
+
+    def receive(self, key: str, payload: bytes) -> None:
+        try:
+            packet = self._writer.take(key, payload)
+            if packet is not None:
+                self._socket.sendto(packet, self._place)
+                self.packets += 1
+        except (InputError, OSError) as error:
+            if str(error) not in self._logged:
+                self._logged.add(str(error))
+                self._log(f"a packet is not sent: {error}")
