@@ -29,6 +29,7 @@ from rwa_monitor.wheel.effects.catalogue import effect_class
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
 PROPER: Final = "Stribeck"  # a name: it keeps its capital
+MOST_NAMES: Final = 4  # beyond which a set names no cause, but says what would
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
 
 
@@ -69,6 +70,9 @@ def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
 
 
 def _name_in_words(effect: FoundEffect) -> str:
+    if len(effect.equivalent) >= MOST_NAMES:
+        names = effect.name, *effect.equivalent
+        return f"one of {len(names)} effects alike in these data ({', '.join(names)}): {as_a_part(effect.separate_by)}"
     others = f" or, indistinguishable by these data, {', '.join(effect.equivalent)}" if effect.equivalent else ""
     name, title = effect.name, effect_class(effect.name).title
     words = title if title.startswith(PROPER) else title[:1].lower() + title[1:]

@@ -223,3 +223,13 @@ def test_what_is_unexplained_asks_for_the_manoeuvre_that_shows_its_shape(nothing
     left = Unexplained("a drag that is periodic in time, every 120 s", 1e-5)
     search = replace(nothing, result=replace(nothing.result, verdict="inadequate", unexplained=left))
     assert any("dwell at one speed" in line for line in plan(search).advice)
+
+
+def test_a_set_of_more_than_four_names_is_said_to_be_one_with_what_would_separate_them(found: Search) -> None:
+    many = ("torque_bias", "coulomb_asymmetry", "viscous_asymmetry", "presliding")
+    wide = replace(found.result.effects[0], name="stribeck", equivalent=many, separate_by="Fly slow crossings.")
+    sentences = [
+        report.sentence(replace(found.result, effects=(replace(wide, equivalent=some),))) for some in (many, many[:3])
+    ]
+    assert f"one of 5 effects alike in these data (stribeck, {', '.join(many)}): fly slow crossings" in sentences[0]
+    assert "or, indistinguishable by these data, torque_bias" in sentences[1]
