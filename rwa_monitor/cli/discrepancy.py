@@ -130,12 +130,13 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
     log(*as_measured([*samples, *held_out], wheel).notes)
     with status_line("searching") as progress:
         for name, one in (*samples, *held_out):
-            shown = [constant.in_words() for constant in shown_constants(one, wheel)]
-            log(*(f"{name}: {words}" for words in [*remarks(one, wheel), *shown]))
+            log(*(f"{name}: {words}" for words in remarks(one, wheel)))
         found = find_discrepancy(samples, wheel, progress, side_by_side, held_out)
         if wanted.search_again:
             found = with_search_again(found, samples, progress, side_by_side)
         log(viscous_in_question(found) or "")
+        for name, one in samples:
+            log(*(f"{name}: {constant.in_words()}" for constant in shown_constants(one, found.wheel)))
         if wanted.bootstrap:
             from rwa_monitor.discrepancy.p_values import with_bootstrap
 
