@@ -218,12 +218,18 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
     best = prune(approach, models[0], keep_last=True)  # what was named may have stood in for a part of it
     simpler, names = approach.without(best, len(best.terms) - 1), set(best.names)
+    gain = simpler.score - best.score
+    if gain < EQUIVALENT_WITHIN:  # its jumps are what was lacking, not the law
+        if explained.complete.score < simpler.score - ACCEPT_GAIN:
+            return explained
+        kept = tuple(one for one in found.found if one.name in simpler.names)
+        found = replace(found, nested=(*shorter(found.nested, simpler), simpler), found=kept)
+        return replace(explained, found=found, leftover=None, complete=simpler)
     if issubclass(best.terms[-1].effect, Formula):  # its cause is unknown: known ones of much the same shape go with it
         alike = [one for one in approach.extensions(simpler, known) if does_nearly_all(simpler, one, best)]
         near += [one.names[-1] for one in alike if one.terms]
         again = [effect for effect in known if effect.name in names]  # or one that is named already, at another shape
         near += approach.in_place(best, len(best.terms) - 1, again)
-    gain = simpler.score - best.score
     named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
     found = replace(
         found, nested=(*shorter(found.nested, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))

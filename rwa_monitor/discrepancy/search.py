@@ -83,6 +83,7 @@ def grow(
         if pruned.score >= current.score:
             break
     final = fitting.settled(prune(fitting, min(nested, key=lambda model: model.score)))
+    final = prune(fitting, final)  # beside the noise that it leaves
     nested = [*(model for model in nested if len(model.terms) < len(final.terms)), final]
     of_final = known[1] if known is not None and known[0] is final else None
     return Growth(tuple(nested), tuple(testable), tuple(untestable), best_rejected, rejected, of_final)

@@ -16,12 +16,14 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evidence
+from rwa_monitor.discrepancy.base_fit import distance_to_crossings
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import accepted, on_slots
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.discrepancy.score import REVERSAL
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.effects.base import LikelihoodFit
@@ -113,10 +115,21 @@ def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidenc
     """Return what the diagnosis is given of the friction that the model's effects leave to the base law."""
     record = problem.records[index]
     base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.motion
-    torque = on_slots(problem, base * problem.sign)[index]
+    torque = on_slots(problem, np.where(_is_between_levels(problem, model), np.nan, base * problem.sign))[index]
     window = WindowAccumulator(plain, slots=record.used.size)
     window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))
     return window.close()
+
+
+def _is_between_levels(problem: Problem, model: Model) -> BoolArray:
+    """Return which samples show no level, bool (n,): beside a change of direction, and means over a jump.
+
+    A sensor that averages over the sample takes a jump in two steps, the first of them in a single sample.
+    """
+    jumps, step = model.fit.jumps, np.diff(model.fit.level, prepend=0.0)
+    between = distance_to_crossings(problem, np.arange(problem.size)) < REVERSAL
+    between[jumps[:-1][(np.diff(jumps) == 1) & (step[jumps[:-1]] * step[jumps[1:]] > 0.0)]] = True
+    return between
 
 
 def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> dict[str, LikelihoodFit]:

@@ -61,6 +61,19 @@ def test_known_systems_are_no_discrepancy(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+def test_what_stands_out_at_a_reversal_is_no_jump_of_a_system(seed: int) -> None:
+    speed = 100.0 * np.sin(2 * np.pi * np.arange(COUNT) / 1_500 + seed)
+    level = level_of(KNOWN.fss, np.arange(COUNT), seed)
+    turning = np.flatnonzero(np.diff(np.sign(speed))) + 1
+    level[turning] -= 0.4 * DRY_NM  # along the rotation, in a single sample
+    rng = np.random.default_rng(seed + 100)
+    friction = np.sign(speed) * level + VISCOUS * speed + NOISE_NM * rng.normal(size=COUNT)
+    problem = make_problem([make_record(sampled(speed, friction), KNOWN, "jumps")], KNOWN)
+    model = Model((), fit(problem))
+    assert switching_effects(problem, model, KNOWN) == []
+
+
+@pytest.mark.parametrize("seed", [1, 2])
 def test_one_system_more_is_told_from_other_laws(seed: int) -> None:
     level = level_of((*KNOWN.fss, EXTRA), np.arange(COUNT), seed)
     assert named(level, some_speed(seed), seed) == ["extra_switching_system"]

@@ -13,6 +13,7 @@ from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect,
 SMOOTHING_SLOTS: Final = 15  # of the parabola that stands for the true speed under the steps
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
 MEDIAN_OF_CHI_SQUARE: Final = 0.455  # with one degree of freedom, over its mean: a variance that outliers do not move
+WIDER: Final = 8.0  # times as far, where a step is known so well that no multiple is mistaken for the next
 ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its grid point (rounding of the file)
 SHARE_OF_SCATTER: Final = 0.3  # of the scatter of the readings: less, and it is noise, not rounding, that matters
 
@@ -118,10 +119,17 @@ def quantisation_step(speed_rad_s: FloatArray) -> float | None:
     if levels.size < 2:
         return None
     gaps = np.diff(levels)
-    step = float(gaps[gaps > gaps.max() * 1e-9].min())  # multiples of a step differ in their last bits
-    for _ in range(3):  # refine on the whole range: the smallest gap alone carries the rounding of two readings
-        multiples = np.rint(levels / step)
-        step = float(np.sum(levels * multiples) / np.sum(multiples**2))
+    gaps[gaps <= gaps.max() * 1e-9] = np.inf  # multiples of a step differ in their last bits
+    at, step = int(np.argmin(gaps)), float(gaps.min())
+    # The smallest gap alone carries the rounding of two readings: it is refined over more and more multiples of it.
+    span, reach = levels - levels[at], 1.0
+    while reach * step < np.abs(span).max():
+        reach *= WIDER
+        near = span[np.abs(span) <= reach * step]
+        multiples = np.rint(near / step)
+        step = float(np.sum(near * multiples) / np.sum(multiples**2))
+    multiples = np.rint(levels / step)
+    step = float(np.sum(levels * multiples) / np.sum(multiples**2))
     off = np.abs(levels / step - np.rint(levels / step))
     return step if off.max() < ON_LATTICE else None
 

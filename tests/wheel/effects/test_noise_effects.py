@@ -116,3 +116,11 @@ def test_a_table_with_few_digits_is_not_taken_for_a_coarse_tachometer() -> None:
     residual = -0.0117 * np.gradient(read_speed - true.speed_rad_s, true.sample_period_s)
     fit = NOISE_EFFECTS["tachometer_quantisation"].fit(residual, replace(true, speed_rad_s=read_speed), true.good)
     assert fit.log_likelihood_gain == 0.0
+
+
+def test_a_fine_grid_over_a_wide_range_is_found_from_readings_of_few_digits() -> None:
+    # 55,000 steps, one known to 2e-4 from two readings: the last multiples are known from those before them.
+    true, rng = 0.00500882, np.random.default_rng(3)
+    readings = np.round(true * np.rint(np.cumsum(rng.normal(0.0, 2.0, 20_000)) / true), 6)
+    assert np.ptp(readings) > 250.0
+    assert quantisation_step(readings) == pytest.approx(true, rel=1e-8)
