@@ -12,22 +12,22 @@ import click
 from rwa_monitor.cli.options import FAILED, Real, console_of_stdout, flag, log, model_option, option, wheel_option
 
 
-@click.command(name="manoeuvre", short_help="Find the shortest change of speed that decides a doubt.")
-@click.argument("doubt", type=click.Choice(["dry", "viscous"]))
+@click.command(name="manoeuvre", short_help="Find the shortest change of speed that decides dry or viscous.")
+@click.argument("friction", type=click.Choice(["dry", "viscous"]))
 @wheel_option
 @model_option
 @option("--speed", Real(0, min_open=True), "RAD_S", "Where the wheel runs.  [default: its nominal speed]")
 @option("--certainty", Real(0.5, 1.0, min_open=True, max_open=True), "P", "Wanted.", default=0.95)
 @flag("--json", "Print one JSON object.")
 def command(
-    doubt: Literal["dry", "viscous"],
+    friction: Literal["dry", "viscous"],
     wheel: Path | None,
     model: Path | None,
     speed: float | None,
     certainty: float,
     json: bool,
 ) -> int:
-    """Find the shortest change of speed that decides whether DOUBT, dry or viscous friction, is nominal.
+    """Find the shortest change of speed that decides whether dry or viscous friction is nominal.
 
     At one speed the two cannot be separated, and a window of it is inconclusive. One line for each size of the change:
     any crossing, spin-down or dwell that changes the speed as much, and lasts as long, serves. Once it was flown, the
@@ -37,11 +37,9 @@ def command(
     from rwa_monitor.diagnosis.manoeuvre import deciding_manoeuvres
     from rwa_monitor.telemetry.configuration import read_model, read_wheel
 
-    known = read_wheel(wheel)
-    at = speed or (known.nominal.nominal_speed_rad_s if known.nominal else 1.0)
-    found = deciding_manoeuvres(known, read_model(model), doubt, certainty, at)
+    found = deciding_manoeuvres(read_wheel(wheel), read_model(model), friction, certainty, speed)
     if json:
-        click.echo(dumps({"doubt": doubt, "certainty": certainty, "manoeuvres": [asdict(one) for one in found]}))
+        click.echo(dumps({"friction": friction, "certainty": certainty, "manoeuvres": [asdict(one) for one in found]}))
     elif found:
         from rich.table import Table
 

@@ -274,6 +274,7 @@ class PacketSender(BusThread):
         self._socket.close()
 
     def receive(self, key: str, payload: bytes) -> None:
+        """Send the packet of a message, if it has one."""
         try:
             packet = self._writer.take(key, payload)
             if packet is not None:

@@ -45,41 +45,43 @@ class Manoeuvre:
 
 
 def deciding_manoeuvres(
-    wheel: Wheel, model: Model, doubt: Literal["dry", "viscous"], certainty: float, speed_rad_s: float
+    wheel: Wheel, model: Model, name: Literal["dry", "viscous"], certainty: float, speed_rad_s: float | None = None
 ) -> list[Manoeuvre]:
-    """Return the manoeuvres that decide a doubt, the shortest for each size of the change of speed, small ones first.
+    """Return the manoeuvres that decide, the shortest for each size of the change of speed, small ones first.
 
     Parameters
     ----------
     wheel, model
         The wheel, with its noise, and what was learned of its anomalies.
-    doubt
+    name
         Which friction may be anomalous.
     certainty
         Wanted probability that a value at the edge of the nominal band, or at the median of the anomaly, is taken for
         what it is.
     speed_rad_s
-        Where the wheel runs.
+        Where the wheel runs; None: at its nominal speed. Where it cannot run faster, it is slowed down.
 
     Raises
     ------
     InputError
-        If the wheel file lacks nominal friction or noise.
+        If the wheel file lacks nominal friction or noise, or the speed is beyond its limit.
     """
     source, nominal, noise_Nm = f"wheel {wheel.name}", wheel.nominal, wheel.noise.friction_std_Nm
     if nominal is None or noise_Nm is None:
         raise InputError(
             source, "is missing: rwa-monitor identify learns it", "nominal" if nominal is None else "noise"
         )
-    learned = models_for(wheel, model)[wheel.anomalies.index(doubt)]
+    speed, top = abs(speed_rad_s or nominal.nominal_speed_rad_s), wheel.limits.max_speed_rad_s or math.inf
+    if speed > top:
+        raise InputError(source, f"is {top:.6g}, the speed is {speed:.6g}", "limits.max_speed_rad_s")
+    learned = models_for(wheel, model)[wheel.anomalies.index(name)]
     if learned is None or learned.levels[0] is None:
-        raise InputError(source, "has no nominal range of it", doubt)
+        raise InputError(source, "has no nominal range of it", name)
     wanted = _wanted_std(learned.levels[0], certainty)
     # Of the slope [N m s/rad]: dry friction is the level at this speed, which is known well, less the slope times it.
-    std = wanted * (nominal.viscous_Nm_s_rad if doubt == "viscous" else nominal.dry_torque_Nm / abs(speed_rad_s))
+    std = wanted * (nominal.viscous_Nm_s_rad if name == "viscous" else nominal.dry_torque_Nm / speed)
     found = [_of_change(wheel, share * nominal.nominal_speed_rad_s, noise_Nm, std) for share in CHANGES]
-    top = wheel.limits.max_speed_rad_s or math.inf
-    return [one for one in found if one.duration_s < LONGEST_S and one.change_rad_s + abs(speed_rad_s) <= top]
+    return [one for one in found if one.duration_s < LONGEST_S and one.change_rad_s <= max(top - speed, speed)]
 
 
 def _wanted_std(levels: Levels, certainty: float) -> float:

@@ -249,9 +249,10 @@ def remedy_of(findings: Findings) -> str:
         return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
     if inputs.model is not None and any(one.nominal_low is None for one in anomalies):
         return "State it in the wheel file, or learn it with rwa-monitor identify: waiting does not help."
-    silent = [one.name for one in anomalies[:2] if one.known and not one.informative]
-    if silent and findings.fits.adequate and not findings.because_of_temperature(silent):
-        return f"A change of speed shows it: rwa-monitor manoeuvre {silent[-1]} gives the shortest one that decides."
+    viscous = anomalies[1]
+    at_one_speed = viscous.known and not (viscous.informative or findings.because_of_temperature([viscous.name]))
+    if at_one_speed and findings.fits.adequate:
+        return "A change of speed shows it: rwa-monitor manoeuvre viscous gives the shortest one that decides."
     return ""
 
 

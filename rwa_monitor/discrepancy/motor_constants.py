@@ -100,7 +100,8 @@ def combined(per_record: Iterable[tuple[ShownConstant, ...]]) -> tuple[ShownCons
                 of_channel.setdefault(one.channel, []).append(one)
     together = []
     for several in of_channel.values():
-        weights = np.array([one.std**-2.0 for one in several])
+        least = np.finfo(np.float64).eps  # a simulation may have no noise
+        weights = np.array([max(one.std, least * abs(one.shown)) ** -2.0 for one in several])
         shown, std = float(weights @ [one.shown for one in several] / weights.sum()), float(weights.sum() ** -0.5)
         together.append(replace(several[0], shown=shown, std=std))
     return tuple(together)

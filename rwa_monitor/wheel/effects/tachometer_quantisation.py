@@ -13,7 +13,7 @@ from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect,
 SMOOTHING_SLOTS: Final = 15  # of the parabola that stands for the true speed under the steps
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
 MEDIAN_OF_CHI_SQUARE: Final = 0.455  # with one degree of freedom, over its mean: a variance that outliers do not move
-WIDER: Final = 8.0  # times as far, where a step is known so well that no multiple is mistaken for the next
+WIDER: Final = 8.0  # times as many multiples in each turn: a step known over some gives eight times as many rightly
 ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its grid point (rounding of the file)
 SHARE_OF_SCATTER: Final = 0.3  # of the scatter of the readings: less, and it is noise, not rounding, that matters
 
