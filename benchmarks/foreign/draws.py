@@ -33,6 +33,7 @@ from benchmarks.foreign.generator import (
 GAIN: Final = (60.0, 3000.0)
 TRIES: Final = 300
 REVERSALS: Final = 6  # fewer, or hardly any time in one direction, make many effects one by their formulas
+SIGN: Final = 5.0  # standard deviations of the speed's noise, within which its sign is not known
 APART: Final = 0.7  # largest correlation of two effects in one record
 COMPARABLE: Final = 0.2  # least ratio of their torques, root of the mean square
 # Of the dry torque (stribeck, sublinear, quadratic, run-in, ripple, systems, jumps), of f_v (asymmetry, lag, jump), of
@@ -81,11 +82,15 @@ class Record:
 
 
 def beyond_base(world: World, effect: Hidden) -> Array:
-    """Return what sign, speed and the true levels leave of an effect's torque [standard deviations]."""
+    """Return what sign, speed and the true levels leave of an effect's torque [standard deviations].
+
+    Nothing is known where the speed is within its noise: there it has no sign.
+    """
     plant, level = world.plant, world.level[FINE // 2 :: FINE]
     speed, left = sensed(world, [effect])["speed"], np.zeros(level.size)
     for factor, seen in ((1.0, sensed(world, [effect])), (-1.0, sensed(world, []))):
         left += factor * (seen["friction"] - level * np.sign(seen["speed"]) - plant.viscous * seen["speed"])
+    left[np.abs(plant.sampled(world.speed)) < SIGN * plant.speed_noise] = 0.0
     rest, slope = _off_levels(world, left, speed), _off_levels(world, speed, speed)
     return np.asarray((rest - slope * float(rest @ slope) / float(slope @ slope)) / plant.noise)
 
@@ -196,7 +201,7 @@ def draw_effect(name: str, world: World, rng: np.random.Generator) -> tuple[Hidd
     """Draw shape and size of an effect; return it with its gain in this record."""
     low, high = SIZES[name]
     shape, sign = draw_shape(name, rng), float(rng.choice((-1.0, 1.0))) if name in SIGNED else 1.0
-    effect = Hidden(name, rng.uniform(low, high), shape)
+    effect = Hidden(name, _log(rng, low, high) if name in LOCAL else rng.uniform(low, high), shape)
     if name in SCALED:
         middle = replace(effect, size=sign * float(np.sqrt(low * high)))
         full = beyond_base(world, middle)
