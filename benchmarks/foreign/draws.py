@@ -90,7 +90,8 @@ def beyond_base(world: World, effect: Hidden) -> Array:
     speed, left = sensed(world, [effect])["speed"], np.zeros(level.size)
     for factor, seen in ((1.0, sensed(world, [effect])), (-1.0, sensed(world, []))):
         left += factor * (seen["friction"] - level * np.sign(seen["speed"]) - plant.viscous * seen["speed"])
-    left[np.abs(plant.sampled(world.speed)) < SIGN * plant.speed_noise] = 0.0
+    unknown = np.abs(plant.sampled(world.speed)) < SIGN * plant.speed_noise
+    left[unknown], speed = 0.0, np.where(unknown, 0.0, speed)
     rest, slope = _off_levels(world, left, speed), _off_levels(world, speed, speed)
     return np.asarray((rest - slope * float(rest @ slope) / float(slope @ slope)) / plant.noise)
 
