@@ -241,6 +241,10 @@ screenshots: $(VENV)/.installed-dev ## remakes docs/screenshots from a running d
 blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires finding them; writes docs/blind.md (BLIND_ARGS=...)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind.suite $(BLIND_ARGS)
 
+.PHONY: foreign
+foreign: $(VENV)/.installed-dev ## judges the search on records of a simulator that shares nothing with it; writes docs/foreign.md (FOREIGN_ARGS="--records 5")
+	$(BENCHMARK).foreign --seed 2 -o docs/foreign.md $(FOREIGN_ARGS)
+
 .PHONY: blind-plan
 blind-plan: $(VENV)/.installed-dev ## flies what `--plan` proposes and searches again (PLAN_ARGS="--draws 4 --seed 1")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.blind.manoeuvres $(PLAN_ARGS)

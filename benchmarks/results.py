@@ -84,6 +84,7 @@ PAGES: Final = (
     ResultPage("heat", "heat", (*DIAGNOSIS, *_rooms("identification", "wheel/effects"), "benchmarks/heat.py")),
     ResultPage("neighbours", "neighbours", (*DIAGNOSIS, *_rooms("history"), "benchmarks/neighbours.py")),
     ResultPage("blind", "blind", (*SEARCH, "benchmarks/blind")),
+    ResultPage("foreign", "foreign", (*SEARCH, "benchmarks/foreign")),
     ResultPage("measured", "measured", (*SEARCH, "benchmarks/measured.py")),
     ResultPage("faults", "faults", (*_rooms("monitor"), "tests/faults"), timed=True),
     ResultPage("fuzzing", "fuzz", (*_rooms("telemetry", "wheel", "monitor"), "tests/fuzz"), timed=True),

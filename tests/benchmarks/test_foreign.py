@@ -1,0 +1,113 @@
+"""Records of the foreign simulator: what they hide can be found in them, and the judge finds it end to end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rwa_monitor
+from benchmarks.foreign.__main__ import judge, targets, to_markdown
+from benchmarks.foreign.draws import (
+    GAIN,
+    MEAN,
+    NOISE,
+    SIZES,
+    base_score,
+    beyond_base,
+    draw_effect,
+    draw_record,
+    plan,
+    write,
+)
+from benchmarks.foreign.generator import FINE, TORQUES, Hidden, System, draw_path, draw_plant, draw_world, measured
+
+SAMPLES = 6000
+
+
+def test_two_records_end_to_end() -> None:
+    judged = [
+        judge(draw_record(names, SAMPLES, np.random.default_rng([3, number])), number)
+        for number, names in enumerate([("torque_bias",), ()])
+    ]
+    assert judged[0].first
+    assert judged[0].inside
+    (name, true, found, std) = judged[0].estimates[0]
+    assert (name, found) == ("torque_bias", pytest.approx(true, abs=4.0 * std))
+    assert judged[1].sets == ()
+    wanted = targets(judged)
+    assert [target.met for target in wanted] == [True, True, True]
+    assert "| torque_bias | 1 | 1 |" in to_markdown(judged, wanted, 3, SAMPLES)
+
+
+def test_the_files_are_those_of_the_program(tmp_path: Path) -> None:
+    record = draw_record(("stribeck",), 2000, np.random.default_rng(7))
+    samples, wheel = (rwa_monitor.read(write(record, tmp_path)[0]), rwa_monitor.read_wheel(tmp_path / "wheel.toml"))
+    np.testing.assert_allclose(samples.speed_rad_s, record.columns["speed_rad_s"], rtol=1e-8)
+    assert wheel.inertia_kg_m2 == pytest.approx(record.world.plant.inertia)
+    assert [system.name for system in wheel.fss] == [system.name for system in record.declared]
+
+
+def test_a_plan_hides_everything_and_two_in_one_record_of_five() -> None:
+    names = plan(60, np.random.default_rng(0))
+    assert {name for hidden in names for name in hidden} == set(SIZES)
+    assert [len(hidden) for hidden in names[:10]] == [1, 1, 1, 1, 2, 1, 1, 1, 1, 2]
+    assert all(len(set(hidden)) == len(hidden) for hidden in names)
+
+
+@pytest.mark.parametrize("name", [name for name in (*MEAN, *NOISE) if name not in {"torque_ripple", "current_delay"}])
+def test_what_a_size_is_worth_grows_with_it(name: str) -> None:
+    rng = np.random.default_rng(11)
+    plant = draw_plant(rng, given=True)
+    system = System("a", (("geometric", 500.0, 0.0), ("uniform", 100.0, 900.0)), ((0.0, 0.0), (0.3, 0.4)))
+    world = draw_world(plant, [system], SAMPLES, rng)
+    effect, gain = draw_effect(name, world, rng)
+    assert np.isfinite(gain)
+    if name in MEAN:
+        rest = beyond_base(world, effect)
+        assert gain <= float(rest @ rest) + 1e-6
+        assert gain > -GAIN[0]
+
+
+def test_false_jumps_are_paid_for() -> None:
+    step = np.repeat([0.0, 3.0, 0.0], 1000)
+    assert base_score(step) == pytest.approx(2.0 * 3.0 * np.log(step.size), rel=1e-6)
+    assert base_score(0.01 * step) == pytest.approx(0.6, rel=1e-6)
+
+
+def test_dry_jumps_follow_their_laws_and_their_clock() -> None:
+    law = ("geometric", 50.0, 0.0)
+    system, rng = System("a", (law, law), ((0.0, 0.0), (0.2, 0.4))), np.random.default_rng(5)
+    friction, sojourns = draw_path(system, 100_000, rng)
+    assert np.mean([length for _, _, length in sojourns]) == pytest.approx(50.0, rel=0.1)
+    assert set(np.sign(friction)) == {0.0, 1.0}
+    fast = np.where(np.arange(100_000) < 50_000, 1.8, 0.2)
+    _, moved = draw_path(system, 100_000, rng, fast)
+    assert sum(begin < 50_000 for _, begin, _ in moved) > 5 * sum(begin >= 50_000 for _, begin, _ in moved)
+
+
+@pytest.mark.parametrize("held", [0.0, 1.0])
+def test_a_dead_zone_reads_nothing_new_inside(held: float) -> None:
+    rng = np.random.default_rng(4)
+    world = draw_world(draw_plant(rng, given=True), [], SAMPLES, rng)
+    effect = Hidden("speed_dead_zone", 3.0, {"held": held})
+    reading, true = (measured(world, of, np.random.default_rng(1))["speed_rad_s"] for of in ([effect], []))
+    inside = np.abs(true) < 3.0
+    assert inside.any()
+    np.testing.assert_array_equal(reading[~inside], true[~inside])
+    np.testing.assert_array_equal(reading[inside], reading[np.flatnonzero(inside) - 1] if held else 0.0)
+
+
+def test_a_bristle_lags_the_sign_by_an_angle() -> None:
+    rng = np.random.default_rng(2)
+    world = draw_world(draw_plant(rng, given=True), [], 2000, rng)
+    torque = TORQUES["presliding"](world, Hidden("presliding", 1.0, {"angle": 0.05}))
+    turns = np.flatnonzero(np.diff(world.side))
+    assert turns.size
+    after = np.abs(torque[turns + 1]) / world.plant.dry
+    assert after.max() > 1.0
+    far = np.ones(torque.size, dtype=np.bool_)
+    for turn in turns:
+        far[turn : turn + 400 * FINE] = False
+    assert np.abs(torque[far]).max(initial=0.0) < 1e-6 * world.plant.dry
