@@ -10,12 +10,12 @@ import numpy as np
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter
 
-SMOOTHING_SLOTS: Final = 15  # of the parabola that stands for the true speed under the steps
+SMOOTHING_SLOTS: Final = (7, 15)  # of a parabola that stands for the true speed under the steps: as that bends, or not
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
 MEDIAN_OF_CHI_SQUARE: Final = 0.455  # with one degree of freedom, over its mean: a variance that outliers do not move
 WIDER: Final = 8.0  # times as many multiples in each turn: a step known over some gives eight times as many rightly
 ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its grid point (rounding of the file)
-SHARE_OF_SCATTER: Final = 0.3  # of the scatter of the readings: less, and it is noise, not rounding, that matters
+SHARE_OF_SCATTER: Final = 0.25  # of the scatter of the readings: less, and it is noise, not rounding, that matters
 
 
 class TachometerQuantisation(NoiseEffect):
@@ -60,19 +60,25 @@ class TachometerQuantisation(NoiseEffect):
         cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
     ) -> LikelihoodFit:
         """Find the grid of the speed readings; regress the residual on the derivative of the rounding errors."""
-        step = quantisation_step(channels.speed_rad_s[usable])
-        if step is None or channels.speed_rad_s.size < 2 * SMOOTHING_SLOTS:
-            return cls.nothing_found(int(usable.sum()))
+        speed, fits = channels.speed_rad_s, [cls.nothing_found(int(usable.sum()))]
+        step = quantisation_step(speed[usable])
+        if step is None or speed.size < 2 * max(SMOOTHING_SLOTS):
+            return fits[0]
         from scipy import signal
 
-        error = channels.speed_rad_s - signal.savgol_filter(channels.speed_rad_s, SMOOTHING_SLOTS, 2)
-        if step**2 / 12.0 < SHARE_OF_SCATTER * float(np.nanmedian(error**2)) / MEDIAN_OF_CHI_SQUARE:
-            return cls.nothing_found(int(usable.sum()))
-        fits = [
-            cls._regress(residual_Nm, error, usable, channels.sample_period_s, step, h) for h in (1, LONGEST_STENCIL)
-        ]
+        for slots in SMOOTHING_SLOTS:
+            error = speed - signal.savgol_filter(speed, slots, 2)
+            followed = signal.savgol_coeffs(slots, 2)[slots // 2]  # of an error of its own, by the parabola
+            scatter = float(np.nanmedian(error**2)) / MEDIAN_OF_CHI_SQUARE / (1.0 - followed)
+            if step**2 / 12.0 >= SHARE_OF_SCATTER * scatter:
+                fits += [
+                    cls._regress(residual_Nm, error, usable, channels.sample_period_s, step, stencil)
+                    for stencil in (1, min(LONGEST_STENCIL, slots // 2))
+                ]
+        if len(fits) == 1:
+            return fits[0]
         best = max(fits, key=lambda fit: fit.penalised_gain)
-        return replace(best, std={**best.std, "step_rad_s": error_of_step(channels.speed_rad_s[usable], step)})
+        return replace(best, std={**best.std, "step_rad_s": error_of_step(speed[usable], step)})
 
     @classmethod
     def _regress(
