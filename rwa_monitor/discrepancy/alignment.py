@@ -19,6 +19,7 @@ from scipy.ndimage import binary_dilation, correlate1d
 from rwa_monitor.discrepancy.derived_friction import Steps, spread_of_differences
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel import torque_balance
+from rwa_monitor.wheel.effects.speed_dead_zone import ReadZone
 from rwa_monitor.wheel.wheel import Wheel
 
 LONGEST_S: Final = 5.0  # of a delay (wheel/effects/current_delay.py)
@@ -63,13 +64,14 @@ class Motion:
     """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
 
     The torque is None where it is not measured, friction where it is to be derived; `steps` are those of the channel
-    that friction comes from.
+    that friction comes from. In the `zone` where its reading rests the speed is not known.
     """
 
     speed_rad_s: FloatArray
     torque_Nm: FloatArray | None
     friction_Nm: FloatArray | None
     steps: Steps | None = None
+    zone: ReadZone | None = None
 
     @property
     def torque_step_Nm(self) -> float:

@@ -26,7 +26,6 @@ from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect
 from rwa_monitor.wheel.effects.catalogue import build, effect_class, mean_effects, to_block
-from rwa_monitor.wheel.effects.current_delay import CurrentDelay
 from rwa_monitor.wheel.file_content import rounded
 from rwa_monitor.wheel.wheel import EffectBlock, Nominal, Wheel
 
@@ -158,11 +157,9 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
         search.result.gain is not None and search.result.gain.is_a_loss,
     )
-    if search.delay_s is None:
-        return extension
-    # The records were searched, and are compared, without the delay.
-    late = _with_errors(search, CurrentDelay(strength_s=search.delay_s), report_sha256)
-    return replace(extension, wheel=wheel.model_copy(update={"effect": (*wheel.effect, late)}))
+    # The records were searched, and are compared, without what was taken out of them.
+    taken_out = (_with_errors(search, effect, report_sha256) for effect in search.taken_out)
+    return replace(extension, wheel=wheel.model_copy(update={"effect": (*wheel.effect, *taken_out)}))
 
 
 def _with_errors(search: Search, effect: Effect, report_sha256: str | None) -> EffectBlock:

@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, exp
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Progress
-from rwa_monitor.discrepancy.found_effects import found_delay, found_effect
+from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
@@ -82,11 +82,12 @@ def find_discrepancy(
     problem = explained.problem
     others, explained = _noise_and_jumps(explained, wheel, with_noise=no_noise is None and problem.has_noise)
     found = explained.found
-    mean = [found_effect(problem, found.nested[-1], entry) for entry in found.found]
     named = delay if delay is not None and delay.slots and not _known_delays(wheel) else None
-    if named is not None:
-        mean = sorted([*mean, found_delay(problem, named)], key=lambda effect: -effect.delta_deviance)
-    effects = (*mean, *sorted(others, key=lambda effect: -effect.delta_deviance))
+    shown = [found_delay(problem, named)] if named is not None else []
+    if (zone := found_zone(problem, wheel)) is not None:
+        shown.append(zone)
+    mean = [*(found_effect(problem, found.nested[-1], entry) for entry in found.found), *shown]
+    effects = tuple(one for of in (mean, others) for one in sorted(of, key=lambda effect: -effect.delta_deviance))
     not_shown = [effect for effect in missing if effect not in tried]
     lacking = untested(problem, found, mean, wheel, tried, not_shown) | silent
 
@@ -102,8 +103,8 @@ def find_discrepancy(
     if verdict == "adequate" and len(problem.noise.autocovariance) and speed_is_constant(problem):
         verdict = "untestable"  # speed that does not vary lets no law of it be tested
     result = DiscrepancyResult(verdict, effects, explained.leftover, tuple(lacking.items()), gain)
-    delay_s = -named.slots * wheel.sample_period_s if named is not None else None
-    return _with_simulated(Search(wheel, problem, found, scores[-len(found.nested) :], result, delay_s))
+    taken_out = tuple(effect_class(one.name)(**{key: of.value for key, of in one.parameters.items()}) for one in shown)
+    return _with_simulated(Search(wheel, problem, found, scores[-len(found.nested) :], result, taken_out))
 
 
 def with_search_again(

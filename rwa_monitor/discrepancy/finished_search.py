@@ -12,6 +12,7 @@ from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import DiscrepancyResult
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Effect
 from rwa_monitor.wheel.wheel import Wheel
 
 
@@ -24,7 +25,7 @@ class Search:
     mean: SearchResult
     scores: tuple[HeldOut, ...]  # of each nested model
     result: DiscrepancyResult
-    delay_s: float | None = None  # of the current, where that was found and taken out before the search, as a strength
+    taken_out: tuple[Effect, ...] = ()  # before the search, since the channels show them
 
     @property
     def base(self) -> Model:

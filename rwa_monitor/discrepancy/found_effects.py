@@ -24,7 +24,9 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect, Family
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
 from rwa_monitor.wheel.effects.formula import BLOCK, Formula
+from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
+from rwa_monitor.wheel.wheel import Wheel
 
 
 def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
@@ -91,6 +93,20 @@ def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
     (parameter,) = effect.parameters
     value = ParameterValue(-delay.slots * period_s, delay.std_slots * period_s, parameter.unit)
     return as_found(problem, effect, {parameter.name: value}, delay.gain, "mean")
+
+
+def found_zone(problem: Problem, wheel: Wheel) -> FoundEffect | None:
+    """Return the dead zone that readings of the speed show, as it is reported; None without one that is not known."""
+    zones = [record.zone for record in problem.records if record.zone is not None]
+    if not zones or any(block.name == SpeedDeadZone.name for block in wheel.effect):
+        return None
+    width, std, *_ = min(zones, key=lambda zone: zone.std_rad_s)
+    strength, edge = SpeedDeadZone.parameters
+    parameters = {
+        strength.name: ParameterValue(0.0, None, strength.unit, "no friction is used where the speed reading rests"),
+        edge.name: ParameterValue(width, std, edge.unit),
+    }
+    return as_found(problem, SpeedDeadZone, parameters, sum(zone.deviance for zone in zones), "mean")
 
 
 # ---- Orders that a record of few turns cannot distinguish from the order of a ripple that was found ------------------

@@ -84,7 +84,8 @@ JUMP_TERMS: Final = (DecayingJumpTerm, ViscousJumpTerm)
 # ---- the delay of the current ----------------------------------------------------------------------------------------
 # Friction jumps between two slots, and the current with it. To first order a current that is read d seconds later than
 # the speed adds a pulse there, of d/Δt times the jump: in the slot before the jump where it is read later, in the slot
-# after it where it is read earlier, and in equal parts where a sample averages over its slot.
+# after it where it is read earlier, and in equal parts where a sample averages over its slot. Where all samples are
+# known to be averages, a jump falls anywhere in its slot, and the sample between both levels shows no delay.
 
 
 LEAD: Final = "lead_slots"
@@ -106,7 +107,7 @@ class DelayTerm(CurrentDelay):
         dry = channels.direction * known_or_nan(channels.dry_level_Nm, channels)
         step = np.nan_to_num(np.diff(dry))
         before, after = np.append(step, 0.0), np.append(0.0, step)
-        pulses = (0.5 + shape[LEAD]) * before + (0.5 - shape[LEAD]) * after
+        pulses = 0.0 if channels.averaged else (0.5 + shape[LEAD]) * before + (0.5 - shape[LEAD]) * after
         # The rest changes slowly and is known from a noisy speed: its slope is taken over several slots.
         reach = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
         smooth = np.nan_to_num(known_or_nan(channels.motor_torque_Nm, channels) - dry)

@@ -29,6 +29,7 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, I
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
+from rwa_monitor.wheel.effects.speed_dead_zone import ReadZone, read_zone
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from rwa_monitor.wheel.torque_balance import half_width, motor_torque
@@ -82,6 +83,8 @@ class Record:
         speed; None: the speed.
     shown
         Constants of the wheel file as channels show them in which there is no friction.
+    zone
+        The dead zone of the speed that its readings show; none of its samples is used.
     """
 
     source: str
@@ -99,6 +102,7 @@ class Record:
     friction_as_read_Nm: FloatArray | None = None
     own_viscous_rad_s: FloatArray | None = None
     shown: tuple[ShownConstant, ...] = ()
+    zone: ReadZone | None = None
 
     @property
     def viscous_speed_rad_s(self) -> FloatArray:
@@ -165,7 +169,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     channels = _channels(samples, motion, friction, slot, wheel, hole)
     good, direction = channels.good, channels.direction
     moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
-    averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan))
+    averaged = averages_over_reversals(speed, np.where(good & (direction != 0), direction * friction, np.nan), noise)
+    channels = replace(channels, averaged=bool(averaged.any()))
     used = moving & ~averaged
     return Record(
         source=source,
@@ -177,9 +182,10 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
-        left_out=_left_out(measured, samples, corners, good & ~moving, moving & averaged, used),
+        left_out=_left_out(measured, samples, motion.zone, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
         shown=shown_constants(samples, wheel),
+        zone=motion.zone,
     )
 
 
@@ -261,7 +267,13 @@ def left_out_in_words(records: Sequence[Record]) -> str:
 
 
 def _left_out(
-    measured: Samples, without_stops: Samples, corners: int, at_rest: BoolArray, averaged: BoolArray, used: BoolArray
+    measured: Samples,
+    without_stops: Samples,
+    zone: ReadZone | None,
+    corners: int,
+    at_rest: BoolArray,
+    averaged: BoolArray,
+    used: BoolArray,
 ) -> dict[str, int]:
     """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
     before, after = (
@@ -269,6 +281,7 @@ def _left_out(
         for samples in (measured, without_stops)
     )
     known_why = {
+        "in the dead zone of the speed reading": 0 if zone is None else _count(zone.inside),
         "at corners of the speed, where derived friction is not known": corners,
         "at rest": _count(at_rest),
         "averaged over a reversal of the speed": _count(averaged),
@@ -304,11 +317,14 @@ def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignme
 
 
 def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
-    """Return speed, motor torque and given friction on the slots."""
+    """Return speed, motor torque and given friction on the slots; no speed where its reading rests in a dead zone."""
     speed = _on_grid(samples.speed_rad_s, slot)
     assert speed is not None
+    zone = read_zone(speed, quantisation_step(speed[np.isfinite(speed)]) or 0.0)
+    if zone is not None:
+        speed = np.where(zone.inside, np.nan, speed)
     torque = _on_grid(motor_torque(samples, wheel), slot)
-    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel))
+    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel), zone)
 
 
 def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:
@@ -403,11 +419,15 @@ def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolAr
 
 
 LEVEL_REACH: Final = 8  # samples on each side of a reversal that show its dry friction
+SIGN_STDS: Final = 3.0  # standard deviations of the speed's noise, within which its sign is not known
+TINY: Final = 1e-300  # of what is divided by
 STRADDLES: Final = 0.98  # of the sign, mean over the interval: what is less has a reversal in it
-LEFT_SHARE: Final = 0.5  # of what points miss, that means may miss: bristles and dead zones predict no such share
+# Of what points miss, that means may miss, in samples that are not whole ones: of intervals that are centred, then of
+# those that end or begin with their sample, which a delay of half a slot or bristles imitate. Dead zones predict none.
+LEFT_SHARES: Final = (0.7, 0.4, 0.4)
 
 
-def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray) -> BoolArray:
+def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_rad_s: float = 0.0) -> BoolArray:
     """Return the samples that are means over an interval in which the speed reverses; none where samples are points.
 
     An interval is centred on its sample, or ends or begins with it: whichever predicts the samples best, if any does
@@ -419,24 +439,32 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray) -> Boo
         float64 (n,), on slots, NaN where unknown.
     drag_Nm
         float64 (n,), friction along the rotation; NaN where unknown.
+    noise_rad_s
+        Standard deviation of the speed's noise [rad/s]: within it an interval may have a reversal in it, or none.
     """
     averaged = np.zeros(speed_rad_s.size, dtype=np.bool_)
     sign = np.sign(speed_rad_s)
     turning = np.flatnonzero(sign[1:] * sign[:-1] < 0)
-    around = np.unique(np.clip(np.append(turning, turning + 1), 1, max(sign.size - 2, 1)))
+    around = np.unique(np.clip(turning[:, None] + np.arange(-1, 3), 1, max(sign.size - 2, 1)))
     around = around[np.isfinite(drag_Nm[around])]
     if around.size == 0:
         return averaged
     # The dry friction around each: most samples there are whole ones.
     near = sliding_window_view(np.pad(drag_Nm, LEVEL_REACH, constant_values=np.nan), 2 * LEVEL_REACH + 1)
     level = np.nanmedian(near[around], axis=1)
-    along = _mean_signs(speed_rad_s)[:, around] * sign[around]
-    known = np.isfinite(along).all(axis=0)
-    shares = np.append(along, np.ones((1, around.size)), axis=0)  # the last is that of points
-    *missed, of_points = np.sum(np.abs(drag_Nm[around] - level * shares)[:, known], axis=1)
-    best = int(np.argmin(missed))
-    if known.any() and missed[best] < LEFT_SHARE * of_points:
-        averaged[around[along[best] < STRADDLES]] = True
+    along, *shifted = (
+        _mean_signs(speed_rad_s + shift)[:, around] * sign[around]
+        for shift in (0.0, -SIGN_STDS * noise_rad_s, SIGN_STDS * noise_rad_s)
+    )
+    straddles = along < STRADDLES  # what is beyond the record is not known, and none
+    of_points = np.broadcast_to(np.abs(drag_Nm[around] - level), along.shape)
+    means, points = (
+        np.sum(missed, axis=1, where=straddles) for missed in (np.abs(drag_Nm[around] - level * along), of_points)
+    )
+    left = np.where(points > 0.0, means / np.maximum(points, TINY), np.inf) / LEFT_SHARES
+    best = int(np.argmin(left))
+    if left[best] < 1.0:
+        averaged[around[np.min(shifted, axis=0)[best] < STRADDLES]] = True
     return averaged
 
 

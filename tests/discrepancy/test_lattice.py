@@ -100,10 +100,12 @@ def averaged(seed: int, shift: float) -> tuple[Samples, Array]:
     return replace(samples, friction_torque_Nm=friction), np.flatnonzero(np.abs(mean_sign) < 1)
 
 
-@pytest.mark.parametrize("shift", [0.0, -0.5])
-def test_means_over_a_reversal_make_no_effect(shift: float) -> None:
+@pytest.mark.parametrize(("shift", "noise_rad_s"), [(0.0, 0.0), (-0.5, 0.0), (0.0, 0.1)])
+def test_means_over_a_reversal_make_no_effect(shift: float, noise_rad_s: float) -> None:
     samples, straddling = averaged(SEED + 5, shift)
     assert straddling.size >= 3
+    noise = noise_rad_s * np.random.default_rng(SEED).standard_normal(len(samples))
+    samples = replace(samples, speed_rad_s=samples.speed_rad_s + noise)
     found = search(samples)
     assert found.result.verdict == "adequate"
     (read,) = found.problem.records

@@ -53,6 +53,8 @@ class Channels:
         The wheel's angle where it does not follow from the speed alone [rad]; None where it is the speed's integral.
     bus_voltage_V
         Supply voltage [V], or None.
+    averaged
+        Whether samples are known to be means over their interval, and not of a moment.
     """
 
     time_s: FloatArray
@@ -68,6 +70,7 @@ class Channels:
     motor_torque_rate_Nm_s: FloatArray | None = None
     measured_angle_rad: FloatArray | None = None
     bus_voltage_V: FloatArray | None = None
+    averaged: bool = False
 
     def __len__(self) -> int:
         """Count the slots."""

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Final, NamedTuple
+
 import numpy as np
 
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, speed_step, used_speed
+
+FEWEST_RESTS: Final = 25.0  # readings that rest where the wheel moves: 3e-8 by chance
+FEWEST_HELD: Final = 4  # readings that are the same; on a grid as fine as their noise neighbours often are
+PARTS: Final = 4  # of the speeds between the edge and twice of it: a wheel that passes them is seen in each
 
 
 def _shown_width(channels: Channels) -> tuple[float, float]:
@@ -52,3 +58,65 @@ class SpeedDeadZone(MeanEffect):
     def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
         """Return what a tachometer with this dead zone reads [rad/s]: zero inside."""
         return np.where(np.abs(speed_rad_s) < self.values["dead_zone_rad_s"], 0.0, speed_rad_s)
+
+
+# ---- a zone that shows in the readings: they rest on zero, or on the last one outside, while the wheel passes --------
+
+
+class ReadZone(NamedTuple):
+    """A dead zone as readings of the speed show it.
+
+    Attributes
+    ----------
+    width_rad_s, std_rad_s
+        The slowest reading of a wheel that moves, and what that may be above the edge [rad/s].
+    inside
+        bool (n,), readings that rest.
+    deviance
+        Twice the log-likelihood of readings that leave out the zone, beside ones as dense within it as next to it.
+    """
+
+    width_rad_s: float
+    std_rad_s: float
+    inside: BoolArray
+    deviance: float
+
+
+def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
+    """Return the dead zone that readings of the speed show; None where none does.
+
+    A wheel that passes zero evenly is as long below a speed as between that and twice of it. A zone shows where
+    readings fill the latter, rest in between, and none lies below. A wheel that stops is seen below as well, one that
+    hurries through zero does not rest, and one that dwells beside zero does not fill what is around.
+
+    Parameters
+    ----------
+    speed_rad_s
+        float64 (n,), readings in order, NaN where unknown [rad/s].
+    step_rad_s
+        Of the grid that they lie on, 0 for none: between zero and one step there are no readings anyway.
+    """
+    known = np.flatnonzero(np.isfinite(speed_rad_s))
+    reading = speed_rad_s[known]
+    begins = np.diff(reading, prepend=np.nan) != 0.0
+    run = np.cumsum(begins) - 1
+    held = ~begins & (np.bincount(run)[run] >= FEWEST_HELD)
+    rests = held | (reading == 0.0)
+    moving = np.flatnonzero(~rests)
+    size, side = np.abs(reading[moving]), np.sign(reading[moving])
+    if moving.size < 2 or not rests.any():
+        return None
+    width, between = float(size.min()), np.diff(moving) - 1
+    crossed = (side[1:] != side[:-1]) & (between > 0)
+    # How many readings next to the edge are of a passage: without a gap in it, up to twice the speed.
+    near = size < 2.0 * width
+    passage = np.cumsum(np.append(True, ~(near[1:] & near[:-1])))
+    passed = near & np.isin(passage, passage[1:][crossed & near[1:]])
+    filled = np.bincount(((size[passed] / width - 1.0) * PARTS).astype(np.int64), minlength=PARTS)[:PARTS]
+    count = 1.0 * min(PARTS * int(filled.min()), int(between[crossed].sum()))
+    count *= max(width - step_rad_s, 0.0) / width
+    if count < FEWEST_RESTS:
+        return None
+    inside = np.zeros(speed_rad_s.size, dtype=np.bool_)
+    inside[known[rests & (np.abs(reading) < 2.0 * width)]] = True
+    return ReadZone(width, max(width / (int(passed.sum()) + 1), step_rad_s), inside, float(2.0 * np.log(2.0) * count))

@@ -1,0 +1,101 @@
+"""A dead zone that shows in the readings of the speed: they rest on zero, or on the last one outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwa_monitor.discrepancy.extended import extend
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.samples import FloatArray, Samples
+from rwa_monitor.wheel.effects.speed_dead_zone import read_zone
+from rwa_monitor.wheel.wheel import built_in_wheel
+
+SLOTS, NOISE, WIDTH = 4_000, 0.01, 2.0  # rad/s
+
+
+def passages() -> FloatArray:
+    """A speed that passes zero evenly and slowly, six times [rad/s], with noise."""
+    turns = np.interp(np.arange(SLOTS), np.linspace(0, SLOTS, 7), [-60.0, 50.0, -40.0, 70.0, -55.0, 45.0, -60.0])
+    return turns + NOISE * np.random.default_rng(8).standard_normal(SLOTS)
+
+
+def read(speed: FloatArray, *, held: bool, width: float = WIDTH) -> FloatArray:
+    """What a tachometer with a dead zone reads."""
+    outside = np.abs(speed) >= width
+    last = np.maximum.accumulate(np.where(outside, np.arange(speed.size), 0))
+    return speed[last] if held else np.where(outside, speed, 0.0)
+
+
+@pytest.mark.parametrize("derived", [False, True])
+@pytest.mark.parametrize("held", [False, True])
+def test_zone_is_found_and_carried_over(held: bool, derived: bool) -> None:
+    wheel = built_in_wheel()
+    nominal, inertia, constant = wheel.nominal, wheel.inertia_kg_m2, wheel.torque_constant_Nm_A
+    assert nominal
+    assert inertia
+    assert constant
+    speed, rng = passages(), np.random.default_rng(9)
+    friction = nominal.dry_torque_Nm * np.sign(speed) + nominal.viscous_Nm_s_rad * speed
+    friction += 2e-5 * rng.standard_normal(SLOTS)
+    current = (friction + inertia * np.gradient(speed, wheel.sample_period_s)) / constant
+    time_ns = np.arange(SLOTS) * wheel.period_ns
+    reading = read(speed, held=held)
+    samples = (
+        Samples(time_ns, reading, motor_current_A=current)
+        if derived
+        else Samples(time_ns, reading, friction_torque_Nm=friction)
+    )
+    search = find_discrepancy([("record", samples)], wheel)
+    (found,) = [effect for effect in search.result.effects if effect.family == "mean"]
+    edge = found.parameters["dead_zone_rad_s"]
+    assert found.name == "speed_dead_zone"
+    assert edge.std is not None
+    assert abs(edge.value - WIDTH) < 4.0 * edge.std + 3.0 * NOISE
+    (block,) = extend(search).wheel.effect
+    assert block.parameters == {"strength_Nm": 0.0, "dead_zone_rad_s": edge.value}
+    known = wheel.model_copy(update={"effect": (block,)})
+    assert not find_discrepancy([("record", samples)], known).result.effects  # and what is known is no discovery
+
+
+@given(scale=st.floats(0.01, 100.0), held=st.booleans(), mirrored=st.booleans(), backwards=st.booleans())
+def test_zone_does_not_depend_on_unit_or_direction(scale: float, held: bool, mirrored: bool, backwards: bool) -> None:
+    speed = passages()[:: -1 if backwards else 1]
+    plain = read_zone(read(speed, held=held), 0.0)
+    other = read_zone(read(speed, held=held) * (-scale if mirrored else scale), 0.0)
+    assert plain is not None
+    assert other is not None
+    assert other.width_rad_s == pytest.approx(scale * plain.width_rad_s)
+    assert np.array_equal(other.inside, plain.inside)
+    assert other.deviance == pytest.approx(plain.deviance, rel=0.05)  # a reading may change its part
+
+
+def stopping() -> FloatArray:
+    """A wheel that stops at zero, and reads exactly zero."""
+    return np.sign(passages()) * np.maximum(np.abs(passages()) - 5.0, 0.0)
+
+
+def hurrying() -> FloatArray:
+    """A control that keeps away from zero, and hurries through it."""
+    return passages() + 3.0 * np.sign(passages())
+
+
+def dwelling() -> FloatArray:
+    """A ladder of dwells with one at rest."""
+    steps = np.repeat(np.tile([-20.0, -3.0, 0.0, 3.0, 20.0, 3.0, 0.0, -3.0], 5), SLOTS // 40)
+    return np.where(steps != 0.0, steps + NOISE * np.random.default_rng(8).standard_normal(SLOTS), 0.0)
+
+
+def on_grid() -> FloatArray:
+    """Readings on a coarse grid, of which zero is one."""
+    return np.rint(passages() / 0.5) * 0.5
+
+
+@pytest.mark.parametrize("motion", [passages, stopping, hurrying, dwelling, on_grid])
+def test_other_motions_show_none(motion: Callable[[], FloatArray]) -> None:
+    speed = motion()
+    assert read_zone(speed, 0.5 if motion is on_grid else 0.0) is None
