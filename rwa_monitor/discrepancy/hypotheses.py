@@ -52,7 +52,8 @@ def speed_is_constant(problem: Problem) -> bool:
 # time, acceleration and every lag do while a wheel runs down.
 
 
-KNOTS: Final = 12  # of a free curve over the speed, at quantiles of the speeds
+KNOTS: Final = 12  # of a free curve over the speed, of each kind
+NEAREST_REST: Final = 0.002  # quantile of the speeds: the few that are slower show nothing by themselves
 SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is left of what a curve of the speed spans
 LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
 EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
@@ -109,9 +110,15 @@ def _beyond(rows: FloatArray, others: FloatArray) -> float:
 
 
 def speed_curve(series: Series) -> FloatArray:
-    """Return a free curve over |ω|, one for each direction: hats between quantiles of the speeds, float64 (p, n)."""
+    """Return a free curve over |ω|, one for each direction: hats between knots, float64 (p, n).
+
+    Between half of the knots lie as many samples each. The others are of equal ratios: what friction does near rest
+    spans decades of the speed, in a part of the samples that no quantile parts.
+    """
     speed = np.abs(series.speed)
-    knots = np.unique(np.quantile(speed, np.linspace(0.0, 1.0, KNOTS)))
+    low, high = np.quantile(speed, (NEAREST_REST, 1.0))
+    ratios = np.geomspace(low, high, KNOTS) if low > 0.0 else []
+    knots = np.unique(np.concatenate([np.quantile(speed, np.linspace(0.0, 1.0, KNOTS)), ratios]))
     hats = np.stack([np.interp(speed, knots, height) for height in np.eye(knots.size)])
     rows = np.vstack([hats * (series.sign > 0), hats * (series.sign < 0)])
     return rows[rows.any(axis=1)]

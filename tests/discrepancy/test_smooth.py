@@ -19,8 +19,8 @@ from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.hypotheses import FOLLOWS_THE_SPEED, candidates
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.hypotheses import FOLLOWS_THE_SPEED, candidates, speed_curve
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import Samples
@@ -305,3 +305,16 @@ def test_samples_put_between_say_the_same(law: str, seed: int) -> None:
         friction_torque_Nm=between(samples.friction_torque_Nm),
     )
     assert_same(told_of(law, seed), told(denser, wheel=wheel))
+
+
+def test_a_free_curve_follows_what_spans_decades_of_the_speed() -> None:
+    """A start from rest, a twelfth of it slow: what friction does there is not taken for jumps, see `explain`."""
+    along = np.linspace(0.0, 1.0, 4000)
+    speed = np.where(along < 0.08, 0.03 + 4.5 * (along / 0.08) ** 0.7, 4.53 + 200.0 * np.maximum(along - 0.08, 0.0))
+    samples, _ = record(speed, jumps=())
+    series = Series.of(problem_of(samples))
+    curve = speed_curve(series)
+    for scale in (0.3, 1.0, 3.0, 30.0):
+        law = np.exp(-((series.speed / scale) ** 2)) * series.sign
+        left = law - curve.T @ np.linalg.lstsq(curve.T, law)[0]
+        assert float(left @ left) < 0.02 * float(law @ law)
