@@ -18,17 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import (
-    Real,
-    Whole,
-    bus_options,
-    log,
-    no_browser_option,
-    option,
-    port_option,
-    record_option,
-    stop_on_signals,
-)
+from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import MissingExtraError, needs_extra
 
 if TYPE_CHECKING:
@@ -44,13 +34,13 @@ SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still t
 
 
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
-@option("--duration", Real(1.0, MAX_DURATION_S), "S", "How long the satellite sends [s].", default=90.0)
-@no_browser_option
-@port_option
-@option("--seed", Whole(min=0), "N", "Seed of the satellite: another one hides another effect.", default=1)
-@record_option
-@bus_options
-def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:
+@cli.option("--duration", cli.Real(1.0, MAX_DURATION_S), "S", "How long the satellite sends [s].", default=90.0)
+@cli.no_browser_option
+@cli.port_option
+@cli.option("--seed", cli.Whole(min=0), "N", "Seed of the satellite: another one hides another effect.", default=1)
+@cli.record_option
+@cli.bus_options
+def demo(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:
     """Show the main job on a simulated satellite: four wheels, one of which begins to fail.
 
     Another one has an effect that the monitor's wheel file lacks; the monitor finds out which. Telemetry flows some 300
@@ -74,16 +64,16 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         log_verdicts=False,  # the view has a line for each window
     )
     with (
-        stop_on_signals() as stop,
+        cli.stop_on_signals() as stop,
         open_session(bus) as session,
         ExitStack() as page,
         ThreadPoolExecutor(2) as workers,
     ):
-        log(f"four simulated wheels, {satellite.speed:.0f} times faster than real time; recording in {record}")
+        cli.log(f"four simulated wheels, {satellite.speed:.0f} times faster than real time; recording in {record}")
         served = _serve_page(page, session, record, port, satellite, no_browser=no_browser)
         view = DemoView(session, satellite, spacecraft)
         ended = Event()
-        monitor = workers.submit(run, options, ended, session=session, log=log)
+        monitor = workers.submit(run, options, ended, session=session, log=cli.log)
         publishers = {key: SamplesPublisher(session, key) for key in satellite.telemetry}
         sender = workers.submit(send, satellite.telemetry, publishers, speed=satellite.speed, stop=ended)
         monitor.add_done_callback(lambda _: stop.set())
@@ -105,13 +95,13 @@ def _serve_page(
         with needs_extra("dashboard"):
             from rwa_monitor.dashboard.server import DashboardOptions, serve
     except MissingExtraError as error:
-        log(f"no page: {error}")
+        cli.log(f"no page: {error}")
         return False
     from rwa_monitor.cli.dashboard import show_page
 
     # The demo's end is no monitor's failure: its recording, shown later, must raise no alarm of one.
     options = DashboardOptions(port, record, wheel=satellite.wheel, silent_s=0.0)
-    running = page.enter_context(serve(options, session, log))
+    running = page.enter_context(serve(options, session, cli.log))
     show_page(running.address_with_token, no_browser=no_browser)
     return True
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor import __version__
-from rwa_monitor.cli.options import FAILED, FILE, bus_options, model_option, option, wheel_folder_option, wheel_option
+from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import InputError, RwaMonitorError
 
 if TYPE_CHECKING:
@@ -27,12 +27,12 @@ ANSWER_S: Final = (
 
 
 @click.command(name="doctor", short_help="Check installation, configuration and bus connection.")
-@wheel_option
-@model_option
-@wheel_folder_option
-@option("--record", FILE, "DIR", "The folder in which `run` shall record.")
-@bus_options
-def command(
+@cli.wheel_option
+@cli.model_option
+@cli.wheel_folder_option
+@cli.option("--record", cli.FILE, "DIR", "The folder in which `run` shall record.")
+@cli.bus_options
+def doctor(
     wheel: Path | None,
     model: Path | None,
     wheel_folder: Path | None,
@@ -66,7 +66,7 @@ def command(
         check("record", lambda: look_at_recordings(record))
     if bus.connect or bus.listen or bus.config:
         check("bus", lambda: look_at_bus(bus))
-    return FAILED if failed else 0
+    return cli.FAILED if failed else 0
 
 
 # ---- installation ----------------------------------------------------------------------------------------------------

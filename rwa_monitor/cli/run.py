@@ -9,18 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.options import (
-    FILE,
-    Real,
-    bus_options,
-    log,
-    model_option,
-    option,
-    stop_on_signals,
-    warn_if_alone,
-    wheel_folder_option,
-    wheel_option,
-)
+from rwa_monitor.cli import options as cli
 
 if TYPE_CHECKING:
     from rwa_monitor.monitor.bus import BusOptions
@@ -37,14 +26,14 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 
 
 @click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
-@option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
-@wheel_option
-@wheel_folder_option
-@model_option
-@option("--record", FILE, "DIR", "Record everything in this folder, and continue from what it holds.")
-@option(
+@cli.option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
+@cli.wheel_option
+@cli.wheel_folder_option
+@cli.model_option
+@cli.option("--record", cli.FILE, "DIR", "Record everything in this folder, and continue from what it holds.")
+@cli.option(
     "--record-limit",
-    Real(min=0.1),
+    cli.Real(min=0.1),
     "GB",
     "Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
@@ -55,16 +44,16 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     metavar="I/N",
     help="Serve share I of N: the wheels are divided among N of these.",
 )
-@option(
+@cli.option(
     "--stored-after",
-    Real(min=0.0),
+    cli.Real(min=0.0),
     "S",
     "Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
     " not say, and the wheel's clock agrees with it; 0: never.  [default: 600]",
 )
-@option("--alive", FILE, "FILE", "Touched every second, for a container's health check.")
-@bus_options
-def command(
+@cli.option("--alive", cli.FILE, "FILE", "Touched every second, for a container's health check.")
+@cli.bus_options
+def run(
     wheels: str,
     wheel: Path | None,
     wheel_folder: Path | None,
@@ -87,10 +76,10 @@ def command(
     common = read_wheel(wheel)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
     for name, one in [(common.name, common), *(("/".join(key), own) for key, own in own_wheels.items())]:
-        log(*(f"{name}: {note}" for note in one.missing()))
-    warn_if_alone(bus)
+        cli.log(*(f"{name}: {note}" for note in one.missing()))
+    cli.warn_if_alone(bus)
     if record is None:
-        log("nothing is recorded; give --record DIR to be able to replay")
+        cli.log("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
         wheels=wheels,
         wheel=common,
@@ -102,5 +91,5 @@ def command(
         shard=shard,
         stored_after_s=STORED_AFTER_S if stored_after is None else stored_after,
     )
-    with stop_on_signals() as stop:
-        run(options, stop, log=log, supervisor=Supervisor(os.environ, alive))
+    with cli.stop_on_signals() as stop:
+        run(options, stop, log=cli.log, supervisor=Supervisor(os.environ, alive))
