@@ -35,8 +35,8 @@ from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording.reader import recordings_of
-from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.recorder import Recorder
+from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
@@ -49,7 +49,7 @@ FULL_SLOTS = 76_000  # of the 80,000 of a window
 FILE_AGE_S = 60.0  # of a recording of the fleet with full windows; it is a day otherwise
 # The command, but for how old a recording may become.
 RUN = f"""
-from rwa_monitor.monitor.recording import recorder
+from rwa_monitor.monitor import recorder
 recorder.MAX_FILE_AGE_S = {FILE_AGE_S}
 from rwa_monitor.cli.main import main
 main()

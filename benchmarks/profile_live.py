@@ -28,9 +28,8 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor import core
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.ingest.sequencer import Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
-from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.ingest import Sequencer, SlotAssignment
+from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.telemetry.friction import FrictionSource

@@ -24,17 +24,17 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, EncodedMessage, SamplesMessage, Status, samples_json
+from rwa_monitor.monitor.backfill import Arrival, Inbox
 from rwa_monitor.monitor.bus import MonitorBus
-from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
-from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.recorder import Recorder
+from rwa_monitor.monitor.recording import read_recording, recordings_of
 from rwa_monitor.monitor.replay import recover_state
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import EffectBlock, TemperatureRange, Wheel, built_in_wheel
+from rwa_monitor.words import SOFTWARE
 
 WINDOW_SLOTS: Final = 4_000
 BATCH: Final = 200  # samples of a message

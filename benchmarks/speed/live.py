@@ -25,11 +25,11 @@ from benchmarks.window import Window
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.recording.reader import RECORDING_SUFFIX, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import REFUSED, Recorder
+from rwa_monitor.monitor.recorder import REFUSED, Recorder
+from rwa_monitor.monitor.recording import RECORDING_SUFFIX, read_recording, recordings_of
 from rwa_monitor.monitor.replay import RecoveredState
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.samples import Samples

@@ -129,7 +129,7 @@ class DemoView:
     """
 
     def __init__(self, session: zenoh.Session, satellite: Satellite, spacecraft: str) -> None:
-        from rwa_monitor.monitor.ingest.backfill import Inbox
+        from rwa_monitor.monitor.backfill import Inbox
 
         self.diagnoses: defaultdict[str, list[tuple[float, Diagnosis]]] = defaultdict(list)
         self.found: dict[str, tuple[float, Discrepancy]] = {}

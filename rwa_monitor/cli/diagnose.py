@@ -123,7 +123,7 @@ def _one_by_one(task: Diagnose, recordings: cli.Recordings, carry: bool) -> Iter
 
 def _at_once(task: Diagnose, recordings: cli.Recordings, many: AtOnce) -> Iterator[Diagnosis]:
     """Diagnose many files at once."""
-    from rwa_monitor.batch.cluster import each
+    from rwa_monitor.batch.tasks import each
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.telemetry.table import arrow
 

@@ -160,7 +160,7 @@ def look_at_recordings(folder: Path) -> str:
 
     from rich.filesize import decimal
 
-    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, locked
+    from rwa_monitor.monitor.recorder import MIN_FREE_BYTES, locked
 
     if not folder.exists():
         return f"{folder} is not there yet"

@@ -34,8 +34,7 @@ def train(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, w
     label holds for all windows of its file. A last window that is not full is left out where there are full ones. A
     file with a wheel of its own beside it (FILE.wheel.toml, as `simulate dataset` writes it) is read with that one.
     """
-    from rwa_monitor.batch.cluster import each
-    from rwa_monitor.batch.tasks import ReadFeatures
+    from rwa_monitor.batch.tasks import ReadFeatures, each
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
     from rwa_monitor.paper.classification import with_classifiers
     from rwa_monitor.telemetry.configuration import read_wheel
@@ -119,7 +118,7 @@ def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
 def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
     """Read the diagnoses; return them, and what of a recording cannot be read."""
     from rwa_monitor.errors import InputError
-    from rwa_monitor.monitor.recording.reader import read_chain
+    from rwa_monitor.monitor.recording import read_chain
     from rwa_monitor.telemetry.files import display_name
     from rwa_monitor.telemetry.labels import JudgedWindow
 

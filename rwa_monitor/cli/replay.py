@@ -82,7 +82,7 @@ def recover(recording: Path, output: Path) -> int:
 
     What is lost is logged on stderr, and the exit code is 3 then.
     """
-    from rwa_monitor.monitor.recording.recorder import recover as save
+    from rwa_monitor.monitor.recorder import recover as save
     from rwa_monitor.words import counted
 
     recovery = save(recording, output)
@@ -100,7 +100,7 @@ def foxglove(recordings: tuple[Path, ...], output: Path) -> int:
     Every sample is a message, friction's parts and its jumps have topics, and what concerns an operator is a
     foxglove.Log. OUT.layout.json is the layout for it, and for the same wheels live (dashboard --foxglove).
     """
-    from rwa_monitor.monitor.recording.recorder import write_foxglove
+    from rwa_monitor.monitor.recorder import write_foxglove
     from rwa_monitor.words import counted
 
     written = write_foxglove(recordings, output)

@@ -27,10 +27,9 @@ from rwa_monitor.monitor.bridge import UdpAddress
 from rwa_monitor.monitor.bus import OUTPUT_HISTORY, BusThread
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.telemetry.ccsds_packets import HEADER, SEQUENCE_MODULUS, UNSEGMENTED
-from rwa_monitor.telemetry.telemetry_map import MAX_APID
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.telemetry.reader import MAX_APID
 from rwa_monitor.wheel.wheel import Wheel
-from rwa_monitor.words import Log
+from rwa_monitor.words import SOFTWARE, Log
 
 SECONDARY: Final = struct.Struct(">IHB")  # behind the primary header: seconds, their fractions, kind
 TEXT_BYTES: Final = 256

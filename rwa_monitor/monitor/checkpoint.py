@@ -13,9 +13,8 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import Gathered
 from rwa_monitor.messages import ClockNs, Count, Slot
-from rwa_monitor.monitor.ingest.sequencer import Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import Rows
-from rwa_monitor.monitor.ingest.stored import StoredTelemetry
+from rwa_monitor.monitor.ingest import Rows, Sequencer
+from rwa_monitor.monitor.stored import StoredTelemetry
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.ring_buffer import RingBuffer

@@ -22,9 +22,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ProvisionalJump
 from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
-from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
-from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
-from rwa_monitor.monitor.ingest.stored import MAX_WINDOWS, StoredTelemetry, StoredWindow
+from rwa_monitor.monitor.ingest import PIECE_SLOTS, Batch, Counts, Rows, Sequencer, SlotAssignment, Trouble
+from rwa_monitor.monitor.stored import MAX_WINDOWS, StoredTelemetry, StoredWindow
 from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import (
     NANOSECONDS_PER_SECOND,

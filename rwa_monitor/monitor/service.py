@@ -47,20 +47,19 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
+from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
-from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
+from rwa_monitor.monitor.ingest import Counts, Trouble
+from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
 from rwa_monitor.monitor.replay import RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.telemetry.files import refusing
-from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
-from rwa_monitor.words import Log, counted, time_text
+from rwa_monitor.words import SOFTWARE, Log, counted, time_text
 
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")

@@ -8,7 +8,7 @@ from typing import Final
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, split_key
-from rwa_monitor.monitor.recording.reader import Recording, read_recording
+from rwa_monitor.monitor.recording import Recording, read_recording
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.telemetry.ccsds_packets import read_packets
 from rwa_monitor.telemetry.files import display_name

@@ -39,10 +39,10 @@ from rwa_monitor.telemetry.mcap_chunk import (
     stream_of,
     unpacked,
 )
-from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
-from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
-from rwa_monitor.telemetry.telemetry_map import (
+from rwa_monitor.telemetry.reader import (
     SI_UNITS,
+    Decoding,
+    TelemetryFile,
     TopicChannel,
     TopicWheel,
     channel_conversion,
@@ -50,6 +50,7 @@ from rwa_monitor.telemetry.telemetry_map import (
     telemetry_file,
     wheels_of,
 )
+from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.words import counted
 
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over

@@ -33,7 +33,7 @@ from zenoh import ext
 
 from rwa_monitor.cli.options import stop_on_signals
 from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, messages_publisher, open_session
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
+from rwa_monitor.monitor.recorder import MAX_FILE_BYTES
 from rwa_monitor.monitor.service import RunOptions, run
 from tests.faults.history import Put, wheel
 from tests.monitor.processes import PATIENCE_S, wait_for

@@ -19,10 +19,10 @@ import pytest
 
 from benchmarks.references import SilentBus
 from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.monitor import recorder as recorder_module
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.reader import read_chain, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recording import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.replay import recover_state, replay
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel

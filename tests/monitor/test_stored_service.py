@@ -13,8 +13,8 @@ import zenoh
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, Status, samples_json
+from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
-from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.replay import replay, replay_to_bus
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.telemetry_files import read_telemetry

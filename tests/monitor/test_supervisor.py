@@ -18,7 +18,7 @@ import zenoh
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.recording.recorder import locked
+from rwa_monitor.monitor.recorder import locked
 from rwa_monitor.monitor.service import RunOptions, Supervisor, run
 from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import KEY, free_port, model, telemetry, wheel

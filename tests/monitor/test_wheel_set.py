@@ -12,7 +12,7 @@ from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording.reader import recordings_of
+from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
 from rwa_monitor.monitor.service import RunOptions

@@ -12,7 +12,7 @@ import pytest
 from rwa_monitor.kernels.ingest import HANGING_SLOTS, OUTSTANDING_SLOTS
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, WindowDiagnosed
-from rwa_monitor.monitor.ingest.sequencer import Trouble
+from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

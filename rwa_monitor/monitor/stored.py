@@ -15,8 +15,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.messages import ClockNs, Count, Slot
-from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.ingest.slot_assignment import Rows
+from rwa_monitor.monitor.ingest import Counts, Rows
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, FloatArray, IntArray, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 

@@ -45,7 +45,7 @@ from rwa_monitor.messages import (
     EncodedMessage,
     dump_json,
 )
-from rwa_monitor.monitor.recording.reader import (
+from rwa_monitor.monitor.recording import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
     CHECKPOINT_PREFIX,
@@ -60,7 +60,7 @@ from rwa_monitor.monitor.recording.reader import (
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from rwa_monitor.samples import SECONDS_PER_DAY
 from rwa_monitor.telemetry.files import PIECE_BYTES, make_folder, refusing
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import SOFTWARE
 
 RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
