@@ -138,16 +138,13 @@ def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
 def _lines(diagnoses: Path, name: str) -> Iterator[JudgedWindow]:
     """Read lines of JSON, of no longer a line than shows that it is none of ours."""
     from rwa_monitor.messages import MAX_MESSAGE_BYTES
-    from rwa_monitor.telemetry.files import unreadable
+    from rwa_monitor.telemetry.files import opened
     from rwa_monitor.telemetry.labels import JudgedWindow
 
-    try:
-        with nullcontext(sys.stdin.buffer) if str(diagnoses) == "-" else diagnoses.open("rb") as file:
-            for number, line in enumerate(iter(lambda: file.readline(MAX_MESSAGE_BYTES + 1), b""), 1):
-                if line.strip():
-                    yield JudgedWindow.parse(line, f"{name}: line {number}")
-    except OSError as error:
-        raise unreadable(diagnoses, error) from error
+    with nullcontext(sys.stdin.buffer) if str(diagnoses) == "-" else opened(diagnoses) as file:
+        for number, line in enumerate(iter(lambda: file.readline(MAX_MESSAGE_BYTES + 1), b""), 1):
+            if line.strip():
+                yield JudgedWindow.parse(line, f"{name}: line {number}")
 
 
 def _scores(timelines: Sequence[Timeline]) -> dict[str, Scores]:
