@@ -32,9 +32,7 @@ from rwa_monitor.monitor.ingest import Sequencer, SlotAssignment
 from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.simulation.datasets import generate
-from rwa_monitor.telemetry.friction import FrictionSource
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import SensorValidation
+from rwa_monitor.telemetry.slots import FrictionSource, RingBuffer, SensorValidation
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEY = "rwa/profile/wheel_1/samples"

@@ -17,8 +17,7 @@ from rwa_monitor.monitor.ingest import Rows, Sequencer
 from rwa_monitor.monitor.stored import StoredTelemetry
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import Channel
+from rwa_monitor.telemetry.slots import Channel, RingBuffer
 from rwa_monitor.wheel.file_content import Hashed, Strict
 from rwa_monitor.wheel.torque_balance import Source
 

@@ -35,13 +35,14 @@ from rwa_monitor.samples import (
     Timeliness,
 )
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.friction import BLOCK_SLOTS, FrictionSource
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import (
+from rwa_monitor.telemetry.slots import (
+    BLOCK_SLOTS,
     LAG_SLOTS,
     TORQUE,
     Channel,
     Fault,
+    FrictionSource,
+    RingBuffer,
     SensorValidation,
     friction_limit,
     speed_limit,

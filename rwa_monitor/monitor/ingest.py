@@ -21,7 +21,7 @@ import numpy as np
 from rwa_monitor.kernels.ingest import all_between, assign_slots
 from rwa_monitor.messages import ClockNs, Count
 from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray, IntArray, Samples, SlotGrid
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
+from rwa_monitor.telemetry.slots import RingBuffer
 from rwa_monitor.wheel.wheel import Limits
 from rwa_monitor.words import counted
 

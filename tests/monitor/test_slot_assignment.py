@@ -21,7 +21,7 @@ from rwa_monitor.monitor.ingest import (
     Trouble,
 )
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
+from rwa_monitor.telemetry.slots import RingBuffer
 from rwa_monitor.wheel.wheel import Limits, Wheel
 from rwa_monitor.words import time_text
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel

@@ -16,7 +16,7 @@ from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.sensor_validation import Channel, friction_limit, speed_limit
+from rwa_monitor.telemetry.slots import Channel, friction_limit, speed_limit
 from rwa_monitor.wheel.wheel import built_in_wheel
 from rwa_monitor.words import time_text
 from tests.monitor.support import adds_up, diagnoses, messages_of, model
