@@ -38,6 +38,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.service import RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -119,11 +120,11 @@ def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
     for begin in range(0, len(samples), 256):
         core.feed(samples[begin : begin + 256])
     state = core.checkpoint().to_json()
-    options = RunOptions(wheel=core.wheel, model=core.model)
+    options = RunOptions(setup=Setup(core.wheel, model=core.model))
     folder.mkdir()
     recorder = Recorder(
         folder,
-        attachments=options.setup().attachments(),
+        attachments=options.setup.attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

@@ -31,6 +31,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest import Sequencer, SlotAssignment
 from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.telemetry.slots import FrictionSource, RingBuffer, SensorValidation
 from rwa_monitor.wheel.wheel import built_in_wheel
@@ -81,10 +82,10 @@ class Stopwatch:
 
 def monitor_in(folder: Path) -> Monitor:
     """Return a monitor that records in a folder."""
-    options = RunOptions(model=built_in_model())
+    options = RunOptions(setup=Setup(model=built_in_model()))
     recorder = Recorder(
         folder,
-        attachments=options.setup().attachments(),
+        attachments=options.setup.attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

@@ -51,6 +51,7 @@ def demo(duration: float, no_browser: bool, port: int | None, seed: int, record:
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.monitor.bus import SamplesPublisher, open_session, send
     from rwa_monitor.monitor.service import RunOptions, run
+    from rwa_monitor.monitor.setup import Setup
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
@@ -58,8 +59,7 @@ def demo(duration: float, no_browser: bool, port: int | None, seed: int, record:
     satellite = simulate_satellite(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
     options = RunOptions(
         wheels=f"rwa/{spacecraft}/*/samples",
-        wheel=satellite.wheel,
-        model=built_in_model(),
+        setup=Setup(satellite.wheel, model=built_in_model()),
         record=record,
         log_verdicts=False,  # the view has a line for each window
     )

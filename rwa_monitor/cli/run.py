@@ -71,6 +71,7 @@ def run(
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.monitor.service import STORED_AFTER_S, RunOptions, Supervisor, run
+    from rwa_monitor.monitor.setup import Setup
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
     common = read_wheel(wheel)
@@ -82,9 +83,7 @@ def run(
         cli.log("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
         wheels=wheels,
-        wheel=common,
-        own_wheels=own_wheels,
-        model=read_model(model),
+        setup=Setup(common, own_wheels, read_model(model)),
         record=record,
         max_record_bytes=None if record_limit is None else int(record_limit * 1e9),
         bus=bus,

@@ -23,7 +23,7 @@ from rwa_monitor.messages import ProvisionalJump
 from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest import PIECE_SLOTS, Batch, Counts, Rows, Sequencer, SlotAssignment, Trouble
-from rwa_monitor.monitor.stored import MAX_WINDOWS, StoredTelemetry, StoredWindow
+from rwa_monitor.monitor.stored import MAX_WINDOWS, StoredTelemetry
 from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import (
     NANOSECONDS_PER_SECOND,
@@ -282,8 +282,7 @@ class WheelCore:
         if to_the_end and stored.waiting is not None:
             rows, stored.waiting, stored.newest = stored.waiting, None, None
             stored.add(rows, self.counts)
-
-        def diagnose(grid: SlotGrid, window: StoredWindow, before: CarriedState, follows: bool) -> CarriedState:
+        for grid, window, before, follows in stored.due(to_the_end=to_the_end):
             carried = before if follows else without_positions(before)
             windows = Windows(self.wheel, self.model, self.method, carried, Counts())
             windows.begin_source(self._source or windows.friction.source)
@@ -294,9 +293,7 @@ class WheelCore:
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
             events.append(diagnosed._replace(data="stored"))
             self._windows.go_on_from(diagnosed)
-            return diagnosed.carried
-
-        stored.diagnose(diagnose, to_the_end=to_the_end)
+            stored.note(diagnosed.end_ns, diagnosed.carried)
         return events
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------

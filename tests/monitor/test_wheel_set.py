@@ -31,7 +31,7 @@ BATCH = 128
 
 def options(record: Path, own: Wheel) -> RunOptions:
     own_wheels = {OWN: own, ("sat", "wheel_l"): wheel()}  # a slip of the pen
-    return RunOptions(wheel=wheel(), own_wheels=own_wheels, model=model(), record=record, status_period_s=0.05)
+    return RunOptions(setup=Setup(wheel(), own_wheels, model()), record=record, status_period_s=0.05)
 
 
 def send(session: zenoh.Session, name: str, samples: Samples, first: int) -> None:
