@@ -6,15 +6,12 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import InputError, needs_extra
-
-if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
 
 
 @click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
@@ -51,7 +48,7 @@ def dashboard(
     wheel: Path | None,
     silence: float,
     no_browser: bool,
-    bus: BusOptions,
+    bus: cli.BusOptions,
     **page: Any,
 ) -> None:
     """Serve the health page of all wheels on the bus, with what the recordings in DIR hold.

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import zenoh
 
     from rwa_monitor.messages import Diagnosis, Discrepancy
-    from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.simulation.demo_satellite import Satellite
 
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
@@ -40,7 +39,7 @@ SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still t
 @cli.option("--seed", cli.Whole(min=0), "N", "Seed of the satellite: another one hides another effect.", default=1)
 @cli.record_option
 @cli.bus_options
-def demo(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:
+def demo(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: cli.BusOptions) -> None:
     """Show the main job on a simulated satellite: four wheels, one of which begins to fail.
 
     Another one has an effect that the monitor's wheel file lacks; the monitor finds out which. Telemetry flows some 300
@@ -196,7 +195,7 @@ def _report(satellite: Satellite, view: DemoView, record: Path, *, served: bool)
     import jinja2
 
     import rwa_monitor as rwa
-    from rwa_monitor.simulation.demo_satellite import ANOMALY, FACTOR, FAILING, WHEELS
+    from rwa_monitor.simulation import demo_satellite
     from rwa_monitor.words import counted
 
     again: list[str] = []  # verdicts on the windows of the wheel that hides an effect, with its augmented model
@@ -215,8 +214,5 @@ def _report(satellite: Satellite, view: DemoView, record: Path, *, served: bool)
         again=again[: len(view.verdicts(satellite.hiding))],
         counted=counted,
         counts=_counts,
-        ANOMALY=ANOMALY,
-        FACTOR=FACTOR,
-        FAILING=FAILING,
-        WHEELS=WHEELS,
+        demo=demo_satellite,
     )

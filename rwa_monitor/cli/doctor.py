@@ -19,7 +19,6 @@ from rwa_monitor.errors import InputError, RwaMonitorError
 if TYPE_CHECKING:
     import zenoh
 
-    from rwa_monitor.monitor.bus import BusOptions
 
 ANSWER_S: Final = (
     3.0  # how long a router or peer has to answer, and monitors, which publish every second, to be heard of
@@ -37,7 +36,7 @@ def doctor(
     model: Path | None,
     wheel_folder: Path | None,
     record: Path | None,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> int:
     """Check this installation, wheels and model, the folder for recordings, and, with -e or -l, the bus.
 
@@ -174,7 +173,7 @@ def look_at_recordings(folder: Path) -> str:
     return f"{found}; {f'goes on from {last.name}' if last else 'holds no recording yet'}"
 
 
-def look_at_bus(bus: BusOptions) -> str:
+def look_at_bus(bus: cli.BusOptions) -> str:
     """Check that the bus can be reached with the options, and return who publishes on it.
 
     Raises

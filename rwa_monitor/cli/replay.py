@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor.cli import options as cli
-
-if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
 
 
 @click.command(name="replay", short_help="Re-run a recording, and check that the results agree.")
@@ -29,7 +25,7 @@ def replay(
     long: bool,
     publish: bool,
     speed: float,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> int:
     """Re-run a recording: a file, or a folder as a chain of files.
 
@@ -58,7 +54,7 @@ def replay(
     return cli.UNREADABLE if report.unreadable else 0
 
 
-def _publish(paths: Path | tuple[Path, ...], speed: float, bus: BusOptions) -> int:
+def _publish(paths: Path | tuple[Path, ...], speed: float, bus: cli.BusOptions) -> int:
     """Send the recorded inputs in the pace of their own time."""
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.replay import replay_to_bus

@@ -5,14 +5,10 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor.cli import options as cli
-
-if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
 
 
 def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int, int]:
@@ -63,7 +59,7 @@ def run(
     shard: tuple[int, int],
     stored_after: float | None,
     alive: Path | None,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> None:
     """Monitor wheels live: subscribe to their samples, diagnose, publish and record.
 

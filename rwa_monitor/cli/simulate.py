@@ -10,7 +10,6 @@ import click
 from rwa_monitor.cli import options as cli
 
 if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.simulation.datasets import LabelledWindow
 
 DEFAULT_KEY: Final = "rwa/simulated/wheel_{n}/samples"
@@ -98,7 +97,7 @@ def publish(
     key: str,
     count: int,
     batch: int,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> None:
     """Publish one recording on the bus in the pace of its own time, as a satellite's computer would.
 

@@ -5,15 +5,10 @@ from __future__ import annotations
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor.cli import options as cli
-
-if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
-    from rwa_monitor.telemetry.reader import Decoding
 
 
 @click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
@@ -22,7 +17,7 @@ if TYPE_CHECKING:
 @cli.option("--batch", cli.Whole(1, 10_000), "N", "Samples of one message at most.", default=256)
 @cli.flag("--stored", "The packets are a dump: publish their samples as stored, not live.")
 @cli.bus_options
-def bridge(udp: str, decoding: Decoding, batch: int, stored: bool, bus: BusOptions) -> None:
+def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.BusOptions) -> None:
     """Bring CCSDS space packets from UDP onto the bus, as samples of the wheels that the map names.
 
     A datagram holds one packet or several. What cannot be read, is unknown or missing is logged on stderr as it comes;
@@ -71,7 +66,7 @@ def packets(
     apid: int,
     wheel: Path | None,
     model: Path | None,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> None:
     """Send each diagnosis of these wheels, and each change of their alarms, as a CCSDS space packet over UDP.
 
