@@ -14,7 +14,7 @@ from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import InputError, needs_extra
 
 
-@click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
+@click.command(short_help="The health page on live and recorded diagnoses.")
 @cli.port_option
 @cli.record_option
 @cli.option("--history", str, "URL", "Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]")

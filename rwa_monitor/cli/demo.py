@@ -32,7 +32,7 @@ TEMPLATE: Final = Path(__file__).with_suffix(".txt")  # of what is printed at th
 SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
 
 
-@click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
+@click.command(short_help="The main job on simulated wheels, one of them failing.")
 @cli.option("--duration", cli.Real(1.0, MAX_DURATION_S), "S", "How long the satellite sends [s].", default=90.0)
 @cli.no_browser_option
 @cli.port_option

@@ -42,7 +42,7 @@ at_once_options = cli.as_one(
 )
 
 
-@click.command(name="diagnose", short_help="Diagnose recordings, from tables to ROS 2 bags.")
+@click.command(short_help="Diagnose recordings, from tables to ROS 2 bags.")
 @cli.wheel_option
 @cli.model_option
 @cli.method_option

@@ -63,7 +63,7 @@ report_options = cli.as_one(
 )
 
 
-@click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
+@click.command(short_help="Show what the simulation gets wrong, and name the cause.")
 @cli.wheel_option
 @cli.motor_off_option
 @cli.flag("--json", "Print the report as one JSON object (rwa.Discrepancy).")

@@ -25,7 +25,7 @@ ANSWER_S: Final = (
 )
 
 
-@click.command(name="doctor", short_help="Check installation, configuration and bus connection.")
+@click.command(short_help="Check installation, configuration and bus connection.")
 @cli.wheel_option
 @cli.model_option
 @cli.wheel_folder_option

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rwa_monitor.telemetry.scores import Scores, Timeline
 
 
-@click.command(name="train", short_help="Learn the classifiers from labelled recordings.")
+@click.command(short_help="Learn the classifiers from labelled recordings.")
 @click.argument("labels_file", type=cli.FILE, metavar="LABELS.csv")
 @cli.option("--wheel", cli.FILE, "W.toml", "Constants of the wheel.", required=True)
 @cli.option("-o --output", cli.FILE, "MODEL.json", "Where to write the model.", required=True)
@@ -84,7 +84,7 @@ COLUMNS: Final = {
 }
 
 
-@click.command(name="evaluate", short_help="Score diagnoses against labels, event by event.")
+@click.command(short_help="Score diagnoses against labels, event by event.")
 @click.argument("diagnoses", type=cli.FILE, metavar="DIAGNOSES")
 @click.argument("labels", type=cli.FILE, metavar="LABELS")
 @click.option("--json", is_flag=True, help="Print one JSON object.")

@@ -10,7 +10,7 @@ import click
 from rwa_monitor.cli import options as cli
 
 
-@click.command(name="replay", short_help="Re-run a recording, and check that the results agree.")
+@click.command(short_help="Re-run a recording, and check that the results agree.")
 @click.argument("recordings", nargs=-1, required=True, type=cli.FILE, metavar="RECORDING...")
 @cli.flag("--verify", "Compare with what the recording holds, to 1e-9 relative.")
 @cli.flag("--exact", "Demand equal bytes; means --verify.")
@@ -70,7 +70,7 @@ def _publish(paths: Path | tuple[Path, ...], speed: float, bus: cli.BusOptions) 
 # ---- recordings written again ----------------------------------------------------------------------------------------
 
 
-@click.command(name="recover", short_help="Save what a damaged recording still holds.")
+@click.command(short_help="Save what a damaged recording still holds.")
 @click.argument("recording", type=cli.FILE, metavar="FILE.mcap")
 @cli.recording_output_option
 def recover(recording: Path, output: Path) -> int:
@@ -87,7 +87,7 @@ def recover(recording: Path, output: Path) -> int:
     return cli.UNREADABLE if recovery.lost else 0
 
 
-@click.command(name="foxglove", short_help="Recordings for Foxglove, with a layout.")
+@click.command(short_help="Recordings for Foxglove, with a layout.")
 @click.argument("recordings", nargs=-1, required=True, type=cli.FILE, metavar="RECORDING...")
 @cli.recording_output_option
 def foxglove(recordings: tuple[Path, ...], output: Path) -> int:

@@ -21,7 +21,7 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     return share, of
 
 
-@click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
+@click.command(short_help="Monitor wheels live on a Zenoh bus.")
 @cli.option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
 @cli.wheel_option
 @cli.wheel_folder_option

@@ -21,7 +21,7 @@ seed_option = cli.option("--seed", cli.Whole(0), "N", "The same seed gives the s
 output_option = cli.option("-o --output", cli.FILE, "PATH", "Where to write.", required=True)
 
 
-@click.group(name="simulate", short_help="Make telemetry: recording, data set, live wheel.", no_args_is_help=False)
+@click.group(short_help="Make telemetry: recording, data set, live wheel.", no_args_is_help=False)
 def simulate() -> None:
     """Simulate telemetry: one recording, a labelled data set, or a live wheel."""
 

@@ -11,7 +11,7 @@ import click
 from rwa_monitor.cli import options as cli
 
 
-@click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
+@click.command(short_help="Bring CCSDS space packets from UDP onto the bus.")
 @cli.option("--udp", str, "[HOST:]PORT", "Where packets come in.  [HOST: 127.0.0.1 where none is given]", required=True)
 @cli.decoding_options
 @cli.option("--batch", cli.Whole(1, 10_000), "N", "Samples of one message at most.", default=256)
@@ -51,7 +51,7 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))
 
 
-@click.command(name="packets", short_help="Send verdicts and alarms as CCSDS space packets over UDP.")
+@click.command(short_help="Send verdicts and alarms as CCSDS space packets over UDP.")
 @click.argument("wheels", nargs=-1, required=True, metavar="SPACECRAFT/WHEEL...")
 @cli.option("--to", str, "[HOST:]PORT", "Where packets go.  [HOST: 127.0.0.1 where none is given]")
 @cli.option("--xtce", cli.FILE, "X.xml", "Write their XTCE definition.")

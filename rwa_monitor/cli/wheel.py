@@ -12,7 +12,7 @@ import click
 from rwa_monitor.cli import options as cli
 
 
-@click.command(name="identify", short_help="Learn a wheel's nominal friction, noise and switching laws.")
+@click.command(short_help="Learn a wheel's nominal friction, noise and switching laws.")
 @cli.option("-o --output", cli.FILE, "W.toml", "Wheel file to write.", required=True)
 @cli.option(
     "--wheel",
@@ -58,7 +58,7 @@ def identify(
     return recordings.status
 
 
-@click.command(name="export", short_help="Write a wheel's friction model for other simulators.")
+@click.command(short_help="Write a wheel's friction model for other simulators.")
 @click.argument("wheel", type=cli.FILE, metavar="WHEEL.toml")
 @cli.option(
     "--to target", click.Choice(["c", "fmu", "basilisk", "json", "detector"]), None, "What to write.", required=True
@@ -92,7 +92,7 @@ def export(wheel: Path, target: str, output: Path) -> int:
     return 0
 
 
-@click.command(name="manoeuvre", short_help="Find the shortest change of speed that decides dry or viscous.")
+@click.command(short_help="Find the shortest change of speed that decides dry or viscous.")
 @click.argument("friction", type=click.Choice(["dry", "viscous"]))
 @cli.wheel_option
 @cli.model_option
@@ -135,7 +135,7 @@ def manoeuvre(
 SEED = 20260126  # of the simulated check: the same wishes give the same figures
 
 
-@click.command(name="tune", short_help="Choose window, prior weight and threshold of the detector.")
+@click.command(short_help="Choose window, prior weight and threshold of the detector.")
 @cli.option("--missed", float, "P", "Wanted probability of missing a jump.", required=True)
 @cli.option("--run-length", float, "N", "Wanted mean number of samples between false alarms.", required=True)
 @cli.option("--jump", float, "SIGMAS", "Size of the jump, in noise deviations.", required=True)
