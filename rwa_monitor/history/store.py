@@ -20,19 +20,27 @@ from sqlalchemy.orm import Session, selectinload
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
     ALL_WHEELS,
+    COMPARED,
+    FEWEST_WHEELS,
+    LATEST,
     MODEL_ALARM,
     MONITOR_ALARM,
     MONITOR_POLICY,
+    MOST_EARLIER,
+    MOST_WHEELS,
     STORED_ALARM,
     WINDOW_POLICY,
     Alarm,
     AlarmEvent,
     EventKind,
     Level,
+    Moved,
     Policy,
     acknowledge,
     advance,
+    moved,
     observe,
+    shift_of,
 )
 from rwa_monitor.history.database import (
     AlarmEventRow,
@@ -43,16 +51,6 @@ from rwa_monitor.history.database import (
     DiscrepancyRow,
     EstimateRow,
     WheelEventRow,
-)
-from rwa_monitor.history.neighbours import (
-    COMPARED,
-    FEWEST_WHEELS,
-    LATEST,
-    MOST_EARLIER,
-    MOST_WHEELS,
-    Moved,
-    moved,
-    shift_of,
 )
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
