@@ -24,8 +24,7 @@ import psutil
 
 from benchmarks.machine import describe_machine, peak_memory_bytes
 from benchmarks.page import add_output_option, page, put_out, table
-from rwa_monitor.batch.cluster import each
-from rwa_monitor.batch.tasks import Diagnose
+from rwa_monitor.batch.tasks import Diagnose, each
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.table import table_writer

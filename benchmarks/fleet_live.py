@@ -35,9 +35,10 @@ from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording.reader import recordings_of
-from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.recorder import Recorder
+from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.service import RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -49,7 +50,7 @@ FULL_SLOTS = 76_000  # of the 80,000 of a window
 FILE_AGE_S = 60.0  # of a recording of the fleet with full windows; it is a day otherwise
 # The command, but for how old a recording may become.
 RUN = f"""
-from rwa_monitor.monitor.recording import recorder
+from rwa_monitor.monitor import recorder
 recorder.MAX_FILE_AGE_S = {FILE_AGE_S}
 from rwa_monitor.cli.main import main
 main()
@@ -119,11 +120,11 @@ def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
     for begin in range(0, len(samples), 256):
         core.feed(samples[begin : begin + 256])
     state = core.checkpoint().to_json()
-    options = RunOptions(wheel=core.wheel, model=core.model)
+    options = RunOptions(setup=Setup(core.wheel, model=core.model))
     folder.mkdir()
     recorder = Recorder(
         folder,
-        attachments=options.setup().attachments(),
+        attachments=options.setup.attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

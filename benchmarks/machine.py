@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import SOFTWARE
 
 PACKAGES: Final = (
     "numpy",

@@ -28,14 +28,12 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor import core
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.ingest.sequencer import Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
-from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.ingest import Sequencer, SlotAssignment
+from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.simulation.datasets import generate
-from rwa_monitor.telemetry.friction import FrictionSource
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import SensorValidation
+from rwa_monitor.telemetry.slots import FrictionSource, RingBuffer, SensorValidation
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEY = "rwa/profile/wheel_1/samples"
@@ -84,10 +82,10 @@ class Stopwatch:
 
 def monitor_in(folder: Path) -> Monitor:
     """Return a monitor that records in a folder."""
-    options = RunOptions(model=built_in_model())
+    options = RunOptions(setup=Setup(model=built_in_model()))
     recorder = Recorder(
         folder,
-        attachments=options.setup().attachments(),
+        attachments=options.setup.attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

@@ -24,17 +24,18 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, EncodedMessage, SamplesMessage, Status, samples_json
+from rwa_monitor.monitor.backfill import Arrival, Inbox
 from rwa_monitor.monitor.bus import MonitorBus
-from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
-from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.recorder import Recorder
+from rwa_monitor.monitor.recording import read_recording, recordings_of
 from rwa_monitor.monitor.replay import recover_state
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import EffectBlock, TemperatureRange, Wheel, built_in_wheel
+from rwa_monitor.words import SOFTWARE
 
 WINDOW_SLOTS: Final = 4_000
 BATCH: Final = 200  # samples of a message
@@ -241,10 +242,10 @@ class SilentBus(MonitorBus):
 
 def make(reference: Reference, folder: Path) -> None:
     """Make one reference recording, or a chain of them, in a new folder."""
-    options = RunOptions(wheel=reference.wheel(), model=built_in_model(), record=folder)
+    options = RunOptions(setup=Setup(reference.wheel(), model=built_in_model()), record=folder)
     scenario = Scenario.from_toml(reference.scenario, reference.name)
-    samples = simulate(scenario, options.wheel, np.random.default_rng(reference.seed)).samples
-    runs = reference.runs(_as_telemetry(samples, heat=bool(options.wheel.effect)))
+    samples = simulate(scenario, options.setup.common, np.random.default_rng(reference.seed)).samples
+    runs = reference.runs(_as_telemetry(samples, heat=bool(options.setup.common.effect)))
     folder.mkdir(parents=True)
     ticks = count()
     # Messages come every 25 s of the wheel's time; the machine's clocks count them.
@@ -269,10 +270,10 @@ def _as_telemetry(samples: Samples, *, heat: bool) -> Samples:
 
 
 def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *, killed: bool) -> None:
-    past = recover_state(folder, options.setup(), Event(), lambda _: None)
+    past = recover_state(folder, options.setup, Event(), lambda _: None)
     recorder = Recorder(
         folder,
-        attachments=options.setup().attachments(),
+        attachments=options.setup.attachments(),
         settings=options.settings(),
         predecessor=past.predecessor,
         wall_ns=clock.wall_ns,

@@ -29,8 +29,8 @@ import numpy as np
 from benchmarks.beside import Beside
 from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
+from rwa_monitor.monitor.backfill import INBOX_BYTES
 from rwa_monitor.monitor.bus import OUTPUT_HISTORY, BusOptions, SamplesPublisher, open_session
-from rwa_monitor.monitor.ingest.backfill import INBOX_BYTES
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

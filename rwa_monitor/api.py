@@ -38,7 +38,7 @@ from rwa_monitor.identification.identify import identify as learn_wheel
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, WindowDiagnosed
-from rwa_monitor.monitor.ingest.sequencer import Trouble
+from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
 from rwa_monitor.monitor.telemetry_files import read_telemetry

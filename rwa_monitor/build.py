@@ -1,7 +1,7 @@
 """Which source the running program was built from, for whoever looks into what it did.
 
 It belongs to what nobody compares: `--version`, the settings of a recording, a report's foot. In diagnoses stands the
-release alone (`rwa_monitor.version`), for their bytes must not differ from commit to commit.
+release alone (`rwa_monitor.words`), for their bytes must not differ from commit to commit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""How times, counts and lists are written for a person."""
+"""How the program names itself in what it writes, and how times, counts and lists are written for a person.
+
+The version of the installed package, which names the commit it was built from, is `rwa_monitor.__version__` (build.py).
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,11 @@ import numpy as np
 
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
+# In what must be the same bytes wherever and whenever it is made: the release whose numbers these are. Raised by hand
+# with a release that changes a diagnosis. The version of the package counts commits and does not belong there: it would
+# make equal diagnoses differ.
+RELEASE: Final = "0.1.0"
+SOFTWARE: Final = f"rwa-monitor {RELEASE}"
 FIRST_UTC_S: Final = 631_152_000  # 1990: a clock with less does not count from 1970, so that it gives no UTC
 Log = Callable[[str], None]  # takes a line of a log
 FEW: Final = 8  # names in one line

@@ -25,13 +25,14 @@ from benchmarks.window import Window
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.recording.reader import RECORDING_SUFFIX, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import REFUSED, Recorder
+from rwa_monitor.monitor.recorder import REFUSED, Recorder
+from rwa_monitor.monitor.recording import RECORDING_SUFFIX, read_recording, recordings_of
 from rwa_monitor.monitor.replay import RecoveredState
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -226,11 +227,11 @@ def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
 
 def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     """Let the monitor serve the wheel: record, guard, detect, diagnose, record, publish."""
-    options = RunOptions(model=built_in_model(), bus=BusOptions(mode="peer", listen=(endpoint,)))
+    options = RunOptions(setup=Setup(model=built_in_model()), bus=BusOptions(mode="peer", listen=(endpoint,)))
     clock = Clock()
     recorder = Recorder(
         folder,
-        attachments=options.setup().attachments(),
+        attachments=options.setup.attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=clock.wall_ns,

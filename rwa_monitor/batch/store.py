@@ -18,7 +18,7 @@ from rwa_monitor.api import diagnosis_row
 from rwa_monitor.batch.tasks import Diagnose, DiagnosedFile
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.telemetry.files import atomic_write, display_name, unreadable, write_text
+from rwa_monitor.telemetry.files import atomic_write, display_name, opened, write_text
 
 FAILED: Final = "failed.csv"
 KIND: Final = "diagnosis"  # of results: their names begin so
@@ -50,11 +50,8 @@ class Store:
 
     def path(self, file: Path) -> Path:
         """Return where the result of a recording lies, whether it is there or not."""
-        try:
-            with file.open("rb") as stream:
-                content = hashlib.file_digest(stream, "sha256").hexdigest()
-        except OSError as error:
-            raise unreadable(file, error) from error
+        with opened(file) as stream:
+            content = hashlib.file_digest(stream, "sha256").hexdigest()
         key = hashlib.sha256("\n".join((self.task.identity(), str(file), content)).encode()).hexdigest()
         # Whatever stands in a file's name, the result lies in this folder.
         name = re.sub(r"[^A-Za-z0-9._-]", "_", file.name)[:NAME_CHARACTERS]

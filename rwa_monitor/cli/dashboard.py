@@ -6,59 +6,49 @@ import os
 import sys
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from rwa_monitor.cli.options import (
-    FILE,
-    Real,
-    Whole,
-    bus_options,
-    log,
-    no_browser_option,
-    option,
-    port_option,
-    record_option,
-    stop_on_signals,
-    warn_if_alone,
-)
+from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import InputError, needs_extra
 
-if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
 
-
-@click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
-@port_option
-@record_option
-@option("--history", str, "URL", "Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]")
-@option(
+@click.command(short_help="The health page on live and recorded diagnoses.")
+@cli.port_option
+@cli.record_option
+@cli.option("--history", str, "URL", "Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]")
+@cli.option(
     "--silence",
-    Real(min=0),
+    cli.Real(min=0),
     "S",
     "A monitor that has been silent for so many seconds is an alarm; 0 for none.",
     default=30.0,
 )
-@option(
+@cli.option(
     "--foxglove",
-    Whole(0, 65535),
+    cli.Whole(0, 65535),
     "PORT",
     "Serve Foxglove live on this port, on loopback (needs rwa-monitor[foxglove]).",
 )
-@option("--allow-origin", str, "ORIGIN", "Pages of this origin, such as Open MCT's http://127.0.0.1:8080, may read.")
-@option("--token", str, "T", "Who has it may acknowledge and shelve.  [default: a random one]")
-@option(
-    "--wheel", FILE, "W.toml", "Constants for friction from current.  [default: those of the latest recording in DIR]"
+@cli.option(
+    "--allow-origin", str, "ORIGIN", "Pages of this origin, such as Open MCT's http://127.0.0.1:8080, may read."
 )
-@no_browser_option
-@bus_options
-def command(
+@cli.option("--token", str, "T", "Who has it may acknowledge and shelve.  [default: a random one]")
+@cli.option(
+    "--wheel",
+    cli.FILE,
+    "W.toml",
+    "Constants for friction from current.  [default: those of the latest recording in DIR]",
+)
+@cli.no_browser_option
+@cli.bus_options
+def dashboard(
     record: Path,
     wheel: Path | None,
     silence: float,
     no_browser: bool,
-    bus: BusOptions,
+    bus: cli.BusOptions,
     **page: Any,
 ) -> None:
     """Serve the health page of all wheels on the bus, with what the recordings in DIR hold.
@@ -72,7 +62,7 @@ def command(
     from rwa_monitor.monitor.bus import endpoints, open_session
     from rwa_monitor.telemetry.configuration import read_wheel
 
-    warn_if_alone(bus)
+    cli.warn_if_alone(bus)
     options = DashboardOptions(
         record=record,
         wheel=read_wheel(wheel) if wheel else None,
@@ -85,19 +75,19 @@ def command(
             try:
                 windows, new = import_recordings(kept, record)
             except InputError as error:
-                log(f"{error}; it is left out")
+                cli.log(f"{error}; it is left out")
             else:
-                log(f"{windows} windows in the recordings, {new} of them new to the history")
+                cli.log(f"{windows} windows in the recordings, {new} of them new to the history")
     elif not record.is_dir():
-        log(f"there is no folder {record} yet; it is made for the history")
-    with stop_on_signals() as stop, open_session(bus) as session, serve(options, session, log) as running:
+        cli.log(f"there is no folder {record} yet; it is made for the history")
+    with cli.stop_on_signals() as stop, open_session(bus) as session, serve(options, session, cli.log) as running:
         show_page(running.address_with_token, no_browser=no_browser)
         stop.wait()
 
 
 def show_page(address: str, *, no_browser: bool) -> None:
     """Log where the page is, and open it where a person sits before a screen."""
-    log(f"the page is at {address}")
+    cli.log(f"the page is at {address}")
     has_screen = sys.platform == "darwin" or "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
     if not no_browser and has_screen and sys.stderr.isatty():
         webbrowser.open(address)

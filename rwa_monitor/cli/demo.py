@@ -18,24 +18,13 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import (
-    Real,
-    Whole,
-    bus_options,
-    log,
-    no_browser_option,
-    option,
-    port_option,
-    record_option,
-    stop_on_signals,
-)
+from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import MissingExtraError, needs_extra
 
 if TYPE_CHECKING:
     import zenoh
 
     from rwa_monitor.messages import Diagnosis, Discrepancy
-    from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.simulation.demo_satellite import Satellite
 
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
@@ -43,14 +32,14 @@ TEMPLATE: Final = Path(__file__).with_suffix(".txt")  # of what is printed at th
 SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
 
 
-@click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
-@option("--duration", Real(1.0, MAX_DURATION_S), "S", "How long the satellite sends [s].", default=90.0)
-@no_browser_option
-@port_option
-@option("--seed", Whole(min=0), "N", "Seed of the satellite: another one hides another effect.", default=1)
-@record_option
-@bus_options
-def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:
+@click.command(short_help="The main job on simulated wheels, one of them failing.")
+@cli.option("--duration", cli.Real(1.0, MAX_DURATION_S), "S", "How long the satellite sends [s].", default=90.0)
+@cli.no_browser_option
+@cli.port_option
+@cli.option("--seed", cli.Whole(min=0), "N", "Seed of the satellite: another one hides another effect.", default=1)
+@cli.record_option
+@cli.bus_options
+def demo(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: cli.BusOptions) -> None:
     """Show the main job on a simulated satellite: four wheels, one of which begins to fail.
 
     Another one has an effect that the monitor's wheel file lacks; the monitor finds out which. Telemetry flows some 300
@@ -61,6 +50,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.monitor.bus import SamplesPublisher, open_session, send
     from rwa_monitor.monitor.service import RunOptions, run
+    from rwa_monitor.monitor.setup import Setup
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
@@ -68,22 +58,21 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     satellite = simulate_satellite(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
     options = RunOptions(
         wheels=f"rwa/{spacecraft}/*/samples",
-        wheel=satellite.wheel,
-        model=built_in_model(),
+        setup=Setup(satellite.wheel, model=built_in_model()),
         record=record,
         log_verdicts=False,  # the view has a line for each window
     )
     with (
-        stop_on_signals() as stop,
+        cli.stop_on_signals() as stop,
         open_session(bus) as session,
         ExitStack() as page,
         ThreadPoolExecutor(2) as workers,
     ):
-        log(f"four simulated wheels, {satellite.speed:.0f} times faster than real time; recording in {record}")
+        cli.log(f"four simulated wheels, {satellite.speed:.0f} times faster than real time; recording in {record}")
         served = _serve_page(page, session, record, port, satellite, no_browser=no_browser)
         view = DemoView(session, satellite, spacecraft)
         ended = Event()
-        monitor = workers.submit(run, options, ended, session=session, log=log)
+        monitor = workers.submit(run, options, ended, session=session, log=cli.log)
         publishers = {key: SamplesPublisher(session, key) for key in satellite.telemetry}
         sender = workers.submit(send, satellite.telemetry, publishers, speed=satellite.speed, stop=ended)
         monitor.add_done_callback(lambda _: stop.set())
@@ -105,13 +94,13 @@ def _serve_page(
         with needs_extra("dashboard"):
             from rwa_monitor.dashboard.server import DashboardOptions, serve
     except MissingExtraError as error:
-        log(f"no page: {error}")
+        cli.log(f"no page: {error}")
         return False
     from rwa_monitor.cli.dashboard import show_page
 
     # The demo's end is no monitor's failure: its recording, shown later, must raise no alarm of one.
     options = DashboardOptions(port, record, wheel=satellite.wheel, silent_s=0.0)
-    running = page.enter_context(serve(options, session, log))
+    running = page.enter_context(serve(options, session, cli.log))
     show_page(running.address_with_token, no_browser=no_browser)
     return True
 
@@ -139,7 +128,7 @@ class DemoView:
     """
 
     def __init__(self, session: zenoh.Session, satellite: Satellite, spacecraft: str) -> None:
-        from rwa_monitor.monitor.ingest.backfill import Inbox
+        from rwa_monitor.monitor.backfill import Inbox
 
         self.diagnoses: defaultdict[str, list[tuple[float, Diagnosis]]] = defaultdict(list)
         self.found: dict[str, tuple[float, Discrepancy]] = {}
@@ -206,7 +195,7 @@ def _report(satellite: Satellite, view: DemoView, record: Path, *, served: bool)
     import jinja2
 
     import rwa_monitor as rwa
-    from rwa_monitor.simulation.demo_satellite import ANOMALY, FACTOR, FAILING, WHEELS
+    from rwa_monitor.simulation import demo_satellite
     from rwa_monitor.words import counted
 
     again: list[str] = []  # verdicts on the windows of the wheel that hides an effect, with its augmented model
@@ -225,8 +214,5 @@ def _report(satellite: Satellite, view: DemoView, record: Path, *, served: bool)
         again=again[: len(view.verdicts(satellite.hiding))],
         counted=counted,
         counts=_counts,
-        ANOMALY=ANOMALY,
-        FACTOR=FACTOR,
-        FAILING=FAILING,
-        WHEELS=WHEELS,
+        demo=demo_satellite,
     )

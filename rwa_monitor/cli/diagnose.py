@@ -10,22 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from rwa_monitor.cli.options import (
-    FILE,
-    Recordings,
-    as_one,
-    console_of_stdout,
-    flag,
-    log,
-    method_option,
-    model_option,
-    option,
-    recordings_options,
-    scheduler_option,
-    track,
-    wheel_option,
-    workers_option,
-)
+from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
@@ -43,33 +28,36 @@ class AtOnce(NamedTuple):
     workers: int | None = None
 
 
-at_once_options = as_one(
+at_once_options = cli.as_one(
     "many",
     AtOnce,
-    option(
-        "--results", FILE, "DIR", "Keep one Parquet file for each recording there, and do again only what is not done."
+    cli.option(
+        "--results",
+        cli.FILE,
+        "DIR",
+        "Keep one Parquet file for each recording there, and do again only what is not done.",
     ),
-    scheduler_option,
-    workers_option,
+    cli.scheduler_option,
+    cli.workers_option,
 )
 
 
-@click.command(name="diagnose", short_help="Diagnose recordings, from tables to ROS 2 bags.")
-@wheel_option
-@model_option
-@method_option
-@flag("--json", "One JSON object for each window and line (rwa.Diagnosis).")
-@flag("--carry", "Start each file with what the ones before it showed of the wheel.")
+@click.command(short_help="Diagnose recordings, from tables to ROS 2 bags.")
+@cli.wheel_option
+@cli.model_option
+@cli.method_option
+@cli.flag("--json", "One JSON object for each window and line (rwa.Diagnosis).")
+@cli.flag("--carry", "Start each file with what the ones before it showed of the wheel.")
 @at_once_options
-@recordings_options
-def command(
+@cli.recordings_options
+def diagnose(
     wheel: Path | None,
     model: Path | None,
     method: Method,
     json: bool,
     carry: bool,
     many: AtOnce,
-    recordings: Recordings,
+    recordings: cli.Recordings,
 ) -> int:
     """Diagnose recordings, window by window, in the order given.
 
@@ -98,7 +86,7 @@ def command(
     task = Diagnose(
         read_wheel(wheel) if wheel else None, recordings.decoding, read_model(model) if model else None, method
     )
-    console = None if json else console_of_stdout()
+    console = None if json else cli.console_of_stdout()
     by_wheel: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)
     not_judged: list[str] = []
     windows = 0
@@ -113,11 +101,11 @@ def command(
             by_wheel[diagnosis.spacecraft, diagnosis.wheel].append(window_friction(diagnosis))
     _print_trends(by_wheel)
     if not_judged:
-        log(f"{len(not_judged)} of {counted(windows, 'window')} could not be judged, the last: {not_judged[-1]}")
+        cli.log(f"{len(not_judged)} of {counted(windows, 'window')} could not be judged, the last: {not_judged[-1]}")
     return recordings.status
 
 
-def _one_by_one(task: Diagnose, recordings: Recordings, carry: bool) -> Iterator[Diagnosis]:
+def _one_by_one(task: Diagnose, recordings: cli.Recordings, carry: bool) -> Iterator[Diagnosis]:
     """Diagnose one file after the other."""
     carried: CarriedStates = {}
     for file in recordings.files:
@@ -133,9 +121,9 @@ def _one_by_one(task: Diagnose, recordings: Recordings, carry: bool) -> Iterator
         yield from found.diagnoses
 
 
-def _at_once(task: Diagnose, recordings: Recordings, many: AtOnce) -> Iterator[Diagnosis]:
+def _at_once(task: Diagnose, recordings: cli.Recordings, many: AtOnce) -> Iterator[Diagnosis]:
     """Diagnose many files at once."""
-    from rwa_monitor.batch.cluster import each
+    from rwa_monitor.batch.tasks import each
     from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.telemetry.table import arrow
 
@@ -147,7 +135,7 @@ def _at_once(task: Diagnose, recordings: Recordings, many: AtOnce) -> Iterator[D
         store = Store(many.results, task)
         make_folder(many.results)
     outcomes = each(store or task, recordings.files, scheduler=many.scheduler, workers=many.workers)
-    for outcome in track(outcomes, len(recordings.files), "diagnosing"):
+    for outcome in cli.track(outcomes, len(recordings.files), "diagnosing"):
         if outcome.result is None:
             recordings.failed(outcome.file, outcome.error)
             continue
@@ -156,7 +144,7 @@ def _at_once(task: Diagnose, recordings: Recordings, many: AtOnce) -> Iterator[D
     if store:
         store.write_failures(recordings.failures)
         given, failed = len(recordings.files), len(recordings.failures)
-        log(f"results of {given - failed} of {given} recordings in {many.results}")
+        cli.log(f"results of {given - failed} of {given} recordings in {many.results}")
 
 
 def _print_trends(by_wheel: dict[tuple[str, str], list[WindowFriction]]) -> None:

@@ -8,21 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
-from rwa_monitor.cli.options import (
-    FILE,
-    Recordings,
-    Whole,
-    as_one,
-    console_of_stdout,
-    flag,
-    known_wheel,
-    log,
-    motor_off_option,
-    option,
-    recordings_options,
-    status_line,
-    wheel_option,
-)
+from rwa_monitor.cli import options as cli
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -47,48 +33,48 @@ class ReportOptions(NamedTuple):
     plan: bool
 
 
-report_options = as_one(
+report_options = cli.as_one(
     "wanted",
     ReportOptions,
-    option("--out", FILE, "DIR", "Write report.html, report.json and extended_wheel.toml there."),
-    option(
+    cli.option("--out", cli.FILE, "DIR", "Write report.html, report.json and extended_wheel.toml there."),
+    cli.option(
         "--bootstrap",
-        Whole(0, 10_000),
+        cli.Whole(0, 10_000),
         "B",
         "Take p-values from B simulated records without the effect instead of the table.",
         default=0,
     ),
-    option(
+    cli.option(
         "--held-out",
-        FILE,
+        cli.FILE,
         "FILE",
         "A recording to measure the gain on: nothing is searched or fitted there. May be given several times.",
         multiple=True,
     ),
-    flag(
+    cli.flag(
         "--search-again",
         "Search parts of the data by themselves, too, and judge on the rest; takes up to three times as long.",
     ),
-    flag(
+    cli.flag(
         "--no-diagnosis",
         "Leave out what the extension does to the diagnosis (16 simulated windows: some 6 s of processor time).",
     ),
-    flag("--plan", "Rank the manoeuvres that would separate the leading causes."),
+    cli.flag("--plan", "Rank the manoeuvres that would separate the leading causes."),
 )
 
 
-@click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
-@wheel_option
-@motor_off_option
-@flag("--json", "Print the report as one JSON object (rwa.Discrepancy).")
+@click.command(short_help="Show what the simulation gets wrong, and name the cause.")
+@cli.wheel_option
+@cli.motor_off_option
+@cli.flag("--json", "Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
-@recordings_options
-def command(
+@cli.recordings_options
+def discrepancy(
     wheel: Path | None,
     motor_off: bool,
     json: bool,
     wanted: ReportOptions,
-    recordings: Recordings,
+    recordings: cli.Recordings,
 ) -> int:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
 
@@ -106,7 +92,7 @@ def command(
 
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
-    given = known_wheel(wheel, motor_off=motor_off)
+    given = cli.known_wheel(wheel, motor_off=motor_off)
     samples, known = recordings.of_one_wheel(given)
     held_out, _ = recordings.of_one_wheel(given, wanted.held_out)
     found = _search(samples, held_out, known or built_in_wheel(), wanted, on_threads(cores()))
@@ -115,7 +101,7 @@ def command(
         _write_report(found, [str(file) for file in recordings.files], wanted.out)
     _print(found, planned, json)
     if wanted.out is not None:
-        log(f"report written to {wanted.out}")
+        cli.log(f"report written to {wanted.out}")
     return recordings.status
 
 
@@ -127,16 +113,16 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
     from rwa_monitor.discrepancy.motor_constants import shown_constants
     from rwa_monitor.discrepancy.plausible import remarks
 
-    log(*as_measured([*samples, *held_out], wheel).notes)
-    with status_line("searching") as progress:
+    cli.log(*as_measured([*samples, *held_out], wheel).notes)
+    with cli.status_line("searching") as progress:
         for name, one in (*samples, *held_out):
-            log(*(f"{name}: {words}" for words in remarks(one, wheel)))
+            cli.log(*(f"{name}: {words}" for words in remarks(one, wheel)))
         found = find_discrepancy(samples, wheel, progress, side_by_side, held_out)
         if wanted.search_again:
             found = with_search_again(found, samples, progress, side_by_side)
-        log(viscous_in_question(found) or "")
+        cli.log(viscous_in_question(found) or "")
         for name, one in samples:
-            log(*(f"{name}: {constant.in_words()}" for constant in shown_constants(one, found.wheel)))
+            cli.log(*(f"{name}: {constant.in_words()}" for constant in shown_constants(one, found.wheel)))
         if wanted.bootstrap:
             from rwa_monitor.discrepancy.p_values import with_bootstrap
 
@@ -155,7 +141,7 @@ def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
         click.echo(json.dumps(report, ensure_ascii=False, allow_nan=False))
         return
     click.echo(sentence(found.result))
-    console = console_of_stdout()
+    console = cli.console_of_stdout()
     for part in details(found):
         console.print(part)
     for line in plan_lines(planned) if planned is not None else ():

@@ -13,31 +13,30 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor import __version__
-from rwa_monitor.cli.options import FAILED, FILE, bus_options, model_option, option, wheel_folder_option, wheel_option
+from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import InputError, RwaMonitorError
 
 if TYPE_CHECKING:
     import zenoh
 
-    from rwa_monitor.monitor.bus import BusOptions
 
 ANSWER_S: Final = (
     3.0  # how long a router or peer has to answer, and monitors, which publish every second, to be heard of
 )
 
 
-@click.command(name="doctor", short_help="Check installation, configuration and bus connection.")
-@wheel_option
-@model_option
-@wheel_folder_option
-@option("--record", FILE, "DIR", "The folder in which `run` shall record.")
-@bus_options
-def command(
+@click.command(short_help="Check installation, configuration and bus connection.")
+@cli.wheel_option
+@cli.model_option
+@cli.wheel_folder_option
+@cli.option("--record", cli.FILE, "DIR", "The folder in which `run` shall record.")
+@cli.bus_options
+def doctor(
     wheel: Path | None,
     model: Path | None,
     wheel_folder: Path | None,
     record: Path | None,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> int:
     """Check this installation, wheels and model, the folder for recordings, and, with -e or -l, the bus.
 
@@ -66,7 +65,7 @@ def command(
         check("record", lambda: look_at_recordings(record))
     if bus.connect or bus.listen or bus.config:
         check("bus", lambda: look_at_bus(bus))
-    return FAILED if failed else 0
+    return cli.FAILED if failed else 0
 
 
 # ---- installation ----------------------------------------------------------------------------------------------------
@@ -160,7 +159,7 @@ def look_at_recordings(folder: Path) -> str:
 
     from rich.filesize import decimal
 
-    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, locked
+    from rwa_monitor.monitor.recorder import MIN_FREE_BYTES, locked
 
     if not folder.exists():
         return f"{folder} is not there yet"
@@ -174,7 +173,7 @@ def look_at_recordings(folder: Path) -> str:
     return f"{found}; {f'goes on from {last.name}' if last else 'holds no recording yet'}"
 
 
-def look_at_bus(bus: BusOptions) -> str:
+def look_at_bus(bus: cli.BusOptions) -> str:
     """Check that the bus can be reached with the options, and return who publishes on it.
 
     Raises

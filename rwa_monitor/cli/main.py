@@ -25,29 +25,28 @@ from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 # all processes started from here; from Python, rwa_monitor.threads does it.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
-# Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
-# so that --help and a mistyped option answer at once.
-COMMANDS: Final = [
-    "demo",
-    "run",
-    "simulate",
-    "train",
-    "diagnose",
-    "evaluate",
-    "discrepancy",
-    "export",
-    "identify",
-    "tune",
-    "manoeuvre",
-    "replay",
-    "recover",
-    "bridge",
-    "packets",
-    "foxglove",
-    "dashboard",
-    "doctor",
-]
-MODULES: Final = {"recover": "replay", "foxglove": "replay"}  # commands beside another one in its module
+# The module of each command, a function of the command's name. Modules import what they need when the command runs, not
+# before, so that --help and a mistyped option answer at once.
+COMMANDS: Final = {
+    "demo": "demo",
+    "run": "run",
+    "simulate": "simulate",
+    "train": "labels",
+    "diagnose": "diagnose",
+    "evaluate": "labels",
+    "discrepancy": "discrepancy",
+    "export": "wheel",
+    "identify": "wheel",
+    "tune": "wheel",
+    "manoeuvre": "wheel",
+    "replay": "replay",
+    "recover": "replay",
+    "bridge": "space_packets",
+    "packets": "space_packets",
+    "foxglove": "replay",
+    "dashboard": "dashboard",
+    "doctor": "doctor",
+}
 
 
 class Program(click.Group):
@@ -58,13 +57,12 @@ class Program(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         del ctx
-        return COMMANDS
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name in self.commands or cmd_name not in COMMANDS:
             return super().get_command(ctx, cmd_name)
-        module = import_module(f"rwa_monitor.cli.{MODULES.get(cmd_name, cmd_name)}")
-        found: click.Command = getattr(module, cmd_name if cmd_name in MODULES else "command")
+        found: click.Command = getattr(import_module(f"rwa_monitor.cli.{COMMANDS[cmd_name]}"), cmd_name)
         return found
 
     def resolve_command(

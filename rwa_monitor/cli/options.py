@@ -21,9 +21,9 @@ from rwa_monitor.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.monitor.bus import BusOptions as BusOptions  # noqa: PLC0414 - commands name it so
     from rwa_monitor.samples import Samples
-    from rwa_monitor.telemetry.reader import Decoding
+    from rwa_monitor.telemetry.reader import Decoding as Decoding  # noqa: PLC0414
     from rwa_monitor.wheel.wheel import Wheel
 
 

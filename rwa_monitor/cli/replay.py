@@ -4,44 +4,28 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.options import (
-    FAILED,
-    FILE,
-    UNREADABLE,
-    bus_options,
-    flag,
-    log,
-    recording_output_option,
-    speed_option,
-    status_line,
-    stop_on_signals,
-    warn_if_alone,
-)
-
-if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
+from rwa_monitor.cli import options as cli
 
 
-@click.command(name="replay", short_help="Re-run a recording, and check that the results agree.")
-@click.argument("recordings", nargs=-1, required=True, type=FILE, metavar="RECORDING...")
-@flag("--verify", "Compare with what the recording holds, to 1e-9 relative.")
-@flag("--exact", "Demand equal bytes; means --verify.")
-@flag("--long", "List every difference, not only their number per field.")
-@flag("--publish", "Publish the recorded inputs on the bus instead.")
-@speed_option
-@bus_options
-def command(
+@click.command(short_help="Re-run a recording, and check that the results agree.")
+@click.argument("recordings", nargs=-1, required=True, type=cli.FILE, metavar="RECORDING...")
+@cli.flag("--verify", "Compare with what the recording holds, to 1e-9 relative.")
+@cli.flag("--exact", "Demand equal bytes; means --verify.")
+@cli.flag("--long", "List every difference, not only their number per field.")
+@cli.flag("--publish", "Publish the recorded inputs on the bus instead.")
+@cli.speed_option
+@cli.bus_options
+def replay(
     recordings: tuple[Path, ...],
     verify: bool,
     exact: bool,
     long: bool,
     publish: bool,
     speed: float,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> int:
     """Re-run a recording: a file, or a folder as a chain of files.
 
@@ -56,66 +40,66 @@ def command(
     paths = recordings[0] if len(recordings) == 1 else recordings
     if publish:
         return _publish(paths, speed, bus)
-    with status_line("replaying") as progress:
+    with cli.status_line("replaying") as progress:
         report = replay(paths, lambda done: progress(f"{done:,} messages"))
     if compare:
         click.echo(report.long() if long else report.short())
     else:
         for topic, message in report.messages:
             click.echo(json.dumps({"topic": topic, "message": json.loads(message)}, ensure_ascii=False))
-    log(*report.notes, *report.unreadable)
+    cli.log(*report.notes, *report.unreadable)
     # A difference weighs more than what could not be read.
     if (compare and not report.equal) or (exact and not report.bytes_equal):
-        return FAILED
-    return UNREADABLE if report.unreadable else 0
+        return cli.FAILED
+    return cli.UNREADABLE if report.unreadable else 0
 
 
-def _publish(paths: Path | tuple[Path, ...], speed: float, bus: BusOptions) -> int:
+def _publish(paths: Path | tuple[Path, ...], speed: float, bus: cli.BusOptions) -> int:
     """Send the recorded inputs in the pace of their own time."""
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.replay import replay_to_bus
     from rwa_monitor.words import counted
 
-    warn_if_alone(bus)
-    with stop_on_signals() as stop, open_session(bus) as session:
+    cli.warn_if_alone(bus)
+    with cli.stop_on_signals() as stop, open_session(bus) as session:
         sent = replay_to_bus(paths, session, speed=speed, stop=stop)
-    log(f"{counted(sent, 'message')} published")
+    cli.log(f"{counted(sent, 'message')} published")
     return 0
 
 
 # ---- recordings written again ----------------------------------------------------------------------------------------
 
 
-@click.command(name="recover", short_help="Save what a damaged recording still holds.")
-@click.argument("recording", type=FILE, metavar="FILE.mcap")
-@recording_output_option
+@click.command(short_help="Save what a damaged recording still holds.")
+@click.argument("recording", type=cli.FILE, metavar="FILE.mcap")
+@cli.recording_output_option
 def recover(recording: Path, output: Path) -> int:
     """Save every whole chunk of a cut or damaged recording, and only true messages.
 
     What is lost is logged on stderr, and the exit code is 3 then.
     """
-    from rwa_monitor.monitor.recording.recorder import recover as save
+    from rwa_monitor.monitor.recorder import recover as save
     from rwa_monitor.words import counted
 
     recovery = save(recording, output)
-    log(*recovery.lost)
-    log(f"{output}: {counted(recovery.messages, 'message')} saved")
-    return UNREADABLE if recovery.lost else 0
+    cli.log(*recovery.lost)
+    cli.log(f"{output}: {counted(recovery.messages, 'message')} saved")
+    return cli.UNREADABLE if recovery.lost else 0
 
 
-@click.command(name="foxglove", short_help="Recordings for Foxglove, with a layout.")
-@click.argument("recordings", nargs=-1, required=True, type=FILE, metavar="RECORDING...")
-@recording_output_option
+@click.command(short_help="Recordings for Foxglove, with a layout.")
+@click.argument("recordings", nargs=-1, required=True, type=cli.FILE, metavar="RECORDING...")
+@cli.recording_output_option
 def foxglove(recordings: tuple[Path, ...], output: Path) -> int:
     """Write recordings (files, or folders of them) as one MCAP file that Foxglove and Lichtblick plot.
 
     Every sample is a message, friction's parts and its jumps have topics, and what concerns an operator is a
     foxglove.Log. OUT.layout.json is the layout for it, and for the same wheels live (dashboard --foxglove).
     """
-    from rwa_monitor.monitor.recording.recorder import write_foxglove
+    from rwa_monitor.monitor.recorder import write_foxglove
     from rwa_monitor.words import counted
 
     written = write_foxglove(recordings, output)
-    log(*written.problems)
-    log(f"{output}: {counted(written.messages, 'message')}; the layout for Foxglove is {written.layout}")
-    return UNREADABLE if written.problems else 0
+    cli.log(*written.problems)
+    cli.log(f"{output}: {counted(written.messages, 'message')}; the layout for Foxglove is {written.layout}")
+    return cli.UNREADABLE if written.problems else 0

@@ -5,25 +5,10 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.options import (
-    FILE,
-    Real,
-    bus_options,
-    log,
-    model_option,
-    option,
-    stop_on_signals,
-    warn_if_alone,
-    wheel_folder_option,
-    wheel_option,
-)
-
-if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
+from rwa_monitor.cli import options as cli
 
 
 def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int, int]:
@@ -36,15 +21,15 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     return share, of
 
 
-@click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
-@option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
-@wheel_option
-@wheel_folder_option
-@model_option
-@option("--record", FILE, "DIR", "Record everything in this folder, and continue from what it holds.")
-@option(
+@click.command(short_help="Monitor wheels live on a Zenoh bus.")
+@cli.option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
+@cli.wheel_option
+@cli.wheel_folder_option
+@cli.model_option
+@cli.option("--record", cli.FILE, "DIR", "Record everything in this folder, and continue from what it holds.")
+@cli.option(
     "--record-limit",
-    Real(min=0.1),
+    cli.Real(min=0.1),
     "GB",
     "Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
@@ -55,16 +40,16 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     metavar="I/N",
     help="Serve share I of N: the wheels are divided among N of these.",
 )
-@option(
+@cli.option(
     "--stored-after",
-    Real(min=0.0),
+    cli.Real(min=0.0),
     "S",
     "Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
     " not say, and the wheel's clock agrees with it; 0: never.  [default: 600]",
 )
-@option("--alive", FILE, "FILE", "Touched every second, for a container's health check.")
-@bus_options
-def command(
+@cli.option("--alive", cli.FILE, "FILE", "Touched every second, for a container's health check.")
+@cli.bus_options
+def run(
     wheels: str,
     wheel: Path | None,
     wheel_folder: Path | None,
@@ -74,7 +59,7 @@ def command(
     shard: tuple[int, int],
     stored_after: float | None,
     alive: Path | None,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> None:
     """Monitor wheels live: subscribe to their samples, diagnose, publish and record.
 
@@ -82,25 +67,24 @@ def command(
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.monitor.service import STORED_AFTER_S, RunOptions, Supervisor, run
+    from rwa_monitor.monitor.setup import Setup
     from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
 
     common = read_wheel(wheel)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
     for name, one in [(common.name, common), *(("/".join(key), own) for key, own in own_wheels.items())]:
-        log(*(f"{name}: {note}" for note in one.missing()))
-    warn_if_alone(bus)
+        cli.log(*(f"{name}: {note}" for note in one.missing()))
+    cli.warn_if_alone(bus)
     if record is None:
-        log("nothing is recorded; give --record DIR to be able to replay")
+        cli.log("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
         wheels=wheels,
-        wheel=common,
-        own_wheels=own_wheels,
-        model=read_model(model),
+        setup=Setup(common, own_wheels, read_model(model)),
         record=record,
         max_record_bytes=None if record_limit is None else int(record_limit * 1e9),
         bus=bus,
         shard=shard,
         stored_after_s=STORED_AFTER_S if stored_after is None else stored_after,
     )
-    with stop_on_signals() as stop:
-        run(options, stop, log=log, supervisor=Supervisor(os.environ, alive))
+    with cli.stop_on_signals() as stop:
+        run(options, stop, log=cli.log, supervisor=Supervisor(os.environ, alive))

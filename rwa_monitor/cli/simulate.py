@@ -7,40 +7,28 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import (
-    FILE,
-    Whole,
-    bus_options,
-    log,
-    option,
-    speed_option,
-    stop_on_signals,
-    track,
-    warn_if_alone,
-    wheel_option,
-)
+from rwa_monitor.cli import options as cli
 
 if TYPE_CHECKING:
-    from rwa_monitor.monitor.bus import BusOptions
     from rwa_monitor.simulation.datasets import LabelledWindow
 
 DEFAULT_KEY: Final = "rwa/simulated/wheel_{n}/samples"
 
-scenario_option = option(
-    "--scenario", FILE, "S.toml", "What happens to the wheel.  [default: a healthy wheel in orbit]"
+scenario_option = cli.option(
+    "--scenario", cli.FILE, "S.toml", "What happens to the wheel.  [default: a healthy wheel in orbit]"
 )
-seed_option = option("--seed", Whole(0), "N", "The same seed gives the same bytes.", default=0)
-output_option = option("-o --output", FILE, "PATH", "Where to write.", required=True)
+seed_option = cli.option("--seed", cli.Whole(0), "N", "The same seed gives the same bytes.", default=0)
+output_option = cli.option("-o --output", cli.FILE, "PATH", "Where to write.", required=True)
 
 
-@click.group(name="simulate", short_help="Make telemetry: recording, data set, live wheel.", no_args_is_help=False)
-def command() -> None:
+@click.group(short_help="Make telemetry: recording, data set, live wheel.", no_args_is_help=False)
+def simulate() -> None:
     """Simulate telemetry: one recording, a labelled data set, or a live wheel."""
 
 
-@command.command(short_help="Write one recording and its truth.")
+@simulate.command(short_help="Write one recording and its truth.")
 @scenario_option
-@wheel_option
+@cli.wheel_option
 @seed_option
 @output_option
 def recording(scenario: Path | None, wheel: Path | None, seed: int, output: Path) -> None:
@@ -55,16 +43,16 @@ def recording(scenario: Path | None, wheel: Path | None, seed: int, output: Path
     write = table_writer(output)
     window = _simulate(scenario, wheel, seed, output.stem)
     write(window.telemetry.samples, output)
-    log(write_truth(window, output, seed=seed))
-    log(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
+    cli.log(write_truth(window, output, seed=seed))
+    cli.log(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
 
 
-@command.command(short_help="Write labelled windows, to train with.")
-@option("--recipe", str, "NAME", "What the windows are like; a wrong name lists them.", required=True)
-@option("--count", Whole(1), "N", "Windows to make.", required=True)
+@simulate.command(short_help="Write labelled windows, to train with.")
+@cli.option("--recipe", str, "NAME", "What the windows are like; a wrong name lists them.", required=True)
+@cli.option("--count", cli.Whole(1), "N", "Windows to make.", required=True)
 @seed_option
 @output_option
-@option("--format", click.Choice(["parquet", "csv"]), None, "Of the sample tables.", default="parquet")
+@cli.option("--format", click.Choice(["parquet", "csv"]), None, "Of the sample tables.", default="parquet")
 def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> None:  # noqa: A002
     """Write labelled windows into the folder -o DIR: one sample table each, labels.csv, and the truth of each.
 
@@ -76,7 +64,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> No
     from rwa_monitor.telemetry.table import table_writer
     from rwa_monitor.words import counted
 
-    windows = track(generate(recipe, count, seed), count, "simulating")
+    windows = cli.track(generate(recipe, count, seed), count, "simulating")
     rows: list[dict[str, str]] = []
     left_out = ""
     for window in windows:
@@ -88,19 +76,19 @@ def dataset(recipe: str, count: int, seed: int, output: Path, format: str) -> No
         left_out = write_truth(window, table, recipe=recipe, seed=seed)
         rows.append({"file": table.name, **{name: str(int(active)) for name, active in window.labels.items()}})
     write_labels(rows, output / "labels.csv")
-    log(left_out)
-    log(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
+    cli.log(left_out)
+    cli.log(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
 
 
-@command.command(short_help="Publish one recording on the bus.")
+@simulate.command(short_help="Publish one recording on the bus.")
 @scenario_option
-@wheel_option
+@cli.wheel_option
 @seed_option
-@speed_option
-@option("--key", str, "KEY", "The samples on the bus; {n} counts wheels.", default=DEFAULT_KEY)
-@option("--count", Whole(1, 4096), "N", "So many wheels at once.", default=1)
-@option("--batch", Whole(1, 100_000), "N", "Samples of one message.", default=256)
-@bus_options
+@cli.speed_option
+@cli.option("--key", str, "KEY", "The samples on the bus; {n} counts wheels.", default=DEFAULT_KEY)
+@cli.option("--count", cli.Whole(1, 4096), "N", "So many wheels at once.", default=1)
+@cli.option("--batch", cli.Whole(1, 100_000), "N", "Samples of one message.", default=256)
+@cli.bus_options
 def publish(
     scenario: Path | None,
     wheel: Path | None,
@@ -109,7 +97,7 @@ def publish(
     key: str,
     count: int,
     batch: int,
-    bus: BusOptions,
+    bus: cli.BusOptions,
 ) -> None:
     """Publish one recording on the bus in the pace of its own time, as a satellite's computer would.
 
@@ -118,21 +106,21 @@ def publish(
     """
     from rwa_monitor.monitor.bus import BusWatch, SamplesPublisher, endpoints, open_session, send
 
-    warn_if_alone(bus)
+    cli.warn_if_alone(bus)
     if count > 1 and "{n}" not in key:
         raise click.BadParameter("with --count, KEY needs {n} where the number of the wheel stands", param_hint="--key")
     keys = [key.replace("{n}", str(number)) for number in range(1, count + 1)]
     telemetry = {
         key: _simulate(scenario, wheel, seed + number, "published").telemetry.samples for number, key in enumerate(keys)
     }
-    with stop_on_signals() as stop, open_session(bus) as session:
+    with cli.stop_on_signals() as stop, open_session(bus) as session:
         publishers = {key: SamplesPublisher(session, key) for key in keys}
         sent = send(telemetry, publishers, speed=speed, batch_samples=batch, stop=stop)
         trouble = BusWatch(session, endpoints(bus)).trouble()
     if trouble:
-        log(f"{trouble.removesuffix(' Trying again.')} Nobody can have received the last samples.")
+        cli.log(f"{trouble.removesuffix(' Trying again.')} Nobody can have received the last samples.")
     total = sum(len(samples) for samples in telemetry.values())
-    log(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
+    cli.log(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
 
 
 def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, name: str) -> LabelledWindow:

@@ -57,7 +57,7 @@ from rwa_monitor.messages import (
     key_of,
 )
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
-from rwa_monitor.version import RELEASE, SOFTWARE
+from rwa_monitor.words import RELEASE, SOFTWARE
 
 CONTENT_TYPE: Final = CONTENT_TYPE_PLAIN_0_0_4
 SAMPLES: Final = ("used", "masked", "late", "duplicate", "rejected")

@@ -15,7 +15,7 @@ from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import EncodedMessage, dump_json
 from rwa_monitor.monitor.bus import BusThread
 from rwa_monitor.reporting.foxglove import LOG_SCHEMA, Translator, schemas
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import SOFTWARE
 
 HOST: Final = "127.0.0.1"
 MAX_TOPICS: Final = 50_000  # of a thousand wheels some ten thousand; those of more are not shown

@@ -31,7 +31,7 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.recording.reader import (
+from rwa_monitor.monitor.recording import (
     RECORDING_SUFFIX,
     Recording,
     read_chain,

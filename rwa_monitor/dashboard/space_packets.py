@@ -8,7 +8,6 @@ definition does not name is left out; of such alarms the highest level stands un
 from __future__ import annotations
 
 import re
-import socket
 import struct
 from collections import Counter, deque
 from collections.abc import Callable, Mapping, Sequence
@@ -20,17 +19,16 @@ import zenoh
 
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, VISCOUS_UNIT
-from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import BOUNDS, MODEL_ALARM, MONITOR_ALARM, WINDOW_POLICY, Level
 from rwa_monitor.messages import AlarmLevel, AlarmPhase, Diagnosis, Health, Verdict, split_key
 from rwa_monitor.monitor.bridge import UdpAddress
 from rwa_monitor.monitor.bus import OUTPUT_HISTORY, BusThread
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.telemetry.ccsds_packets import HEADER, SEQUENCE_MODULUS, UNSEGMENTED
-from rwa_monitor.telemetry.telemetry_map import MAX_APID
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.telemetry.reader import MAX_APID
 from rwa_monitor.wheel.wheel import Wheel
-from rwa_monitor.words import Log
+from rwa_monitor.words import SOFTWARE, Log
 
 SECONDARY: Final = struct.Struct(">IHB")  # behind the primary header: seconds, their fractions, kind
 TEXT_BYTES: Final = 256
@@ -255,11 +253,7 @@ class PacketSender(BusThread):
         self.packets = 0
         self._session, self._writer, self._log = session, writer, log
         self._logged: set[str] = set()
-        try:
-            family, kind, protocol, _, place = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-        except OSError as error:
-            raise RwaMonitorError(f"{address.host}: there is no such address: {error.strerror or error}") from error
-        self._socket, self._place = socket.socket(family, kind, protocol), place
+        self._socket, self._place = address.open()
         super().__init__(session, "space packets", *(f"rwa/*/*/{message.kind}" for message in KINDS.values()))
 
     def __enter__(self) -> Self:

@@ -10,14 +10,13 @@ from typing import Any, Final
 import jinja2
 import numpy as np
 
-from rwa_monitor.export.model import FrictionModel, Part
-from rwa_monitor.export.recording import literal
+from rwa_monitor.export.model import FrictionModel, Part, literal
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.simulation.record import COUPLING_ROUNDS, couple
-from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.formula import ORIGIN_degC
+from rwa_monitor.words import SOFTWARE
 
 SLOTS: Final = 20_001  # of a sweep
 SWEEP_S: Final = 2_000.0  # s, from rest to the largest speed, down to the opposite one, and back to rest

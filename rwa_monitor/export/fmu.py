@@ -25,18 +25,6 @@ from rwa_monitor.wheel.effects.formula import ORIGIN_degC
 
 # No contraction to fused multiply-add: the bits of the package's own kernels.
 FLAGS: Final = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
-BUILD_DESCRIPTION: Final = """\
-<?xml version="1.0" encoding="UTF-8"?>
-<fmiBuildDescription fmiVersion="3.0">
-  <BuildConfiguration modelIdentifier="rwa_friction">
-    <SourceFileSet language="C99">
-      <SourceFile name="rwa_friction.c"/>
-      <SourceFile name="rwa_fmi3.c"/>
-    </SourceFileSet>
-    <Library name="m" external="true"/>
-  </BuildConfiguration>
-</fmiBuildDescription>
-"""
 
 
 def fmu_files(model: FrictionModel) -> dict[str, bytes]:
@@ -56,7 +44,7 @@ def fmu_files(model: FrictionModel) -> dict[str, bytes]:
     contents = {
         "modelDescription.xml": description.encode(),
         f"binaries/{platform.machine()}-linux/rwa_friction.so": shared_library(sources, "--to fmu"),
-        "sources/buildDescription.xml": BUILD_DESCRIPTION.encode(),
+        "sources/buildDescription.xml": render("buildDescription.xml", model).encode(),
         **{f"sources/{name}": text.encode() for name, text in sources.items()},
     }
     file = io.BytesIO()

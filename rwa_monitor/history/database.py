@@ -13,21 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 from urllib.parse import quote
 
-from sqlalchemy import (
-    URL,
-    BigInteger,
-    Engine,
-    ForeignKey,
-    Index,
-    Integer,
-    Text,
-    UniqueConstraint,
-    create_engine,
-    event,
-    insert,
-    make_url,
-    select,
-)
+import sqlalchemy as sa
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column, relationship
 from sqlalchemy.pool import StaticPool
@@ -107,15 +93,15 @@ def _identity(path: Path | None) -> tuple[int, int] | None:
     return facts.st_dev, facts.st_ino
 
 
-def _url(place: Path | str | None) -> URL:
+def _url(place: Path | str | None) -> sa.URL:
     """Return the URL of a place; its password is shown to nobody."""
     if place is None:
-        return make_url("sqlite://")
+        return sa.make_url("sqlite://")
     if isinstance(place, Path):
         # No connection makes a file: an empty one in the place of one that was removed would pass for one put there.
-        return make_url(f"sqlite:///file:{quote(str(place.absolute()))}?mode=rw&uri=true")
+        return sa.make_url(f"sqlite:///file:{quote(str(place.absolute()))}?mode=rw&uri=true")
     try:
-        url = make_url(place)
+        url = sa.make_url(place)
     except ArgumentError as error:
         raise InputError("history", "is no URL of a database, such as postgresql://USER:PASSWORD@HOST/NAME") from error
     if url.get_backend_name() != "postgresql":
@@ -123,7 +109,7 @@ def _url(place: Path | str | None) -> URL:
     return url.set(drivername="postgresql+psycopg")
 
 
-def _open_engine(url: URL) -> Engine:
+def _open_engine(url: sa.URL) -> sa.Engine:
     """Open the database and make its tables where they are missing."""
     options: dict[str, Any]
     if url.get_backend_name() == "postgresql":
@@ -135,11 +121,11 @@ def _open_engine(url: URL) -> Engine:
         if url.database is None:
             options["poolclass"] = StaticPool
     try:
-        engine = create_engine(url, **options)
+        engine = sa.create_engine(url, **options)
     except ModuleNotFoundError as error:
         raise InputError(url.render_as_string(), f"{error.name} is missing: {POSTGRESQL}") from error
     if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _set_up_connection)
+        sa.event.listen(engine, "connect", _set_up_connection)
     try:
         make_tables(engine)
     except SQLAlchemyError as error:
@@ -164,7 +150,7 @@ def _reason(error: Exception) -> str:
     return str(getattr(error, "orig", None) or error).splitlines()[0]
 
 
-def make_tables(engine: Engine) -> None:
+def make_tables(engine: sa.Engine) -> None:
     """Make the tables where they are missing, in one transaction where the database can do that.
 
     Raises
@@ -174,9 +160,9 @@ def make_tables(engine: Engine) -> None:
     """
     with engine.begin() as connection:
         Table.metadata.create_all(connection)
-        found = connection.scalar(select(RevisionRow.number))
+        found = connection.scalar(sa.select(RevisionRow.number))
         if found is None:
-            connection.execute(insert(RevisionRow).values(number=REVISION))
+            connection.execute(sa.insert(RevisionRow).values(number=REVISION))
         elif found != REVISION:
             reason = f"is of another release: its tables are of revision {found}, this program's of {REVISION}"
             raise InputError("history", reason)
@@ -188,7 +174,7 @@ def make_tables(engine: Engine) -> None:
 _Key = Annotated[str, mapped_column(primary_key=True)]
 _IntKey = Annotated[int, mapped_column(primary_key=True, autoincrement=False)]
 # SQLite counts rows by itself only in a column of this very type.
-_RowId = Annotated[int, mapped_column(BigInteger().with_variant(Integer, "sqlite"), primary_key=True)]
+_RowId = Annotated[int, mapped_column(sa.BigInteger().with_variant(sa.Integer, "sqlite"), primary_key=True)]
 
 
 REVISION: Final = 2  # of all tables; a change of one raises it, and brings a migration along
@@ -197,7 +183,7 @@ REVISION: Final = 2  # of all tables; a change of one raises it, and brings a mi
 class Table(DeclarativeBase):
     """Base of all tables."""
 
-    type_annotation_map = {int: BigInteger, str: Text}  # noqa: RUF012 - SQLAlchemy's own way
+    type_annotation_map = {int: sa.BigInteger, str: sa.Text}  # noqa: RUF012 - SQLAlchemy's own way
 
 
 class RevisionRow(Table):
@@ -213,8 +199,8 @@ class DiagnosisRow(Table):
 
     __tablename__ = "diagnoses"
     __table_args__ = (
-        UniqueConstraint("spacecraft", "wheel", "window_start_ns"),
-        Index("diagnoses_by_end", "spacecraft", "wheel", "window_end_ns"),
+        sa.UniqueConstraint("spacecraft", "wheel", "window_start_ns"),
+        sa.Index("diagnoses_by_end", "spacecraft", "wheel", "window_end_ns"),
     )
 
     id: Mapped[_RowId]
@@ -260,7 +246,7 @@ class WheelEventRow(Table):
     """One audit event on the list of wheels: who has retired which wheel; never changed."""
 
     __tablename__ = "wheel_events"
-    __table_args__ = (Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
+    __table_args__ = (sa.Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
 
     id: Mapped[_RowId]
     spacecraft: Mapped[str]
@@ -282,20 +268,20 @@ class AlarmStateRow(Table):
     name: Mapped[_Key]
     recent: Mapped[str]  # levels as digits, the oldest first
     last_window_ns: Mapped[int]  # end of the last window taken in
-    alarm_id: Mapped[int | None] = mapped_column(ForeignKey("alarms.id", ondelete="SET NULL"))
+    alarm_id: Mapped[int | None] = mapped_column(sa.ForeignKey("alarms.id", ondelete="SET NULL"))
 
 
 class AlarmRow(Table):
     """One alarm from its rise to its end."""
 
     __tablename__ = "alarms"
-    __table_args__ = (Index("alarms_open", "closed_ns"),)
+    __table_args__ = (sa.Index("alarms_open", "closed_ns"),)
 
     id: Mapped[_RowId]
     spacecraft: Mapped[str]
     wheel: Mapped[str]
     name: Mapped[str]
-    phase: Mapped[AlarmPhase] = mapped_column(Text)
+    phase: Mapped[AlarmPhase] = mapped_column(sa.Text)
     level: Mapped[int]
     peak: Mapped[int]
     acknowledged_level: Mapped[int]
@@ -318,7 +304,7 @@ class AlarmEventRow(Table):
     __tablename__ = "alarm_events"
 
     id: Mapped[_RowId]
-    alarm_id: Mapped[int] = mapped_column(ForeignKey("alarms.id", ondelete="CASCADE"), index=True)
+    alarm_id: Mapped[int] = mapped_column(sa.ForeignKey("alarms.id", ondelete="CASCADE"), index=True)
     event: Mapped[str] = mapped_column("kind")
     level: Mapped[int]
     time_ns: Mapped[int]

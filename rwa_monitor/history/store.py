@@ -20,19 +20,27 @@ from sqlalchemy.orm import Session, selectinload
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
     ALL_WHEELS,
+    COMPARED,
+    FEWEST_WHEELS,
+    LATEST,
     MODEL_ALARM,
     MONITOR_ALARM,
     MONITOR_POLICY,
+    MOST_EARLIER,
+    MOST_WHEELS,
     STORED_ALARM,
     WINDOW_POLICY,
     Alarm,
     AlarmEvent,
     EventKind,
     Level,
+    Moved,
     Policy,
     acknowledge,
     advance,
+    moved,
     observe,
+    shift_of,
 )
 from rwa_monitor.history.database import (
     AlarmEventRow,
@@ -44,16 +52,6 @@ from rwa_monitor.history.database import (
     EstimateRow,
     WheelEventRow,
 )
-from rwa_monitor.history.neighbours import (
-    COMPARED,
-    FEWEST_WHEELS,
-    LATEST,
-    MOST_EARLIER,
-    MOST_WHEELS,
-    Moved,
-    moved,
-    shift_of,
-)
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
@@ -63,7 +61,7 @@ CHANGED: Final = "changed"  # alarms that a session has changed
 _ALARMS: Final = select(AlarmRow).options(selectinload(AlarmRow.trail))
 
 
-class History:
+class History(Database):
     """Diagnoses, estimates and alarms in one database.
 
     Parameters
@@ -86,20 +84,15 @@ class History:
 
     def __init__(self, place: Path | str | None, wall_ns: Callable[[], int] = time.time_ns) -> None:
         self._wall_ns = wall_ns
-        self._database = Database(place)
-        self._session = self._database.session
+        super().__init__(place)
         self._wheels: dict[str, set[str]] = {}  # by spacecraft, those that were met
-        self.retired = RetiredWheels(self._database, wall_ns)
+        self.retired = RetiredWheels(self, wall_ns)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
         self.close()
-
-    def close(self) -> None:
-        """Close the database."""
-        self._database.close()
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
@@ -111,7 +104,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing of the windows is in it then.
         """
-        with self._session() as session:
+        with self.session() as session:
             new = sum(self._add(session, diagnosis) for diagnosis in diagnoses)
             return new, _changed(session)
 
@@ -205,7 +198,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is noted then.
         """
-        with self._session() as session:
+        with self.session() as session:
             for report in reports:
                 state = _state_of(session, (report.spacecraft, report.wheel, MONITOR_ALARM))
                 time_ns = max(state.last_window_ns, 0) if report.time_ns is None else report.time_ns
@@ -215,7 +208,7 @@ class History:
 
     def add_discrepancy(self, found: Discrepancy) -> bool:
         """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
-        with self._session() as session:
+        with self.session() as session:
             row = session.get(DiscrepancyRow, (found.spacecraft, found.wheel))
             if row is not None and row.end_ns >= found.end_ns:
                 return False
@@ -276,7 +269,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is acknowledged then.
         """
-        with self._session() as session:
+        with self.session() as session:
             row, state = self._open_alarm(session, alarm_id)
             alarm = _alarm(state, row)
             if row.name.endswith(STORED_ALARM):  # what was then needs no normal window now
@@ -301,7 +294,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is shelved then.
         """
-        with self._session() as session:
+        with self.session() as session:
             row, state = self._open_alarm(session, alarm_id)
             kind: EventKind = "shelved" if seconds else "unshelved"
             until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
@@ -320,7 +313,7 @@ class History:
         """Remove what is older than is kept; returns the number of rows removed."""
         row, removed = EstimateRow, 0
         latest = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
-        with self._session() as session:
+        with self.session() as session:
             for spacecraft, wheel, end_ns in session.execute(latest).all():
                 for table, end, days in (
                     (DiagnosisRow, DiagnosisRow.window_end_ns, DIAGNOSES_DAYS),
@@ -341,14 +334,14 @@ class History:
         row = DiagnosisRow
         ends = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
         wanted = select(row).where(tuple_(row.spacecraft, row.wheel, row.window_end_ns).in_(ends))
-        with self._session() as session:
+        with self.session() as session:
             return {(found.spacecraft, found.wheel): found.message.encode() for found in session.scalars(wanted)}
 
     def windows(self, spacecraft: str, wheel: str, limit: int = 200) -> list[Diagnosis]:
         """Return the latest diagnoses of a wheel, the oldest first."""
         wanted = select(DiagnosisRow.message).filter_by(spacecraft=spacecraft, wheel=wheel)
         wanted = wanted.order_by(DiagnosisRow.window_end_ns.desc()).limit(limit)
-        with self._session() as session:
+        with self.session() as session:
             texts = session.scalars(wanted).all()
         return [Diagnosis.parse(text.encode(), "history") for text in reversed(texts)]
 
@@ -360,13 +353,13 @@ class History:
             .order_by(EstimateRow.window_end_ns.desc(), EstimateRow.name)
             .limit(limit)
         )
-        with self._session() as session:
+        with self.session() as session:
             rows = session.scalars(wanted).all()
             return [EstimateRecord.model_validate(row, from_attributes=True) for row in reversed(rows)]
 
     def discrepancy(self, spacecraft: str, wheel: str) -> bytes | None:
         """Return the latest discrepancy report of a wheel, as JSON; None where there is none."""
-        with self._session() as session:
+        with self.session() as session:
             row = session.get(DiscrepancyRow, (spacecraft, wheel))
             return None if row is None else row.message.encode()
 
@@ -375,21 +368,21 @@ class History:
         states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
             AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
         )
-        with self._session() as session:
+        with self.session() as session:
             found = session.execute(states.where(AlarmStateRow.name == MONITOR_ALARM)).all()
             return {(spacecraft, wheel): bool(level) for spacecraft, wheel, level in found}
 
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
         """Return the open alarms of one wheel."""
         wanted = _ALARMS.filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None).order_by(AlarmRow.id)
-        with self._session() as session:
+        with self.session() as session:
             return _records(session.scalars(wanted))
 
     def alarms(self, *, closed: int = 50) -> list[AlarmRecord]:
         """Return all open alarms, the worst first, then the latest closed ones."""
         open_ones = _ALARMS.where(AlarmRow.closed_ns.is_(None)).order_by(AlarmRow.level.desc(), AlarmRow.id)
         ended = _ALARMS.where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
-        with self._session() as session:
+        with self.session() as session:
             return _records(row for query in (open_ones, ended) for row in session.scalars(query))
 
 

@@ -38,15 +38,20 @@ class UdpAddress(NamedTuple):
             raise InputError(option, f"{text!r} is no [HOST:]PORT such as 127.0.0.1:5005")
         return cls(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port))
 
+    def open(self) -> tuple[socket.socket, Any]:
+        """Return a socket for it, and it as the socket takes it; raises RwaMonitorError if there is none such."""
+        try:
+            family, kind, protocol, _, place = socket.getaddrinfo(*self, type=socket.SOCK_DGRAM)[0]
+        except OSError as error:
+            raise RwaMonitorError(f"{self.host}: there is no such address: {error.strerror or error}") from error
+        return socket.socket(family, kind, protocol), place
+
 
 @contextmanager
 def listening(address: UdpAddress) -> Iterator[socket.socket]:
     """Give a socket that receives what is sent to an address; raises RwaMonitorError if that cannot be had."""
-    try:
-        family, kind, protocol, _, place = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
-    except OSError as error:
-        raise RwaMonitorError(f"{address.host}: there is no such address: {error.strerror or error}") from error
-    with socket.socket(family, kind, protocol) as receiver:
+    receiver, place = address.open()
+    with receiver:
         receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
         receiver.settimeout(IDLE_WAIT_S)
         try:

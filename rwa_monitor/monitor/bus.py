@@ -25,7 +25,7 @@ from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, PERIOD_S, EncodedMessage, SamplesMessage, samples_json
-from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, ask_publisher
+from rwa_monitor.monitor.backfill import Arrival, Backfill, Inbox, ask_publisher
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, Timeliness
 from rwa_monitor.telemetry.files import MAX_DEPTH, read_text
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES

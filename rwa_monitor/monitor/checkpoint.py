@@ -13,13 +13,11 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import Gathered
 from rwa_monitor.messages import ClockNs, Count, Slot
-from rwa_monitor.monitor.ingest.sequencer import Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import Rows
-from rwa_monitor.monitor.ingest.stored import StoredTelemetry
+from rwa_monitor.monitor.ingest import Rows, Sequencer
+from rwa_monitor.monitor.stored import StoredTelemetry
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import Channel
+from rwa_monitor.telemetry.slots import Channel, RingBuffer
 from rwa_monitor.wheel.file_content import Hashed, Strict
 from rwa_monitor.wheel.torque_balance import Source
 

@@ -22,9 +22,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import ProvisionalJump
 from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
-from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer, Trouble
-from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
-from rwa_monitor.monitor.ingest.stored import MAX_WINDOWS, StoredTelemetry, StoredWindow
+from rwa_monitor.monitor.ingest import PIECE_SLOTS, Batch, Counts, Rows, Sequencer, SlotAssignment, Trouble
+from rwa_monitor.monitor.stored import MAX_WINDOWS, StoredTelemetry
 from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import (
     NANOSECONDS_PER_SECOND,
@@ -36,13 +35,14 @@ from rwa_monitor.samples import (
     Timeliness,
 )
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.friction import BLOCK_SLOTS, FrictionSource
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
-from rwa_monitor.telemetry.sensor_validation import (
+from rwa_monitor.telemetry.slots import (
+    BLOCK_SLOTS,
     LAG_SLOTS,
     TORQUE,
     Channel,
     Fault,
+    FrictionSource,
+    RingBuffer,
     SensorValidation,
     friction_limit,
     speed_limit,
@@ -282,8 +282,7 @@ class WheelCore:
         if to_the_end and stored.waiting is not None:
             rows, stored.waiting, stored.newest = stored.waiting, None, None
             stored.add(rows, self.counts)
-
-        def diagnose(grid: SlotGrid, window: StoredWindow, before: CarriedState, follows: bool) -> CarriedState:
+        for grid, window, before, follows in stored.due(to_the_end=to_the_end):
             carried = before if follows else without_positions(before)
             windows = Windows(self.wheel, self.model, self.method, carried, Counts())
             windows.begin_source(self._source or windows.friction.source)
@@ -294,9 +293,7 @@ class WheelCore:
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
             events.append(diagnosed._replace(data="stored"))
             self._windows.go_on_from(diagnosed)
-            return diagnosed.carried
-
-        stored.diagnose(diagnose, to_the_end=to_the_end)
+            stored.note(diagnosed.end_ns, diagnosed.carried)
         return events
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------

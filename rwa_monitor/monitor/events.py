@@ -20,9 +20,9 @@ from rwa_monitor.messages import (
     Sojourns,
     health_message,
 )
-from rwa_monitor.monitor.ingest.sequencer import Trouble
+from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import SOFTWARE
 
 # Fields of a `WindowDiagnosis` that the message, and its provenance, have as they are.
 UNCHANGED: Final = ("coverage", "verdict", "reason", "fit", "model_adequate", "suspected_effect", "explanation")

@@ -34,7 +34,8 @@ from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Carried, outputs_of
-from rwa_monitor.monitor.recording.reader import (
+from rwa_monitor.monitor.recorder import Predecessor, predecessor_of
+from rwa_monitor.monitor.recording import (
     CHECKPOINT_PREFIX,
     MAX_FILE_BYTES,
     RECORDING_SUFFIX,
@@ -46,7 +47,6 @@ from rwa_monitor.monitor.recording.reader import (
     recordings_of,
     time_span,
 )
-from rwa_monitor.monitor.recording.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.searches import job_of, search
 from rwa_monitor.monitor.setup import Setup, key_of_name
 from rwa_monitor.words import Log, counted, first_few

@@ -27,7 +27,6 @@ from typing import Any, Final, NamedTuple
 import zenoh
 
 from rwa_monitor.build import build
-from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
     INTERVALS_TILL_LATE,
@@ -47,20 +46,18 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
+from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
-from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.ingest.sequencer import Counts, Trouble
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
+from rwa_monitor.monitor.ingest import Counts, Trouble
+from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
 from rwa_monitor.monitor.replay import RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.telemetry.files import refusing
-from rwa_monitor.version import SOFTWARE
-from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
-from rwa_monitor.words import Log, counted, time_text
+from rwa_monitor.words import SOFTWARE, Log, counted, time_text
 
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
@@ -77,12 +74,8 @@ class RunOptions:
     ----------
     wheels
         Key expression of the samples to listen to.
-    wheel
-        Constants of the wheels that have none of their own.
-    own_wheels
-        Constants of single wheels, by spacecraft and wheel.
-    model
-        What was learned about nominal and anomalous friction; None leaves all verdicts open.
+    setup
+        What diagnoses depend on: constants of the wheels, and the model.
     record
         Folder of the recordings, or None to record nothing.
     max_file_bytes
@@ -103,9 +96,7 @@ class RunOptions:
     """
 
     wheels: str = "rwa/*/*/samples"
-    wheel: Wheel = field(default_factory=built_in_wheel)
-    own_wheels: Mapping[WheelKey, Wheel] = field(default_factory=dict)
-    model: Model | None = None
+    setup: Setup = field(default_factory=Setup)
     record: Path | None = None
     max_file_bytes: int = MAX_FILE_BYTES
     max_record_bytes: int | None = None
@@ -114,10 +105,6 @@ class RunOptions:
     status_period_s: float = PERIOD_S
     stored_after_s: float = STORED_AFTER_S
     log_verdicts: bool = True
-
-    def setup(self) -> Setup:
-        """Return what diagnoses depend on."""
-        return Setup(self.wheel, self.own_wheels, self.model)
 
     def settings(self) -> dict[str, Any]:
         """Return the settings as they are written into a recording."""
@@ -200,9 +187,9 @@ class Monitor:
         self.log = log
         self.clock = clock
         self._served: dict[WheelKey, _Served] = {}
-        self._setup = options.setup()
+        self._setup = options.setup
         self.searches = Searches(self._setup, options.record, log)
-        self._model_sha256 = options.model.sha256() if options.model else ""
+        self._model_sha256 = self._setup.model.sha256() if self._setup.model else ""
         self._tick_due_s = 0.0
         self._logged: str = ""
 
@@ -263,8 +250,7 @@ class Monitor:
         windows = sum(served.windows for served in self._served.values())
         self.log(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
         with_samples = {key for key, served in self._served.items() if served.core is not None}
-        own = self.options.own_wheels
-        if unused := ["/".join(key) for key in own if self._is_ours(*key) and key not in with_samples]:
+        if unused := ["/".join(key) for key in self._setup.own if self._is_ours(*key) and key not in with_samples]:
             self.log(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
         self.searches.close()
         for served in self._served.values():
@@ -313,7 +299,7 @@ class Monitor:
                 return False
             self._refuse(key, payload, error)
             return True
-        if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
+        if served.core is None and self._setup.own and (spacecraft, wheel) not in self._setup.own:
             self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
@@ -520,8 +506,8 @@ def run(
     log = _unbreakable(log)
     supervisor = supervisor or Supervisor({})
     check_wheels(options.wheels)
-    setup = options.setup()
-    for key in ("", ""), *options.own_wheels:
+    setup = options.setup
+    for key in ("", ""), *setup.own:
         setup.new_core(*key)  # a wheel that cannot be served is refused at once
     with ExitStack() as stack:
         if options.record is not None:

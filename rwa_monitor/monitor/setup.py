@@ -13,7 +13,7 @@ from typing import Final
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.messages import KEY_PREFIX, REPLAY, SamplesMessage, split_key
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording.reader import Recording
+from rwa_monitor.monitor.recording import Recording
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 WheelKey = tuple[str, str]  # spacecraft and wheel

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, split_key
-from rwa_monitor.monitor.recording.reader import Recording, read_recording
+from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.telemetry.ccsds_packets import read_packets
 from rwa_monitor.telemetry.files import display_name
@@ -58,17 +59,39 @@ def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
 
 
 def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
-    """Read a recording: the samples, and the wheel and model that it carries if it is one of ours."""
+    """Read a recording: the samples, wheel by wheel, and the wheel and model that it carries if it is one of ours.
+
+    A message that is refused leaves a note: the bus refused it, too.
+    """
     del decoding
-    source = display_name(path)
-    recording = read_recording(path)
+    source, recording = display_name(path), read_recording(path)
     setup = Setup.found_in(recording)
-    telemetry, notes = _recorded(recording, source, setup)
+    wheels: defaultdict[str, list[SampleBatch]] = defaultdict(list)
+    refused: list[InputError] = []
+    for message in recording.messages:
+        if message.schema == SamplesMessage.schema_name():
+            try:
+                parsed = SamplesMessage.parse(message.payload, message.topic)
+            except InputError as error:
+                refused.append(error)
+                continue
+            batch = SampleBatch(parsed.samples(), parsed.publisher, parsed.batch, parsed.data)
+            wheels[message.topic].append(batch)
+    telemetry = []
+    for topic, batches in sorted(wheels.items()):
+        try:
+            spacecraft, wheel, _ = split_key(topic)
+        except InputError as error:
+            raise InputError(source, error.reason, f"topic {topic}") from error
+        constants = setup.wheel(spacecraft, wheel) if setup else None
+        telemetry.append(WheelTelemetry(source, spacecraft, wheel, batches, constants))
+    if not telemetry:
+        raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")
     return TelemetryFile(
         telemetry,
         setup.model if setup else None,
         [f"{source}: {problem}" for problem in recording.problems],
-        notes,
+        [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else [],
     )
 
 
@@ -79,34 +102,3 @@ READERS: Final[Mapping[FileFormat, Reader]] = {
     "packets": read_packets,
     "ros2": read_bag,
 }
-
-
-def _recorded(recording: Recording, source: str, setup: Setup | None) -> tuple[list[WheelTelemetry], list[str]]:
-    """Return the samples of a recording, wheel by wheel, and a note on messages refused: the bus refused them too."""
-    wheels: dict[str, list[SampleBatch]] = {}
-    refused: list[InputError] = []
-    for message in recording.messages:
-        if message.schema != SamplesMessage.schema_name():
-            continue
-        batches = wheels.setdefault(message.topic, [])
-        try:
-            parsed = SamplesMessage.parse(message.payload, message.topic)
-        except InputError as error:
-            refused.append(error)
-            continue
-        batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch, parsed.data))
-    notes = [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else []
-    found = []
-    for topic, batches in sorted(wheels.items()):
-        if not batches:
-            continue
-        try:
-            spacecraft, wheel, _ = split_key(topic)
-        except InputError as error:
-            raise InputError(source, error.reason, f"topic {topic}") from error
-        found.append(
-            WheelTelemetry(source, spacecraft, wheel, batches, setup.wheel(spacecraft, wheel) if setup else None)
-        )
-    if not found:
-        raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")
-    return found, notes

@@ -24,8 +24,8 @@ from rwa_monitor.discrepancy.record import left_out_in_words
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.untested import Detectable, as_a_part, detectable_strengths, not_testable
 from rwa_monitor.reporting.residual_views import all_views
-from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.effects.catalogue import effect_class
+from rwa_monitor.words import SOFTWARE
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
 PROPER: Final = "Stribeck"  # a name: it keeps its capital

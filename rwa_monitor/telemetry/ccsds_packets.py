@@ -27,18 +27,20 @@ import numpy as np
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, read_bytes
-from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile
-from rwa_monitor.telemetry.table import MAX_ROWS, MAX_TABLE_BYTES
-from rwa_monitor.telemetry.telemetry_map import (
+from rwa_monitor.telemetry.reader import (
     MAX_APID,
     TIME_UNITS,
+    Decoding,
     PacketWheel,
+    TelemetryFile,
+    TextFile,
     channel_conversion,
     check_time,
     conversion,
     telemetry_file,
     wheels_of,
 )
+from rwa_monitor.telemetry.table import MAX_ROWS, MAX_TABLE_BYTES
 from rwa_monitor.words import counted
 
 HEADER: Final = struct.Struct(">HHH")  # version, kind and APID; sequence flags and count; bytes behind it, less one

@@ -6,8 +6,9 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from hashlib import sha256
+from io import BufferedReader
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
@@ -29,6 +30,16 @@ def beside(recording: Path, suffix: str) -> Path:
     return recording.with_name(recording.name + suffix)
 
 
+@contextmanager
+def opened(path: Path, buffering: int = -1) -> Iterator[BufferedReader]:
+    """Give a file to read from; where the system refuses that in the block, raises the error of `unreadable`."""
+    try:
+        with path.open("rb", buffering) as file:
+            yield cast("BufferedReader", file)
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
 def read_bytes(path: Path, limit: int) -> bytes:
     """Return a file's content.
 
@@ -44,16 +55,13 @@ def read_bytes(path: Path, limit: int) -> bytes:
     InputError
         If the file cannot be read or is larger than `limit`.
     """
-    try:
-        with path.open("rb") as file:
-            pieces, size = list[bytes](), os.fstat(file.fileno()).st_size
-            # What states its size is refused by it; what does not (a pipe, a device) is read up to the limit, in
-            # pieces: Python takes memory for all that it is asked to read before it reads.
-            while size <= limit and (piece := file.read(PIECE_BYTES if pieces else max(size, PIECE_BYTES))):
-                pieces.append(piece)
-                size = sum(map(len, pieces))
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with opened(path) as file:
+        pieces, size = list[bytes](), os.fstat(file.fileno()).st_size
+        # What states its size is refused by it; what does not (a pipe, a device) is read up to the limit, in pieces:
+        # Python takes memory for all that it is asked to read before it reads.
+        while size <= limit and (piece := file.read(PIECE_BYTES if pieces else max(size, PIECE_BYTES))):
+            pieces.append(piece)
+            size = sum(map(len, pieces))
     if size > limit:
         raise InputError(display_name(path), f"is larger than the limit of {limit:,} bytes")
     return b"".join(pieces)

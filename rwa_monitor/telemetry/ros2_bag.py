@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from rwa_monitor.errors import MAX_PART, InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, unreadable
+from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, opened
 from rwa_monitor.telemetry.mcap_chunk import (
     MAX_CHUNK_BYTES,
     MESSAGE,
@@ -39,10 +39,10 @@ from rwa_monitor.telemetry.mcap_chunk import (
     stream_of,
     unpacked,
 )
-from rwa_monitor.telemetry.reader import Decoding, TelemetryFile
-from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
-from rwa_monitor.telemetry.telemetry_map import (
+from rwa_monitor.telemetry.reader import (
     SI_UNITS,
+    Decoding,
+    TelemetryFile,
     TopicChannel,
     TopicWheel,
     channel_conversion,
@@ -50,6 +50,7 @@ from rwa_monitor.telemetry.telemetry_map import (
     telemetry_file,
     wheels_of,
 )
+from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.words import counted
 
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
@@ -76,11 +77,8 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
         raise InputError(source, "is a ROS 2 bag: --map gives which topics are which channels")
     wheels = [_Wheel(wheel, decoding.map.source) for wheel in wheels_of(decoding.map, TopicWheel)]
     bag = _Bag(source, wheels)
-    try:
-        with path.open("rb") as file:
-            bag.read(file)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with opened(path) as file:
+        bag.read(file)
     bag.check_topics()
     found = [(entry.wheel, entry.samples()) for entry in wheels]
     return telemetry_file(source, found, bag.problems(), (), "holds no sample of a wheel of the map")

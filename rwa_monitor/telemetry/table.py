@@ -28,6 +28,7 @@ from rwa_monitor.telemetry.files import (
     decode_utf8,
     display_name,
     first_line,
+    opened,
     read_bytes,
     unreadable,
 )
@@ -212,11 +213,8 @@ def file_format(path: Path) -> FileFormat:
     InputError
         If the file cannot be read, is empty, or has another format than its suffix.
     """
-    try:
-        with path.open("rb") as file:
-            head = file.read(PIECE_BYTES)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with opened(path) as file:
+        head = file.read(PIECE_BYTES)
     if not head:
         raise InputError(display_name(path), "is empty")
     if head.startswith(PARQUET_MAGIC):

@@ -15,9 +15,8 @@ import dask
 import pytest
 from distributed import LocalCluster
 
-from rwa_monitor.batch.cluster import each
 from rwa_monitor.batch.store import Store, read_results
-from rwa_monitor.batch.tasks import Diagnose
+from rwa_monitor.batch.tasks import Diagnose, each
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.telemetry.configuration import read_model, read_wheel

@@ -11,7 +11,7 @@ import pytest
 from rwa_monitor.cli.doctor import look_at_bus, look_at_recordings
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.recording.recorder import locked
+from rwa_monitor.monitor.recorder import locked
 from tests.monitor.support import free_port
 
 RECORDING = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"

@@ -14,6 +14,7 @@ from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
 from rwa_monitor.monitor.service import RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
 from tests.dashboard.support import START_S, acknowledge, send_windows
 from tests.dashboard.test_telemetry import with_friction
@@ -39,7 +40,7 @@ def test_a_monitor_publishes_the_health_at_each_close_and_answers_queries_with_t
 ) -> None:
     listener, names = Listener(session), ("wheel_1", "wheel_2")
     wheel = built_in_wheel().model_copy(update={"window": Window(samples=WINDOW, hop=WINDOW, dead_band_rad_s=1.0)})
-    options = RunOptions(wheels="rwa/sat/*/samples", wheel=wheel, model=built_in_model())
+    options = RunOptions(wheels="rwa/sat/*/samples", setup=Setup(wheel, model=built_in_model()))
     with monitor(session, options):
         telemetry = {key_of(SamplesMessage, "sat", name): with_friction(3 * WINDOW + 200) for name in names}
         publish(telemetry, session, speed=math.inf, batch_samples=500, linger_s=0.0)
@@ -79,8 +80,8 @@ def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(
 
 
 def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.Session, dashboard: Running) -> None:
+    from rwa_monitor.monitor.backfill import Inbox
     from rwa_monitor.monitor.bus import MonitorBus
-    from rwa_monitor.monitor.ingest.backfill import Inbox
 
     key = "rwa/sat/wheel_1/health"
     with closing(MonitorBus(session, Inbox())) as bus:

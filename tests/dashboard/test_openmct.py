@@ -17,7 +17,7 @@ import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.monitor.recording.reader import read_chain
+from rwa_monitor.monitor.recording import read_chain
 from tests.dashboard.support import acknowledge, ask, expect, opened, send_windows
 from tests.docs.test_commands import ROOT
 from tests.history.support import diagnosis

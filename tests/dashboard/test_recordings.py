@@ -11,7 +11,7 @@ from rwa_monitor.dashboard.fleet import MAX_POINTS
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording import read_recording
 
 RECORDING = min(Path("replay").rglob("*.mcap"), key=lambda path: path.stat().st_size)
 

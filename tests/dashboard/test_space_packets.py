@@ -28,7 +28,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, HealthAlarm, health_message
 from rwa_monitor.monitor.bridge import UdpAddress
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.recording.reader import read_chain
+from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, definition_of
 from rwa_monitor.telemetry.reader import Decoding, TextFile
 from rwa_monitor.wheel.wheel import built_in_wheel

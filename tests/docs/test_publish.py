@@ -12,7 +12,7 @@ import pytest
 
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, Status
 from rwa_monitor.monitor.bus import HISTORY_MESSAGES, BusOptions, open_session
-from rwa_monitor.monitor.ingest.sequencer import HOLD_BACK_MESSAGES
+from rwa_monitor.monitor.ingest import HOLD_BACK_MESSAGES
 from tests.docs.test_commands import ROOT, blocks_of
 from tests.monitor.processes import Listener, process, wait_for
 from tests.monitor.support import free_port

@@ -14,7 +14,7 @@ from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.errors import InputError
 from rwa_monitor.export.detector import detector_files
 from rwa_monitor.export.model import friction_model
-from rwa_monitor.monitor.recording.reader import read_chain
+from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from tests.program import run

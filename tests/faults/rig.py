@@ -33,8 +33,9 @@ from zenoh import ext
 
 from rwa_monitor.cli.options import stop_on_signals
 from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, messages_publisher, open_session
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
+from rwa_monitor.monitor.recorder import MAX_FILE_BYTES
 from rwa_monitor.monitor.service import RunOptions, run
+from rwa_monitor.monitor.setup import Setup
 from tests.faults.history import Put, wheel
 from tests.monitor.processes import PATIENCE_S, wait_for
 from tests.monitor.support import free_port, model
@@ -264,8 +265,7 @@ class Rig:
 
     def start_monitor(self) -> None:
         options = RunOptions(
-            wheel=wheel(),
-            model=model(),
+            setup=Setup(wheel(), model=model()),
             record=self.recordings,
             max_file_bytes=self.max_file_bytes,
             bus=BusOptions(mode="client", connect=(f"tcp/127.0.0.1:{self.link.port}",), config=self._config),

@@ -17,8 +17,8 @@ import numpy as np
 
 from rwa_monitor.messages import PERIOD_S, EncodedMessage, SamplesMessage, dump_json
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
+from rwa_monitor.monitor.ingest import Counts
+from rwa_monitor.monitor.recording import read_recording, recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import table_writer

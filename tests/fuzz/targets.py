@@ -40,8 +40,8 @@ from rwa_monitor.messages import (
 from rwa_monitor.monitor.bus import BusOptions, session_config
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import outputs_of
-from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.monitor.recording.recorder import RecordingWriter, recover
+from rwa_monitor.monitor.recorder import RecordingWriter, recover
+from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples

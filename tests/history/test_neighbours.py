@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.history.alarms import ALL_WHEELS, OWN_ADVICE
-from rwa_monitor.history.neighbours import Shift, compare, shift_of
+from rwa_monitor.history.alarms import ALL_WHEELS, OWN_ADVICE, Shift, compare, shift_of
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis
 from tests.history.support import diagnosis

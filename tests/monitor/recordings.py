@@ -10,8 +10,8 @@ import numpy as np
 from mcap.writer import Writer
 
 from rwa_monitor.messages import EncodedMessage
-from rwa_monitor.monitor.recording.reader import file_sha256, read_recording
-from rwa_monitor.monitor.recording.recorder import RecordingWriter
+from rwa_monitor.monitor.recorder import RecordingWriter
+from rwa_monitor.monitor.recording import file_sha256, read_recording
 
 TOPICS = ("rwa/sat/a/samples", "rwa/sat/b/samples")
 

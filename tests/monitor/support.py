@@ -20,8 +20,8 @@ from rwa_monitor.monitor.bus import SamplesPublisher, send
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, outputs_of
-from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.recording.reader import read_chain
+from rwa_monitor.monitor.ingest import Counts
+from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

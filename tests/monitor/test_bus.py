@@ -14,8 +14,8 @@ import pytest
 import zenoh
 
 from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.monitor.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill, Inbox
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, messages_publisher, open_session, session_config
-from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill, Inbox
 from tests.monitor.processes import wait_for
 from tests.monitor.support import KEY, free_port
 

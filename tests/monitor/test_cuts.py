@@ -15,7 +15,7 @@ import pytest
 from hypothesis import example, given, settings
 
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.ingest.sequencer import Trouble
+from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import WINDOW, messages_of, model, pieces, resumed, telemetry, wheel

@@ -12,8 +12,8 @@ from mcap.reader import make_reader
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, EncodedMessage, Health, HealthAlarm, health_message
-from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.monitor.recording.recorder import write_foxglove
+from rwa_monitor.monitor.recorder import write_foxglove
+from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from tests.program import run
 

@@ -12,12 +12,13 @@ from pathlib import Path
 from threading import Event
 
 from rwa_monitor.messages import PERIOD_S, samples_json
+from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, MonitorBus, open_session
-from rwa_monitor.monitor.ingest.backfill import Inbox
-from rwa_monitor.monitor.recording.reader import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
 from rwa_monitor.monitor.replay import RecoveredState, recover_state
 from rwa_monitor.monitor.service import MAX_WHEELS, Clock, Monitor, RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import model, telemetry, wheel
 
@@ -31,10 +32,10 @@ class Driven:
     def __init__(self, folder: Path, of_wheel: Wheel, bus: MonitorBus, max_file_bytes: int) -> None:
         self.now_s = 0.0
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
-        options = RunOptions(wheel=of_wheel, model=model(), record=folder, log_verdicts=False)
+        options = RunOptions(setup=Setup(of_wheel, model=model()), record=folder, log_verdicts=False)
         recorder = Recorder(
             folder,
-            attachments=options.setup().attachments(),
+            attachments=options.setup.attachments(),
             settings=options.settings(),
             predecessor=None,
             wall_ns=clock.wall_ns,
@@ -116,7 +117,7 @@ def passing_of_a_restart(folder: Path, wheels: int) -> int:
         driver.now_s += MAX_FILE_AGE_S
         bring_over(driver, wheels)
         driver.send(wheels, range(MESSAGES, MESSAGES + 10))
-    setup = RunOptions(wheel=wheel(SLOTS), model=model()).setup()
+    setup = Setup(wheel(SLOTS), model=model())
     with traced():
         past = recover_state(folder, setup, Event(), lambda _: None)
         held, peak = tracemalloc.get_traced_memory()

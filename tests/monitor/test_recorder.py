@@ -15,9 +15,9 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_WHEELS, Diagnosis, EncodedMessage
-from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.reader import file_sha256, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked, recover
+from rwa_monitor.monitor import recorder as recorder_module
+from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder, RecordingWriter, locked, recover
+from rwa_monitor.monitor.recording import file_sha256, read_recording, recordings_of
 from tests.monitor.recordings import TOPICS
 
 Checkpoints = dict[str, Callable[[], bytes]]
@@ -166,7 +166,7 @@ DISK_FULL = """
     import resource, signal, sys
     from pathlib import Path
     from rwa_monitor.messages import EncodedMessage
-    from rwa_monitor.monitor.recording.recorder import Recorder
+    from rwa_monitor.monitor.recorder import Recorder
 
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system refuses: file too large
@@ -217,7 +217,7 @@ KILLED = """
     from itertools import count, pairwise
     from pathlib import Path
     from rwa_monitor.messages import EncodedMessage
-    from rwa_monitor.monitor.recording.recorder import Recorder
+    from rwa_monitor.monitor.recorder import Recorder
 
     recorder = Recorder(
         Path(sys.argv[1]), attachments={}, settings={}, predecessor=None, wall_ns=time.time_ns

@@ -10,13 +10,13 @@ from mcap.reader import make_reader
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import EncodedMessage
-from rwa_monitor.monitor.recording import reader as recording_module
-from rwa_monitor.monitor.recording.reader import (
+from rwa_monitor.monitor import recording as recording_module
+from rwa_monitor.monitor.recorder import RecordingWriter
+from rwa_monitor.monitor.recording import (
     Recording,
     read_recording,
     recordings_of,
 )
-from rwa_monitor.monitor.recording.recorder import RecordingWriter
 from tests.monitor.recordings import TOPICS
 
 

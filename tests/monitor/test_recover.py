@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.recording import reader as recording_module
-from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.monitor.recording.recorder import recover
+from rwa_monitor.monitor import recording as recording_module
+from rwa_monitor.monitor.recorder import recover
+from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.monitor.replay import replay
 from tests.monitor.recordings import write_file
 from tests.program import run

@@ -12,8 +12,8 @@ from mcap.writer import Writer
 from benchmarks import references
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, EncodedMessage
-from rwa_monitor.monitor.recording.reader import recordings_of
-from rwa_monitor.monitor.recording.recorder import recover
+from rwa_monitor.monitor.recorder import recover
+from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.replay import replay
 from tests.monitor.recordings import rewrite
 from tests.monitor.support import adds_up, recorded

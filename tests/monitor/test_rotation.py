@@ -19,12 +19,13 @@ import pytest
 
 from benchmarks.references import SilentBus
 from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.monitor import recorder as recorder_module
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording import recorder as recorder_module
-from rwa_monitor.monitor.recording.reader import read_chain, read_recording, recordings_of
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recording import read_chain, read_recording, recordings_of
 from rwa_monitor.monitor.replay import recover_state, replay
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
+from rwa_monitor.monitor.setup import Setup
 from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
@@ -67,12 +68,12 @@ class Run:
 
     def __post_init__(self) -> None:
         self.folder.mkdir(exist_ok=True)
-        options = RunOptions(wheel=wheel(), model=model(), record=self.folder, log_verdicts=False)
-        past = recover_state(self.folder, options.setup(), Event(), self.log_lines.append)
+        options = RunOptions(setup=Setup(wheel(), model=model()), record=self.folder, log_verdicts=False)
+        past = recover_state(self.folder, options.setup, Event(), self.log_lines.append)
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
         self.recorder = Recorder(
             self.folder,
-            attachments=options.setup().attachments(),
+            attachments=options.setup.attachments(),
             settings=options.settings(),
             predecessor=past.predecessor,
             wall_ns=clock.wall_ns,

@@ -159,7 +159,7 @@ def test_the_same_job_gives_the_same_message() -> None:
 def test_live_search_is_published_recorded_and_verified(tmp_path: Path, session: zenoh.Session) -> None:
     """From samples on a bus to a named cause: three windows of a wheel that its model does not fit."""
     listener = Listener(session)
-    with monitor(session, RunOptions(wheel=small_wheel(), model=model(), record=tmp_path)):
+    with monitor(session, RunOptions(setup=Setup(small_wheel(), model=model()), record=tmp_path)):
         publish({"rwa/sat/a/samples": telemetry(3)}, session, speed=float("inf"), batch_samples=250, linger_s=0.0)
         wait_for(lambda: listener.kind("discrepancy"), "the report", LIMIT_S)
     received = listener.kind("discrepancy")

@@ -21,14 +21,15 @@ import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.monitor.backfill import Arrival, Inbox
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
-from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
-from rwa_monitor.monitor.recording.reader import read_chain
+from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.monitor.replay import replay, replay_to_bus
 from rwa_monitor.monitor.service import RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import SOFTWARE
 from tests.monitor.processes import PATIENCE_S, Listener, monitor, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import (
     KEY,
@@ -50,7 +51,7 @@ SLACK = 5.0
 
 
 def options(**changes: Any) -> RunOptions:
-    return RunOptions(**{"wheel": wheel(), "model": model(), "status_period_s": 0.05, **changes})
+    return RunOptions(**{"setup": Setup(wheel(), model=model()), "status_period_s": 0.05, **changes})
 
 
 def statuses(listener: Listener) -> dict[str, dict[str, Any]]:

@@ -10,7 +10,7 @@ import pytest
 from rwa_monitor.api import Monitor
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.ingest.sequencer import Trouble
+from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import built_in_wheel
 

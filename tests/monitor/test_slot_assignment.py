@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, WindowDiagnosed
-from rwa_monitor.monitor.ingest.sequencer import (
+from rwa_monitor.monitor.ingest import (
     HOLD_BACK_MESSAGES,
     TAKEOVER_MESSAGES,
     UNCERTAIN_FACTOR,
     Counts,
+    SlotAssignment,
     Trouble,
 )
-from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
+from rwa_monitor.telemetry.slots import RingBuffer
 from rwa_monitor.wheel.wheel import Limits, Wheel
 from rwa_monitor.words import time_text
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, WindowDiagnosed
-from rwa_monitor.monitor.ingest.sequencer import Trouble
-from rwa_monitor.monitor.ingest.stored import MAX_WINDOWS
+from rwa_monitor.monitor.ingest import Trouble
+from rwa_monitor.monitor.stored import MAX_WINDOWS
 from rwa_monitor.samples import Samples
 from tests.monitor.support import (
     WINDOW,

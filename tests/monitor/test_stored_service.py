@@ -13,10 +13,11 @@ import zenoh
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import SamplesMessage, Status, samples_json
+from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
-from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.replay import replay, replay_to_bus
 from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
+from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
 from tests.monitor.processes import Listener, monitor, wait_for
@@ -30,7 +31,7 @@ DUMP = DAY[: 3 * WINDOW]
 
 
 def options(**changes: Any) -> RunOptions:
-    return RunOptions(**{"wheel": wheel(), "model": model(), "status_period_s": 0.05, **changes})
+    return RunOptions(**{"setup": Setup(wheel(), model=model()), "status_period_s": 0.05, **changes})
 
 
 def of(listener: Listener, key: str, data: str | None = None) -> list[dict[str, Any]]:

@@ -18,8 +18,9 @@ import zenoh
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.recording.recorder import locked
+from rwa_monitor.monitor.recorder import locked
 from rwa_monitor.monitor.service import RunOptions, Supervisor, run
+from rwa_monitor.monitor.setup import Setup
 from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import KEY, free_port, model, telemetry, wheel
 from tests.program import command
@@ -103,7 +104,7 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
             stalls.set()
             goes_on.wait(60.0)
 
-    options = RunOptions(wheel=wheel(), model=model(), status_period_s=0.05)
+    options = RunOptions(setup=Setup(wheel(), model=model()), status_period_s=0.05)
     with open_session(BusOptions()) as session:
         listener = Listener(session)
         arguments: dict[str, Any] = {"session": session, "log": log, "supervisor": Supervisor(ear.environment)}

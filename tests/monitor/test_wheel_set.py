@@ -12,7 +12,7 @@ from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording.reader import recordings_of
+from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
 from rwa_monitor.monitor.service import RunOptions
@@ -31,7 +31,7 @@ BATCH = 128
 
 def options(record: Path, own: Wheel) -> RunOptions:
     own_wheels = {OWN: own, ("sat", "wheel_l"): wheel()}  # a slip of the pen
-    return RunOptions(wheel=wheel(), own_wheels=own_wheels, model=model(), record=record, status_period_s=0.05)
+    return RunOptions(setup=Setup(wheel(), own_wheels, model()), record=record, status_period_s=0.05)
 
 
 def send(session: zenoh.Session, name: str, samples: Samples, first: int) -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.simulation.scenario import Scenario

@@ -20,7 +20,7 @@ from mcap.writer import MCAP0_MAGIC
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_SAMPLES, MESSAGES, SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, session_config
-from rwa_monitor.monitor.recording.reader import (
+from rwa_monitor.monitor.recording import (
     MAX_CHUNK_BYTES,
     MAX_FILE_BYTES,
     MAX_FLEET_FILE_BYTES,

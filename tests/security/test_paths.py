@@ -14,7 +14,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import EncodedMessage, SamplesMessage, samples_json, split_key
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recording.recorder import RecordingWriter
+from rwa_monitor.monitor.recorder import RecordingWriter
 from rwa_monitor.monitor.replay import run_recording
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.telemetry.labels import read_labels

@@ -25,7 +25,7 @@ from zenoh import ext
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, messages_publisher, open_session
-from rwa_monitor.monitor.recording.reader import read_recording, recordings_of
+from rwa_monitor.monitor.recording import read_recording, recordings_of
 from tests.monitor.processes import wait_for
 from tests.monitor.support import WINDOW, batch_diagnoses, telemetry, wheel
 from tests.program import command

@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.messages import EncodedMessage, SamplesMessage, samples_json
-from rwa_monitor.monitor.recording.recorder import RecordingWriter
+from rwa_monitor.monitor.recorder import RecordingWriter
 from rwa_monitor.monitor.telemetry_files import READERS, read_telemetry
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.ccsds_packets import definition_of

@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import given
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.telemetry.friction import DRIFT_K_S, LARGEST_ERROR_K, STUCK_S, held_temperature
+from rwa_monitor.telemetry.slots import DRIFT_K_S, LARGEST_ERROR_K, STUCK_S, held_temperature
 
 PERIOD_S = 0.125
 SLOTS = 8000

@@ -6,7 +6,7 @@ import hypothesis.strategies as st
 import numpy as np
 from hypothesis import given
 
-from rwa_monitor.telemetry.ring_buffer import RingBuffer
+from rwa_monitor.telemetry.slots import RingBuffer
 
 CAPACITY = 13
 

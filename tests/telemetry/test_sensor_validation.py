@@ -12,11 +12,11 @@ import pytest
 from rwa_monitor.kernels.ingest import HANGING_SLOTS, OUTSTANDING_SLOTS
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, WindowDiagnosed
-from rwa_monitor.monitor.ingest.sequencer import Trouble
+from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.sensor_validation import Channel, friction_limit, speed_limit
+from rwa_monitor.telemetry.slots import Channel, friction_limit, speed_limit
 from rwa_monitor.wheel.wheel import built_in_wheel
 from rwa_monitor.words import time_text
 from tests.monitor.support import adds_up, diagnoses, messages_of, model

@@ -8,15 +8,14 @@ clock of the machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.messages import ClockNs, Count, Slot
-from rwa_monitor.monitor.ingest.sequencer import Counts
-from rwa_monitor.monitor.ingest.slot_assignment import Rows
+from rwa_monitor.monitor.ingest import Counts, Rows
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, FloatArray, IntArray, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 
@@ -184,16 +183,14 @@ class StoredTelemetry:
 
     # ---- windows out ------------------------------------------------------------------------------------------------
 
-    def diagnose(
-        self, diagnose: Callable[[SlotGrid, StoredWindow, CarriedState, bool], CarriedState], *, to_the_end: bool
-    ) -> None:
-        """Have the windows diagnosed that are due, the earliest first, and those after them that it changes.
+    def due(self, *, to_the_end: bool) -> Iterator[tuple[SlotGrid, StoredWindow, CarriedState, bool]]:
+        """Yield the windows that are to be diagnosed, the earliest first, and those after them that it changes.
+
+        Each comes with its grid, the state before it, and whether that is the one at its very beginning. The state
+        after it is to be noted before the next one is asked for.
 
         Parameters
         ----------
-        diagnose
-            Takes a window, its grid, the state before it and whether that is the one at its very beginning; returns
-            the state after it.
         to_the_end
             Whether nothing more will come.
         """
@@ -201,9 +198,8 @@ class StoredTelemetry:
             window, grid = self.windows[number], self.grid_of(number)
             before_ns = max((end_ns for end_ns in self.states if end_ns <= grid.origin_ns), default=None)
             before = CarriedState.empty() if before_ns is None else self.states[before_ns]
-            after = diagnose(grid, window, before, before_ns == grid.origin_ns)
+            yield grid, window, before, before_ns == grid.origin_ns
             window.due, window.diagnosed = False, True
-            self.note(grid.time_of(self.window_slots), after)
         for number in [number for number in self.windows if number < (self.newest or 0) - self.kept]:
             del self.windows[number]
 

@@ -28,6 +28,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import KW_ONLY, dataclass, field
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
@@ -45,7 +46,7 @@ from rwa_monitor.messages import (
     EncodedMessage,
     dump_json,
 )
-from rwa_monitor.monitor.recording.reader import (
+from rwa_monitor.monitor.recording import (
     ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
     CHECKPOINT_PREFIX,
@@ -60,7 +61,7 @@ from rwa_monitor.monitor.recording.reader import (
 from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from rwa_monitor.samples import SECONDS_PER_DAY
 from rwa_monitor.telemetry.files import PIECE_BYTES, make_folder, refusing
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import SOFTWARE
 
 RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
@@ -84,6 +85,7 @@ class Predecessor(NamedTuple):
     sha256: str | None
 
 
+@dataclass(eq=False)
 class Recorder:
     """Keeps the recordings of a folder: rotates them, guards the disk, never raises once it has begun.
 
@@ -115,35 +117,27 @@ class Recorder:
         If the folder cannot be made, or another monitor records in it.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        *,
-        attachments: Mapping[str, bytes],
-        settings: dict[str, Any],
-        predecessor: Predecessor | None,
-        wall_ns: Callable[[], int],
-        max_file_bytes: int = MAX_FILE_BYTES,
-        max_total_bytes: int | None = None,
-    ) -> None:
-        self.folder = folder
-        self.error = ""
-        self._attachments = attachments
-        self._settings = settings
-        self._predecessor = predecessor
-        self._wall_ns = wall_ns
-        self._max_file_bytes = max_file_bytes
-        self._max_total_bytes = max_total_bytes
-        self._writer: RecordingWriter | None = None
-        self._ending: RecordingWriter | None = None  # the file before, for as long as wheels are left in it
-        self._left: dict[str, Callable[[], bytes]] = {}  # these wheels, and what makes their checkpoints
-        self._moved_s = 0.0
-        self._begun_s = 0.0
-        self._synced_s = 0.0
-        self._retry_s = float("-inf")
-        self._retry_period_s = PERIOD_S
-        self._refused_topics: set[str] = set()
-        self._schemas_bytes = len(dump_json(message_schemas()))  # in every file
+    folder: Path
+    _: KW_ONLY
+    attachments: Mapping[str, bytes]
+    settings: dict[str, Any]
+    predecessor: Predecessor | None
+    wall_ns: Callable[[], int]
+    max_file_bytes: int = MAX_FILE_BYTES
+    max_total_bytes: int | None = None
+    error: str = field(default="", init=False)
+    _writer: RecordingWriter | None = field(default=None, init=False)
+    # The file before, for as long as wheels are left in it; these wheels, and what makes their checkpoints.
+    _ending: RecordingWriter | None = field(default=None, init=False)
+    _left: dict[str, Callable[[], bytes]] = field(default_factory=dict, init=False)
+    _moved_s: float = field(default=0.0, init=False)
+    _begun_s: float = field(default=0.0, init=False)
+    _synced_s: float = field(default=0.0, init=False)
+    _retry_s: float = field(default=float("-inf"), init=False)
+    _retry_period_s: float = field(default=PERIOD_S, init=False)
+    _refused_topics: set[str] = field(default_factory=set, init=False)
+    # In every file.
+    _schemas_bytes: int = field(default_factory=lambda: len(dump_json(message_schemas())), init=False)
 
     @property
     def path(self) -> Path | None:
@@ -165,14 +159,14 @@ class Recorder:
         try:
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
                 part.unlink()  # of a run that was killed while it began a file
-            self._writer = self._new_file(self._predecessor, ALL_CHECKPOINTS, checkpoints, inherited)
+            self._writer = self._new_file(self.predecessor, ALL_CHECKPOINTS, checkpoints, inherited)
         except OSError as error:
             self._fail(error, now_s)
             return
         self.error = ""
         self._retry_period_s = PERIOD_S
         self._begun_s = self._synced_s = now_s
-        self._predecessor = None
+        self.predecessor = None
 
     def _new_file(
         self,
@@ -188,18 +182,18 @@ class Recorder:
             settings = (SETTINGS_ATTACHMENT, self._settings_of(predecessor, which))
             states = ((_attachment_of(name), make()) for name, make in checkpoints.items())
             size = 0
-            for name, data in chain(self._attachments.items(), [settings], states):
+            for name, data in chain(self.attachments.items(), [settings], states):
                 size += len(data)
                 self._ensure_room(size, len(data))
                 yield name, data
 
-        return RecordingWriter(path, attachments(), self._wall_ns, inherited)
+        return RecordingWriter(path, attachments(), self.wall_ns, inherited)
 
     def _settings_of(self, predecessor: Predecessor | None, which: str) -> bytes:
         """Return the settings that a recording holds."""
         return dump_json(
             {
-                **self._settings,
+                **self.settings,
                 "recording_version": RECORDING_VERSION,
                 "software": SOFTWARE,
                 "predecessor": None if predecessor is None else predecessor._asdict(),
@@ -246,7 +240,7 @@ class Recorder:
             return
         # Checkpoints of many wheels may be larger than a file should be; then they are at most half of it.
         written, begin = self._writer.size, self._writer.size_at_begin
-        full = written > max(self._max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
+        full = written > max(self.max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
         if now_s - self._synced_s >= PERIOD_S:
             self.sync(now_s)
         if self._ending is not None:
@@ -282,7 +276,7 @@ class Recorder:
             self._ending.sync()
             moved = 0
             # Or one checkpoint: a full window of 80,000 slots has 1.7 MB, and takes 6 ms.
-            while self._left and moved < min(PIECE_BYTES, self._max_file_bytes):
+            while self._left and moved < min(PIECE_BYTES, self.max_file_bytes):
                 name, make = self._left.popitem()
                 data = make()
                 moved += len(data)
@@ -317,7 +311,7 @@ class Recorder:
             return
         self._writer = None
         self._left = {}
-        self._predecessor = Predecessor(writer.path.name, writer.sha256)
+        self.predecessor = Predecessor(writer.path.name, writer.sha256)
 
     def abandon(self) -> None:
         """Close the file as it is, without its end, as a crash would leave it."""
@@ -325,7 +319,7 @@ class Recorder:
             self._ending.abandon()
         if self._writer is not None:
             self._writer.abandon()
-            self._predecessor = predecessor_of(self._writer.path)
+            self.predecessor = predecessor_of(self._writer.path)
         self._writer, self._ending, self._left = None, None, {}
 
     def write(self, message: EncodedMessage) -> None:
@@ -344,7 +338,7 @@ class Recorder:
 
     def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
         """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
-        needed = max(self._max_file_bytes, 2 * (begin + self._schemas_bytes)) + Sink.GATHERED_BYTES
+        needed = max(self.max_file_bytes, 2 * (begin + self._schemas_bytes)) + Sink.GATHERED_BYTES
         self._make_room(needed - written)
         self._check_free(more)
 
@@ -355,7 +349,7 @@ class Recorder:
 
     def _make_room(self, needed: int) -> None:
         """Delete the oldest recordings where those to come would make the folder larger than it may be."""
-        if self._max_total_bytes is None:
+        if self.max_total_bytes is None:
             return
         recordings = sorted(self.folder.glob(f"rwa-*{RECORDING_SUFFIX}"))
         sizes = [path.stat().st_size for path in recordings]
@@ -363,7 +357,7 @@ class Recorder:
         kept = 1 if self._writer is not None and self._ending is None else 2
         total = sum(sizes)
         for path, size in zip(recordings[:-kept], sizes, strict=False):
-            if total + needed <= self._max_total_bytes:
+            if total + needed <= self.max_total_bytes:
                 return
             path.unlink()
             total -= size

@@ -28,7 +28,7 @@ from mcap.writer import MCAP0_MAGIC
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage, Message, SamplesMessage
 from rwa_monitor.monitor.checkpoint import MAX_CHECKPOINT_BYTES
-from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, unreadable
+from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, opened
 from rwa_monitor.telemetry.mcap_chunk import (
     MAX_CHUNK_BYTES,
     MESSAGE,
@@ -153,17 +153,14 @@ class Recording:
             If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
         """
         path = self.path
-        try:
-            with path.open("rb", buffering=PIECE_BYTES) as self._file:
-                self._size = os.fstat(self._file.fileno()).st_size
-                if self._size > self._limit:
-                    raise InputError(display_name(path), f"is larger than the limit of {self._limit:,} bytes")
-                if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-                    raise InputError(str(path), "is no MCAP file")
-                self._most_work_bytes = max(MAX_WORK_BYTES, self._work_share * self._size)
-                yield from self._parts()
-        except OSError as error:
-            raise unreadable(path, error) from error
+        with opened(path, PIECE_BYTES) as self._file:
+            self._size = os.fstat(self._file.fileno()).st_size
+            if self._size > self._limit:
+                raise InputError(display_name(path), f"is larger than the limit of {self._limit:,} bytes")
+            if self._file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise InputError(str(path), "is no MCAP file")
+            self._most_work_bytes = max(MAX_WORK_BYTES, self._work_share * self._size)
+            yield from self._parts()
 
     def _read(self, start: int, stop: int) -> bytes:
         """Return the bytes between two positions; fewer where the file ends before."""
@@ -421,18 +418,15 @@ def time_span(path: Path) -> tuple[int, int] | None:
     """
     first_ns: int | None = None
     last_ns, position = 0, len(MCAP0_MAGIC)
-    try:
-        with path.open("rb") as file:
-            for _ in range(MAX_RECORDS):
-                file.seek(position)
-                head = file.read(RECORD_HEAD.size + _CHUNK_SPAN.size)
-                if len(head) < RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
-                    break
-                opcode, length = RECORD_HEAD.unpack_from(head)
-                start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, RECORD_HEAD.size)
-                if opcode == Opcode.CHUNK and end_ns:
-                    first_ns, last_ns = first_ns or start_ns or end_ns, max(last_ns, end_ns)
-                position += RECORD_HEAD.size + length
-    except OSError as error:
-        raise unreadable(path, error) from error
+    with opened(path) as file:
+        for _ in range(MAX_RECORDS):
+            file.seek(position)
+            head = file.read(RECORD_HEAD.size + _CHUNK_SPAN.size)
+            if len(head) < RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
+                break
+            opcode, length = RECORD_HEAD.unpack_from(head)
+            start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, RECORD_HEAD.size)
+            if opcode == Opcode.CHUNK and end_ns:
+                first_ns, last_ns = first_ns or start_ns or end_ns, max(last_ns, end_ns)
+            position += RECORD_HEAD.size + length
     return None if first_ns is None else (first_ns, last_ns)

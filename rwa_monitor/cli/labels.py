@@ -1,7 +1,8 @@
-"""`evaluate`: diagnoses beside labels, as event-wise scores."""
+"""What labels are for: `train` learns a model from labelled recordings, `evaluate` scores diagnoses against labels."""
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
@@ -12,11 +13,61 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE, UNREADABLE, console_of_stdout, log
+from rwa_monitor.cli import options as cli
+from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
     from rwa_monitor.telemetry.labels import JudgedWindow
     from rwa_monitor.telemetry.scores import Scores, Timeline
+
+
+@click.command(short_help="Learn the classifiers from labelled recordings.")
+@click.argument("labels_file", type=cli.FILE, metavar="LABELS.csv")
+@cli.option("--wheel", cli.FILE, "W.toml", "Constants of the wheel.", required=True)
+@cli.option("-o --output", cli.FILE, "MODEL.json", "Where to write the model.", required=True)
+@cli.scheduler_option
+@cli.workers_option
+def train(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, workers: int | None) -> None:
+    """Learn the classifiers from labelled recordings.
+
+    LABELS.csv has the columns file,dry,viscous,<switching systems>, with 0 or 1; file names are relative to it, and a
+    label holds for all windows of its file. A last window that is not full is left out where there are full ones. A
+    file with a wheel of its own beside it (FILE.wheel.toml, as `simulate dataset` writes it) is read with that one.
+    """
+    from rwa_monitor.batch.tasks import ReadFeatures, each
+    from rwa_monitor.diagnosis.training import LabelledFeatures, train
+    from rwa_monitor.paper.classification import with_classifiers
+    from rwa_monitor.telemetry.configuration import read_wheel
+    from rwa_monitor.telemetry.files import display_name, write_text
+    from rwa_monitor.telemetry.labels import read_labels
+    from rwa_monitor.words import counted
+
+    constants = read_wheel(wheel)
+    files = read_labels(labels_file)
+    reader = ReadFeatures(constants)
+    outcomes = each(reader, [file.path for file in files], scheduler=scheduler, workers=workers)
+    joint, paper, failed = [], [], 0
+    for file, outcome in zip(files, cli.track(outcomes, len(files), "reading windows"), strict=True):
+        if outcome.result is None:
+            cli.log(outcome.error)
+            failed += 1
+        else:
+            joint += [LabelledFeatures(features, file.anomalies) for features, _ in outcome.result]
+            paper += [LabelledFeatures(features, file.anomalies) for _, features in outcome.result]
+    if failed:
+        # A model that silently learned from fewer files than it has labels for would look like any other.
+        raise InputError(
+            display_name(labels_file), f"{failed} of {len(files)} files cannot be used; nothing is written"
+        )
+    names = [display_name(path) for path in (labels_file, wheel, output)]
+    again = shlex.join(["rwa-monitor", "train", names[0], "--wheel", names[1], "-o", names[2]])
+    model = with_classifiers(train(joint, constants, source=labels_file.name, command=again), paper)
+    write_text(output, model.to_json())
+    cli.log(f"{names[2]}: learned from {counted(len(joint), 'window')} of {counted(len(files), 'file')}")
+
+
+# ---- diagnoses beside labels, as event-wise scores -------------------------------------------------------------------
+
 
 COLUMNS: Final = {
     "events": "events",
@@ -33,11 +84,11 @@ COLUMNS: Final = {
 }
 
 
-@click.command(name="evaluate", short_help="Score diagnoses against labels, event by event.")
-@click.argument("diagnoses", type=FILE, metavar="DIAGNOSES")
-@click.argument("labels", type=FILE, metavar="LABELS")
+@click.command(short_help="Score diagnoses against labels, event by event.")
+@click.argument("diagnoses", type=cli.FILE, metavar="DIAGNOSES")
+@click.argument("labels", type=cli.FILE, metavar="LABELS")
 @click.option("--json", is_flag=True, help="Print one JSON object.")
-def command(diagnoses: Path, labels: Path, json: bool) -> int:
+def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
     """Score diagnoses against labels, event by event, as in ESA's anomaly benchmark (ESA-ADB).
 
     DIAGNOSES are the lines of `rwa-monitor diagnose --json`, in a file or, as -, on stdin; or a recording of the
@@ -50,7 +101,7 @@ def command(diagnoses: Path, labels: Path, json: bool) -> int:
     from rwa_monitor.telemetry.labels import beside_labels
 
     windows, problems = _read(diagnoses)
-    log(*problems)
+    cli.log(*problems)
     found = beside_labels(windows, labels)
     scores = {kind: _scores(timelines) for kind, timelines in found.kinds.items()}
     overall = _scores(found.overall)
@@ -61,13 +112,13 @@ def command(diagnoses: Path, labels: Path, json: bool) -> int:
         click.echo(dumps({**counts, "kinds": kinds, "overall": rows}))
     else:
         _print([*scores.items(), ("overall", overall)])
-    return UNREADABLE if problems else 0
+    return cli.UNREADABLE if problems else 0
 
 
 def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
     """Read the diagnoses; return them, and what of a recording cannot be read."""
     from rwa_monitor.errors import InputError
-    from rwa_monitor.monitor.recording.reader import read_chain
+    from rwa_monitor.monitor.recording import read_chain
     from rwa_monitor.telemetry.files import display_name
     from rwa_monitor.telemetry.labels import JudgedWindow
 
@@ -87,16 +138,13 @@ def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
 def _lines(diagnoses: Path, name: str) -> Iterator[JudgedWindow]:
     """Read lines of JSON, of no longer a line than shows that it is none of ours."""
     from rwa_monitor.messages import MAX_MESSAGE_BYTES
-    from rwa_monitor.telemetry.files import unreadable
+    from rwa_monitor.telemetry.files import opened
     from rwa_monitor.telemetry.labels import JudgedWindow
 
-    try:
-        with nullcontext(sys.stdin.buffer) if str(diagnoses) == "-" else diagnoses.open("rb") as file:
-            for number, line in enumerate(iter(lambda: file.readline(MAX_MESSAGE_BYTES + 1), b""), 1):
-                if line.strip():
-                    yield JudgedWindow.parse(line, f"{name}: line {number}")
-    except OSError as error:
-        raise unreadable(diagnoses, error) from error
+    with nullcontext(sys.stdin.buffer) if str(diagnoses) == "-" else opened(diagnoses) as file:
+        for number, line in enumerate(iter(lambda: file.readline(MAX_MESSAGE_BYTES + 1), b""), 1):
+            if line.strip():
+                yield JudgedWindow.parse(line, f"{name}: line {number}")
 
 
 def _scores(timelines: Sequence[Timeline]) -> dict[str, Scores]:
@@ -128,4 +176,4 @@ def _print(scores: Sequence[tuple[str, dict[str, Scores]]]) -> None:
                 for value in values
             ]
             table.add_row(kind if name == "diagnoses" else "", name, *cells)
-    console_of_stdout().print(table)
+    cli.console_of_stdout().print(table)

@@ -1,0 +1,179 @@
+"""Wheel files: `identify` learns one, `export` writes one for other simulators; what `manoeuvre` and `tune` choose."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from json import dumps
+from pathlib import Path
+from typing import Literal
+
+import click
+
+from rwa_monitor.cli import options as cli
+
+
+@click.command(short_help="Learn a wheel's nominal friction, noise and switching laws.")
+@cli.option("-o --output", cli.FILE, "W.toml", "Wheel file to write.", required=True)
+@cli.option(
+    "--wheel",
+    cli.FILE,
+    "START.toml",
+    "What is known already: name, motor constants, limits.  [default: name and sample period from the data]",
+)
+@cli.motor_off_option
+@cli.flag("--no-systems", "Learn nominal friction and noise only, for short recordings.")
+@cli.recordings_options
+def identify(
+    output: Path,
+    wheel: Path | None,
+    motor_off: bool,
+    no_systems: bool,
+    recordings: cli.Recordings,
+) -> int:
+    """Learn a wheel file from recordings of one healthy wheel.
+
+    Where there is too little data to learn a switching system's law, nothing is written and the command reports how
+    much more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the
+    command reports drifting friction, and diagnoses the recordings with the wheel file, which is not written where they
+    are anomalous with it.
+    """
+    from rwa_monitor.batch.tasks import not_nominal
+    from rwa_monitor.discrepancy.bench import as_measured
+    from rwa_monitor.identification.identify import bare_wheel, identify
+    from rwa_monitor.telemetry.files import write_text
+
+    start = cli.known_wheel(wheel, motor_off=motor_off)
+    samples, start = recordings.of_one_wheel(start)
+    bench = as_measured(samples, start or bare_wheel(recordings.files[0].stem, samples[0][1]))
+    cli.log(*bench.notes)
+    with cli.status_line("learning"):
+        learned = identify(bench.recordings, bench.wheel, systems=not no_systems)
+    with cli.status_line("diagnosing what was learned from"):
+        warning = not_nominal(bench.recordings, learned.wheel)
+    head = "".join(f"# {note}\n" for note in learned.notes)
+    write_text(output, head + learned.wheel.to_toml())
+    cli.log(*learned.notes)
+    cli.log(f"written to {output}")
+    cli.log(warning)
+    return recordings.status
+
+
+@click.command(short_help="Write a wheel's friction model for other simulators.")
+@click.argument("wheel", type=cli.FILE, metavar="WHEEL.toml")
+@cli.option(
+    "--to target", click.Choice(["c", "fmu", "basilisk", "json", "detector"]), None, "What to write.", required=True
+)
+@cli.option("-o --output", cli.FILE, "OUT", "Folder to write to.", required=True)
+def export(wheel: Path, target: str, output: Path) -> int:
+    """Write the friction model of a wheel file, its effects included, for other simulators.
+
+    c: rwa_friction.h and rwa_friction.c, C99 without allocation.
+
+    fmu: rwa_friction.fmu, FMI 3.0 for model exchange and co-simulation, with sources and a binary for Linux, which the
+    system's C compiler builds.
+
+    basilisk: rwa_friction_basilisk.py, Basilisk's own message fitted, with what that costs, and the exact model.
+
+    json: rwa_friction.json, constants and formulas.
+
+    detector: rwa_detector_settings.h, of the detector for flight software that `make detector` builds.
+
+    What the model does not hold (noise, what changes when the dry level jumps) is logged, and is stated in the files.
+    """
+    from rwa_monitor.export import FORMATS
+    from rwa_monitor.export.model import friction_model
+    from rwa_monitor.telemetry.configuration import read_wheel
+    from rwa_monitor.telemetry.files import display_name, write_files
+
+    model = friction_model(read_wheel(wheel), display_name(wheel))
+    write_files(output, FORMATS[target](model), "-o")
+    cli.log(*(f"not held: {part.effect.name}: {part.effect.not_exported}" for part in model.left_out))
+    cli.log(f"written to {display_name(output)}")
+    return 0
+
+
+@click.command(short_help="Find the shortest change of speed that decides dry or viscous.")
+@click.argument("friction", type=click.Choice(["dry", "viscous"]))
+@cli.wheel_option
+@cli.model_option
+@cli.option("--speed", cli.Real(0, min_open=True), "RAD_S", "Where the wheel runs.  [default: its nominal speed]")
+@cli.option("--certainty", cli.Real(0.5, 1.0, min_open=True, max_open=True), "P", "Wanted.", default=0.95)
+@cli.flag("--json", "Print one JSON object.")
+def manoeuvre(
+    friction: Literal["dry", "viscous"],
+    wheel: Path | None,
+    model: Path | None,
+    speed: float | None,
+    certainty: float,
+    json: bool,
+) -> int:
+    """Find the shortest change of speed that decides whether dry or viscous friction is nominal.
+
+    At one speed the two cannot be separated, and a window of it is inconclusive. One line for each size of the change:
+    any crossing, spin-down or dwell that changes the speed as much, and lasts as long, serves. Once it was flown, the
+    window that holds it is diagnosed with it. Which manoeuvre separates causes of a missing effect: `discrepancy
+    --plan`. Exit code 1 where no change of the speed decides.
+    """
+    from rwa_monitor.diagnosis.manoeuvre import deciding_manoeuvres
+    from rwa_monitor.telemetry.configuration import read_model, read_wheel
+
+    found = deciding_manoeuvres(read_wheel(wheel), read_model(model), friction, certainty, speed)
+    if json:
+        click.echo(dumps({"friction": friction, "certainty": certainty, "manoeuvres": [asdict(one) for one in found]}))
+    elif found:
+        from rich.table import Table
+
+        table = Table("change (rad/s)", "hold each speed (s)", "changes", "in all (s)")
+        for one in found:
+            table.add_row(f"{one.change_rad_s:.3g}", f"{one.hold_s:.0f}", str(one.changes), f"{one.duration_s:.0f}")
+        cli.console_of_stdout().print(table)
+    else:
+        cli.log("no change of speed within the wheel's limits decides it within a day")
+    return 0 if found else cli.FAILED
+
+
+SEED = 20260126  # of the simulated check: the same wishes give the same figures
+
+
+@click.command(short_help="Choose window, prior weight and threshold of the detector.")
+@cli.option("--missed", float, "P", "Wanted probability of missing a jump.", required=True)
+@cli.option("--run-length", float, "N", "Wanted mean number of samples between false alarms.", required=True)
+@cli.option("--jump", float, "SIGMAS", "Size of the jump, in noise deviations.", required=True)
+@cli.flag("--json", "Print one JSON object.")
+def tune(
+    missed: float,
+    run_length: float,
+    jump: float,
+    json: bool,
+) -> int:
+    """Choose the smallest detection window that keeps both wanted rates, and check it by simulation.
+
+    In closed form for white noise at constant speed; colour and outliers are measured by the monitor itself,
+    which scales its statistic accordingly. The check draws rare events where they happen, so that it has figures also
+    for rates that nobody could wait for; exit code 1 where it contradicts a wanted rate.
+    """
+    import numpy as np
+
+    from rwa_monitor.changepoints.tuning import check, tune
+
+    tuning = tune(missed, run_length, jump)
+    counted = check(tuning, jump, 0.0, np.random.default_rng(SEED))
+    kept = counted.keeps(missed, run_length)
+    if json:
+        click.echo(dumps({**asdict(tuning), "check": {**asdict(counted), "kept": kept}}))
+        return 0 if kept else cli.FAILED
+    between, alarms = counted.run_length, counted.alarm_run_length
+    click.echo(f"half window w   {tuning.half_width} slots on each side")
+    click.echo(f"threshold       {tuning.threshold:.2f} (GLR/σ²)")
+    click.echo(f"prior weight    W_b = {tuning.prior_weight:.2g} (normalised, σ = 0.024)")
+    click.echo(f"information     λ = {tuning.information:.1f}")
+    click.echo(f"predicted       missed {tuning.missed:.3g}, run length {tuning.run_length:.3g} samples")
+    click.echo(
+        f"simulated       missed {counted.missed.value:.3g} ({counted.missed.low:.3g} to {counted.missed.high:.3g}), "
+        f"run length {between.value:.3g} ({between.low:.3g} to {between.high:.3g}) samples, "
+        f"{alarms.value:.3g} ({alarms.low:.3g} to {alarms.high:.3g}) between alarms; {counted.trials} windows each"
+    )
+    click.echo(
+        f"wanted          {'kept' if kept else 'NOT kept'}: missed {missed:.3g}, run length {run_length:.3g} samples"
+    )
+    return 0 if kept else cli.FAILED
