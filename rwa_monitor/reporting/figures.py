@@ -111,7 +111,7 @@ def formula(latex: str) -> Figure:
     return figure
 
 
-def view_picture(view: View, both: bool) -> Figure:
+def view_picture(view: View, title: str, x_label: str, y_label: str, both: bool) -> Figure:
     """Draw one residual view: the base model's residual and, if `both`, the extended model's."""
     figure = Figure(figsize=(5.4, 3.4), layout="constrained")
     axis = figure.subplots()
@@ -120,8 +120,8 @@ def view_picture(view: View, both: bool) -> Figure:
     for curve, colour, marker, label in (*extended, (view.base, BASE, "o", "as it is")):
         error = STANDARD_ERRORS * curve.error
         axis.errorbar(curve.x, curve.y, error, fmt=marker, ms=3.5, lw=1, capsize=2, color=colour, label=label)
-    axis.set(xlabel=view.x_label, ylabel=view.y_label)
-    axis.set_title(view.title, fontweight="bold")
+    axis.set(xlabel=x_label, ylabel=y_label)
+    axis.set_title(title, fontweight="bold")
     if view.name == "tails":
         axis.set_yscale("log")
         axis.set_ylim(bottom=1e-6)

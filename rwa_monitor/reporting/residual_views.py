@@ -45,10 +45,6 @@ class View(NamedTuple):
     ----------
     name
         Short identifier.
-    title, x_label, y_label
-        With units, for a plot.
-    question
-        What a deviation would mean, in words.
     base, extended
         The residual of the two models.
     expected
@@ -56,10 +52,6 @@ class View(NamedTuple):
     """
 
     name: str
-    title: str
-    x_label: str
-    y_label: str
-    question: str
     base: Curve
     extended: Curve
     expected: FloatArray
@@ -85,12 +77,11 @@ def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
     """
     before, after = base_residual(problem, extended), extended.fit.residual
     views = []
-    for name, title, x_label, y_label, question, make in _VIEWS:
+    for name, make in VIEWS.items():
         if (made := make(problem, extended)) is not None:
             draw, expected = made
             shown, gained = draw(before, base), draw(after, extended)
-            values = np.broadcast_to(expected, shown.x.shape)
-            views.append(View(name, title, x_label, y_label, question, shown, gained, values))
+            views.append(View(name, shown, gained, np.broadcast_to(expected, shown.x.shape)))
     return views
 
 
@@ -257,120 +248,21 @@ def _durations(problem: Problem, extended: Model) -> tuple[Draw, Expected] | Non
     return draw, np.exp(-at / gaps_s(extended).mean())
 
 
-MEAN: Final = "mean residual [N m]"
-# Name, title, axes, what a deviation would mean, and what makes the view.
-_VIEWS: Final[tuple[tuple[str, str, str, str, str, Maker], ...]] = (
-    (
-        "speed",
-        "Residual against speed",
-        "|ω| [rad/s]",
-        MEAN,
-        "drag near zero: Stribeck, presliding, a dead zone; curvature: sublinear viscous friction, windage",
-        _over(lambda c: np.abs(c.speed_rad_s)),
-    ),
-    (
-        "signed_speed",
-        "Residual against signed speed, not along it",
-        "ω [rad/s]",
-        MEAN,
-        "an offset, or friction that differs by direction",
-        _over(lambda c: c.speed_rad_s, along=False),
-    ),
-    (
-        "temperature",
-        "Residual against temperature",
-        "bearing temperature [°C]",
-        MEAN,
-        "viscosity or torque constant that follow temperature",
-        _over(lambda c: c.bearing_temperature_degC),
-    ),
-    (
-        "acceleration",
-        "Residual against acceleration",
-        "dω/dt [rad/s²]",
-        MEAN,
-        "a wrong inertia or torque constant; a delay",
-        _over(lambda c: c.acceleration_rad_s2, along=False),
-    ),
-    (
-        "motor_torque",
-        "Residual against motor torque",
-        "K_T·I [N m]",
-        MEAN,
-        "friction that depends on load; a wrong torque constant",
-        _over(lambda c: c.motor_torque_Nm),
-    ),
-    (
-        "angle",
-        "Residual against wheel angle",
-        "angle within a turn [rad]",
-        MEAN,
-        "torque ripple",
-        _over(lambda c: np.mod(c.angle_rad, 2 * np.pi), along=False),
-    ),
-    ("time", "Residual against time", "time [s]", MEAN, "run-in, drift", _over(lambda c: c.time_s)),
-    (
-        "time_since_slew",
-        "Residual after a slew",
-        "time since the last slew [s]",
-        MEAN,
-        "a lubricant that lags",
-        _over(_time_since_slew),
-    ),
-    (
-        "time_since_jump",
-        "Residual after a jump",
-        "time since the last jump [s]",
-        MEAN,
-        "jumps that relax, an oil pocket",
-        _since_jump,
-    ),
-    (
-        "slope_per_segment",
-        "Slope left in each segment",
-        "start of the segment [s]",
-        "slope of the residual [N m s/rad]",
-        "a viscous coefficient that changes: temperature, jumps of viscous friction",
-        _slope,
-    ),
-    (
-        "spread",
-        "Noise against speed",
-        "|ω| [rad/s]",
-        "rms residual [N m]",
-        "noise that depends on speed, cage instability",
-        _spread,
-    ),
-    (
-        "autocorrelation",
-        "Autocorrelation of the residual",
-        "lag [slots]",
-        "autocorrelation [-]",
-        "coloured noise, a smooth effect that is missing",
-        _autocorrelation,
-    ),
-    (
-        "tails",
-        "Tails of the residual",
-        "threshold [standard deviations]",
-        "share beyond [-]",
-        "heavy tails, packet errors",
-        _tails,
-    ),
-    (
-        "jump_rate",
-        "Rate of jumps against speed",
-        "|ω| [rad/s]",
-        "jumps per second [1/s]",
-        "jumps that speed triggers; false jumps where an effect is missing",
-        _jump_rate,
-    ),
-    (
-        "durations",
-        "Times between jumps",
-        "time [s]",
-        "share longer [-]",
-        "a duration law that differs; false jumps crowd together",
-        _durations,
-    ),
-)
+# What makes each view, in the order of the page; its words stand in the template.
+VIEWS: Final[dict[str, Maker]] = {
+    "speed": _over(lambda c: np.abs(c.speed_rad_s)),
+    "signed_speed": _over(lambda c: c.speed_rad_s, along=False),
+    "temperature": _over(lambda c: c.bearing_temperature_degC),
+    "acceleration": _over(lambda c: c.acceleration_rad_s2, along=False),
+    "motor_torque": _over(lambda c: c.motor_torque_Nm),
+    "angle": _over(lambda c: np.mod(c.angle_rad, 2 * np.pi), along=False),
+    "time": _over(lambda c: c.time_s),
+    "time_since_slew": _over(_time_since_slew),
+    "time_since_jump": _since_jump,
+    "slope_per_segment": _slope,
+    "spread": _spread,
+    "autocorrelation": _autocorrelation,
+    "tails": _tails,
+    "jump_rate": _jump_rate,
+    "durations": _durations,
+}
