@@ -6,7 +6,6 @@ side: the paper's linear support vector machine, and the densities of the joint 
 """
 
 import math
-import pkgutil
 from functools import cached_property, lru_cache
 from typing import Annotated, ClassVar, Final, Literal, Self
 
@@ -15,10 +14,9 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from rwa_monitor.diagnosis.features import SystemFeatures
-from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.laws import LEVEL_NUMBERS, densities
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Range, Rounded, Strict
+from rwa_monitor.wheel.file_content import Finite, Hashed, Positive, Probability, Range, Rounded, Strict, packaged
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
@@ -285,14 +283,8 @@ def spread_out(learned: AnomalyModel | None, spread: float | None) -> AnomalyMod
 
 @lru_cache(maxsize=1)
 def built_in_model() -> Model:
-    """Return the model that ships with the package, trained for the built-in wheel.
-
-    The file is a part of the program, as a constant is; `pkgutil` reads it from wherever the package is installed.
-    """
-    text = pkgutil.get_data("rwa_monitor.diagnosis", BUILT_IN_MODEL_FILE)
-    if text is None:
-        raise InputError(BUILT_IN_MODEL_FILE, "is missing from the installed package")
-    return Model.from_json(text, BUILT_IN_MODEL_FILE)
+    """Return the model that ships with the package, trained for the built-in wheel."""
+    return Model.from_json(packaged("rwa_monitor.diagnosis", BUILT_IN_MODEL_FILE), BUILT_IN_MODEL_FILE)
 
 
 # ---- likelihoods of what a window shows, each value with its own standard deviation ----------------------------------

@@ -6,6 +6,7 @@ enough that the last bits, in which machines differ, never show.
 
 import hashlib
 import json
+import pkgutil
 import re
 import tomllib
 from collections.abc import Mapping
@@ -46,6 +47,20 @@ def canonical_json(content: Any) -> str:
         If a number is not finite.
     """
     return json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def packaged(package: str, file: str) -> str:
+    """Return the text of a file that is a part of the program, as a constant is, from wherever it is installed.
+
+    Raises
+    ------
+    InputError
+        If the installation lacks it.
+    """
+    content = pkgutil.get_data(package, file)
+    if content is None:
+        raise InputError(file, "is missing from the installed package")
+    return content.decode()
 
 
 def parse_toml(text: str, source: str, limit: int, what: str) -> dict[str, Any]:

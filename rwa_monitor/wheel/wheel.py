@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
-from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile
+from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile, packaged
 
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise, where it is not stated
 MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
@@ -264,52 +264,7 @@ class Wheel(TomlFile):
 
 # The wheel that is used where no file is given: the constants of a small reaction wheel and the switching systems of
 # the paper's Examples 1 and 2 (errata 16: a sojourn lasts at least one sample). Normalised, f_d = f_v = 1.
-BUILT_IN_WHEEL_TOML: Final = """\
-[wheel]
-name = "built-in"
-sample_period_s = 0.125
-inertia_kg_m2 = 0.0117
-torque_constant_Nm_A = 0.032
-winding_resistance_ohm = 2.0
-back_emf_constant_V_s_rad = 0.032
-
-[nominal]
-dry_torque_Nm = 1.6e-3
-viscous_Nm_s_rad = 5.333e-6
-nominal_speed_rad_s = 300.0
-
-[noise]
-friction_std_Nm = 3.9e-5
-
-[friction]
-derivative = { method = "savitzky_golay", window_s = 2.0 }
-
-[limits]
-max_speed_rad_s = 650.0
-max_current_A = 5.0
-
-[window]
-samples = 80000
-hop = 80000
-dead_band_rad_s = 1.0
-
-[[fss]]
-name = "fss_1"
-durations = [
-    { law = "uniform", low = 10000, high = 20000 },
-    { law = "uniform", low = 1, high = 200 },
-]
-friction = [ { low = 0.0, high = 0.0 }, { low = 0.3, high = 0.6 } ]
-
-[[fss]]
-name = "fss_2"
-durations = [
-    { law = "uniform", low = 10000, high = 30000 },
-    { law = "uniform", low = 10000, high = 30000 },
-    { law = "uniform", low = 10000, high = 30000 },
-]
-friction = [ { low = 0.0, high = 0.0 }, { low = 0.4, high = 0.6 }, { low = 0.8, high = 1.2 } ]
-"""
+BUILT_IN_WHEEL_TOML: Final = packaged("rwa_monitor.wheel", "built_in_wheel.toml")
 
 
 def built_in_wheel() -> Wheel:
