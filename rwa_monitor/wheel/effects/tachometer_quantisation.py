@@ -67,7 +67,7 @@ class TachometerQuantisation(NoiseEffect):
         from scipy import signal
 
         for slots in SMOOTHING_SLOTS:
-            error = speed - signal.savgol_filter(speed, slots, 2)
+            error = speed - signal.savgol_filter(speed, slots, 2, mode="constant", cval=np.nan)
             followed = signal.savgol_coeffs(slots, 2)[slots // 2]  # of an error of its own, by the parabola
             scatter = float(np.nanmedian(error**2)) / MEDIAN_OF_CHI_SQUARE / (1.0 - followed)
             if step**2 / 12.0 >= SHARE_OF_SCATTER * scatter:
