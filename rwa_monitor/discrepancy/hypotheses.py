@@ -117,7 +117,7 @@ def speed_curve(series: Series) -> FloatArray:
     """
     speed = np.abs(series.speed)
     low, high = np.quantile(speed, (NEAREST_REST, 1.0))
-    ratios = np.geomspace(low, high, KNOTS) if low > 0.0 else []
+    ratios = np.geomspace(low, high, KNOTS) if low > 0.0 else speed[:0]
     knots = np.unique(np.concatenate([np.quantile(speed, np.linspace(0.0, 1.0, KNOTS)), ratios]))
     hats = np.stack([np.interp(speed, knots, height) for height in np.eye(knots.size)])
     rows = np.vstack([hats * (series.sign > 0), hats * (series.sign < 0)])
