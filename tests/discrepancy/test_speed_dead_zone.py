@@ -15,12 +15,13 @@ from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.wheel.effects.speed_dead_zone import read_zone
 from rwa_monitor.wheel.wheel import built_in_wheel
 
-SLOTS, NOISE, WIDTH = 4_000, 0.01, 2.0  # rad/s
+SLOTS, NOISE, WIDTH = 4_000, 0.01, 1.0  # rad/s
 
 
 def passages() -> FloatArray:
-    """A speed that passes zero evenly and slowly, six times [rad/s], with noise."""
-    turns = np.interp(np.arange(SLOTS), np.linspace(0, SLOTS, 7), [-60.0, 50.0, -40.0, 70.0, -55.0, 45.0, -60.0])
+    """A speed that passes zero evenly and slowly, six times, and once in a hurry [rad/s], with noise."""
+    times = [0.0, 600.0, 1200.0, 1280.0, 1900.0, 2600.0, 3400.0, 4000.0]
+    turns = np.interp(np.arange(SLOTS), times, [-60.0, 50.0, -40.0, 70.0, -55.0, 45.0, -60.0, 55.0])
     return turns + NOISE * np.random.default_rng(8).standard_normal(SLOTS)
 
 
@@ -39,7 +40,7 @@ def test_zone_is_found_and_carried_over(held: bool, derived: bool) -> None:
     assert nominal
     assert inertia
     assert constant
-    speed, rng = passages()[:3_620], np.random.default_rng(9)  # it ends in the zone
+    speed, rng = passages()[:3_713], np.random.default_rng(9)  # it ends in the zone
     friction = nominal.dry_torque_Nm * np.sign(speed) + nominal.viscous_Nm_s_rad * speed
     friction += 2e-5 * rng.standard_normal(speed.size)
     current = (friction + inertia * np.gradient(speed, wheel.sample_period_s)) / constant
@@ -72,6 +73,14 @@ def test_zone_does_not_depend_on_unit_or_direction(scale: float, held: bool, mir
     assert other.width_rad_s == pytest.approx(scale * plain.width_rad_s)
     assert np.array_equal(other.inside, plain.inside)
     assert other.deviance == pytest.approx(plain.deviance, rel=0.05)  # a reading may change its part
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_all_that_rests_in_the_zone_is_left_out_and_nothing_else(held: bool) -> None:
+    speed = passages()
+    zone = read_zone(read(speed, held=held), 0.0)
+    assert zone is not None
+    assert np.array_equal(zone.inside, np.abs(speed) < WIDTH)  # the hurried passage, too
 
 
 def stopping() -> FloatArray:

@@ -117,6 +117,9 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
     count *= max(width - step_rad_s, 0.0) / width
     if count < FEWEST_RESTS:
         return None
+    # A wheel that hurries through a zone which there is leaves a reading that is held for a sample or two.
+    side_of_run = np.sign(reading[begins])
+    turns = np.append(side_of_run[1:] != side_of_run[:-1], False)[run]
     inside = np.zeros(speed_rad_s.size, dtype=np.bool_)
-    inside[known[rests & (np.abs(reading) < 2.0 * width)]] = True
+    inside[known[(rests & (np.abs(reading) < 2.0 * width)) | (~begins & turns)]] = True
     return ReadZone(width, max(width / (int(passed.sum()) + 1), step_rad_s), inside, float(2.0 * np.log(2.0) * count))
