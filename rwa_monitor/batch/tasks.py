@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
-# What is reported of samples that no window used, by name of `sequencer.Counts`.
+# What is reported of samples that no window used, by name of `ingest.Counts`.
 NOT_USED: Final = {
     "masked": "were masked",
     "rejected": "rejected",

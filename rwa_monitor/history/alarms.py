@@ -262,7 +262,7 @@ def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
 #     wheel i alone          r ~ N(0, D + S² eᵢ eᵢᵀ)
 #     both                   r ~ N(0, D + S² (1 1ᵀ + eᵢ eᵢᵀ))
 #
-# Bayes' rule weighs them. Two wheels cannot be told from one cause and one exception: three are needed.
+# Bayes' rule weighs them. Two wheels cannot be distinguished from one cause and one exception: three are needed.
 
 
 COMPARED: Final = {"dry": "base dry friction", "viscous": "viscous friction"}  # coefficients, and their names in words

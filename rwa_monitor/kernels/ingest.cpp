@@ -48,7 +48,7 @@ tuple<int64_t, int64_t, int64_t> assign_slots(
     return {time_ns.size(), ahead_count, used};
 }
 
-// What is remembered of a channel, see sensor_validation.Channel.
+// What is remembered of a channel, see slots.Channel.
 struct Memory {
     double recent[OUTSTANDING_SLOTS], last, step, bend, restless, repeated, restless_before, rough, steps;
 };

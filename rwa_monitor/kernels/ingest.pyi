@@ -57,4 +57,4 @@ def judge(
     kind: NDArray[np.int8],
     since: IntArray,
 ) -> bool:
-    """Return whether `sensor_validation.Channel.judge` finds anything; `state` goes on; sets `kind`, `since`, zeros."""
+    """Return whether `slots.Channel.judge` finds anything; `state` goes on; sets `kind`, `since`, zeros."""

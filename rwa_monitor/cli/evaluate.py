@@ -1,8 +1,7 @@
-"""What labels are for: `train` learns a model from labelled recordings, `evaluate` scores diagnoses against labels."""
+"""`evaluate`: scores diagnoses against labels, event by event."""
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
@@ -19,55 +18,6 @@ from rwa_monitor.errors import InputError
 if TYPE_CHECKING:
     from rwa_monitor.telemetry.labels import JudgedWindow
     from rwa_monitor.telemetry.scores import Scores, Timeline
-
-
-@click.command(short_help="Learn the classifiers from labelled recordings.")
-@click.argument("labels_file", type=cli.FILE, metavar="LABELS.csv")
-@cli.option("--wheel", cli.FILE, "W.toml", "Constants of the wheel.", required=True)
-@cli.option("-o --output", cli.FILE, "MODEL.json", "Where to write the model.", required=True)
-@cli.scheduler_option
-@cli.workers_option
-def train(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, workers: int | None) -> None:
-    """Learn the classifiers from labelled recordings.
-
-    LABELS.csv has the columns file,dry,viscous,<switching systems>, with 0 or 1; file names are relative to it, and a
-    label holds for all windows of its file. A last window that is not full is left out where there are full ones. A
-    file with a wheel of its own beside it (FILE.wheel.toml, as `simulate dataset` writes it) is read with that one.
-    """
-    from rwa_monitor.batch.tasks import ReadFeatures, each
-    from rwa_monitor.diagnosis.training import LabelledFeatures, train
-    from rwa_monitor.paper.classification import with_classifiers
-    from rwa_monitor.telemetry.configuration import read_wheel
-    from rwa_monitor.telemetry.files import display_name, write_text
-    from rwa_monitor.telemetry.labels import read_labels
-    from rwa_monitor.words import counted
-
-    constants = read_wheel(wheel)
-    files = read_labels(labels_file)
-    reader = ReadFeatures(constants)
-    outcomes = each(reader, [file.path for file in files], scheduler=scheduler, workers=workers)
-    joint, paper, failed = [], [], 0
-    for file, outcome in zip(files, cli.track(outcomes, len(files), "reading windows"), strict=True):
-        if outcome.result is None:
-            cli.log(outcome.error)
-            failed += 1
-        else:
-            joint += [LabelledFeatures(features, file.anomalies) for features, _ in outcome.result]
-            paper += [LabelledFeatures(features, file.anomalies) for _, features in outcome.result]
-    if failed:
-        # A model that silently learned from fewer files than it has labels for would look like any other.
-        raise InputError(
-            display_name(labels_file), f"{failed} of {len(files)} files cannot be used; nothing is written"
-        )
-    names = [display_name(path) for path in (labels_file, wheel, output)]
-    again = shlex.join(["rwa-monitor", "train", names[0], "--wheel", names[1], "-o", names[2]])
-    model = with_classifiers(train(joint, constants, source=labels_file.name, command=again), paper)
-    write_text(output, model.to_json())
-    cli.log(f"{names[2]}: learned from {counted(len(joint), 'window')} of {counted(len(files), 'file')}")
-
-
-# ---- diagnoses beside labels, as event-wise scores -------------------------------------------------------------------
-
 
 COLUMNS: Final = {
     "events": "events",
@@ -117,7 +67,6 @@ def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
 
 def _read(diagnoses: Path) -> tuple[list[JudgedWindow], list[str]]:
     """Read the diagnoses; return them, and what of a recording cannot be read."""
-    from rwa_monitor.errors import InputError
     from rwa_monitor.monitor.recording import read_chain
     from rwa_monitor.telemetry.files import display_name
     from rwa_monitor.telemetry.labels import JudgedWindow
