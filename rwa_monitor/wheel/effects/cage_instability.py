@@ -167,8 +167,8 @@ def _fit_of_band(
 ) -> LikelihoodFit | None:
     """Return the fit of another mean and variance inside of a band than outside; None where it is no burst.
 
-    No burst: too few samples, or mean or variance not clearly raised. What raises one of the two alone is another
-    effect.
+    No burst: too few samples, mean or variance not clearly raised, or a band that no cage has. What raises one of the
+    two alone is another effect.
     """
     count, inside = sums[0].size - 1, stop - start
     outside = count - inside
@@ -188,15 +188,15 @@ def _fit_of_band(
     std_in = float(np.sqrt(variance_in))
     ratio = std_in / float(np.sqrt(square_out))
     band = {"band_speed_rad_s": centre, "band_half_width_rad_s": half_width}
-    values = CageInstability.typical(
-        strength_Nm=mean, noise_strength=ratio - 1.0, burst_s=30.0, quiet_s=0.0, **band
-    ).values
+    values = {"strength_Nm": mean, "noise_strength": ratio - 1.0, **band, "burst_s": 30.0, "quiet_s": 0.0}
+    if not all(one.low <= values[one.name] <= one.high for one in CageInstability.parameters):
+        return None
     std = dict.fromkeys(values, float("nan")) | {
         "strength_Nm": std_in / float(np.sqrt(inside)),
         "noise_strength": ratio / float(np.sqrt(2.0 * inside)),
     }
     return LikelihoodFit(
-        dict(values), std, float(by_variance + by_mean), 4, count, undetermined=frozenset({"burst_s", "quiet_s"})
+        values, std, float(by_variance + by_mean), 4, count, undetermined=frozenset({"burst_s", "quiet_s"})
     )
 
 
