@@ -21,9 +21,8 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.terms import make_term
+from rwa_monitor.discrepancy.terms import Model, make_term
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table

@@ -17,10 +17,9 @@ from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
-from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape
-from rwa_monitor.discrepancy.terms import Term, make_term
+from rwa_monitor.discrepancy.terms import Model, Term, make_term
 from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table, write_csv
 from rwa_monitor.wheel.effects.base import MeanEffect, NoiseEffect

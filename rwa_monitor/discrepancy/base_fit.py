@@ -19,8 +19,15 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
-from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise, long_run_variance
-from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
+from rwa_monitor.discrepancy.problem import (
+    Mapper,
+    Noise,
+    Problem,
+    clip_outliers,
+    estimate_noise,
+    in_turn,
+    long_run_variance,
+)
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.segmentation import decafs, fpop, segment_sums

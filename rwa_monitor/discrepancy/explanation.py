@@ -17,15 +17,15 @@ from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.hypotheses import formulas, speed_curve
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, fit_noise
-from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.noise_effects import CageBursts, cage_bursts
+from rwa_monitor.discrepancy.own_jumps import with_own_jumps
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import drawn_again
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
-from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, with_slope_jumps
+from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.unexplained import (
     does_nearly_all,
     judge_leftover,
@@ -177,8 +177,8 @@ def _with_line(line: AngleLine | None, left: Unexplained | None) -> Unexplained 
 def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel: Wheel) -> Explained:
     """Search for mean effects beside jumps, and judge what they leave: see `judge_leftover`."""
     candidates = [*candidates, *(effect for effect in UNNAMED if effect.may_show(problem))]
-    approach, grown, sloped = _grown(problem, candidates, progress)
-    best = sloped or grown.nested[-1]
+    approach, grown, own = _grown(problem, candidates, progress)
+    best = own or grown.nested[-1]
     if best.terms:
 
         def again(other: Problem) -> Fit:
@@ -187,9 +187,9 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
         drawn = drawn_again(problem, best.fit, again)
         if drawn is not None:
             problem = prepare(drawn, wheel, problem.each)
-            approach, grown, sloped = _grown(problem, candidates, progress, best)
-    if sloped is not None:
-        grown = grow(approach, candidates, progress, _taken_over(approach.problem, sloped))
+            approach, grown, own = _grown(problem, candidates, progress, best)
+    if own is not None:
+        grown = grow(approach, candidates, progress, _taken_over(approach.problem, own))
     found = rank(approach, grown, progress)
     problem = approach.problem
     progress("what is left")
@@ -240,10 +240,10 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
 def _grown(
     problem: Problem, candidates: Effects, progress: Progress, begin_with: Model | None = None
 ) -> tuple[Fitting, Growth, Model | None]:
-    """Return what grows, and the last model with slopes of its own between jumps where that is better."""
+    """Return what grows, and the last model with other jumps beside those of the dry friction where that is better."""
     approach = Fitting(problem, jumps=True)
     grown = grow(approach, candidates, progress, _taken_over(problem, begin_with))
-    return approach, grown, _with_slope_jumps(approach, grown, candidates, progress)
+    return approach, grown, _with_own_jumps(approach, grown, candidates, progress)
 
 
 def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
@@ -254,15 +254,14 @@ def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
     return [fitting.refitted(model.terms[: i + 1], model, [model.fit.jumps]) for i in range(len(model.terms))]
 
 
-def _with_slope_jumps(approach: Fitting, grown: Growth, candidates: Effects, progress: Progress) -> Model | None:
-    """Return the last model with slopes of its own between jumps, or None; see `with_slope_jumps`."""
-    if not any(effect.name == SlopeJumps.name for effect in candidates):
-        return None
-    progress("slopes between jumps")
+def _with_own_jumps(approach: Fitting, grown: Growth, candidates: Effects, progress: Progress) -> Model | None:
+    """Return the last model with other jumps beside those of the dry friction, or None; see `with_own_jumps`."""
+    progress("other jumps")
     problem = approach.problem
 
     def alternatives(model: Model) -> list[Model]:
         outside = [effect for effect in candidates if effect in UNNAMED and effect.name not in model.names]
         return [*with_free_curves(approach, model), *approach.extensions(model, outside)]
 
-    return with_slope_jumps(problem, grown.nested[-1], grown.nested[0], alternatives)
+    tried = {effect.name for effect in candidates}
+    return with_own_jumps(problem, grown.nested[-1], grown.nested[0], alternatives, tried)

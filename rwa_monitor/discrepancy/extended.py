@@ -16,12 +16,12 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.models import Model
+from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import temperature_range
 from rwa_monitor.discrepancy.result import SimulatedGain
-from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
+from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect
@@ -136,15 +136,14 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
     nominal, treatment = _nominal(search.wheel.nominal, before, after)
     blocks = []
     for index, term in enumerate(model.terms):
-        if issubclass(term.effect, SlopeJumps):
-            name, nearest = shared_strength(search.problem, model, index)
-            strengths = {name: nearest.value}
+        if issubclass(term.effect, OwnJumps):
+            values = {name: found.value for name, found in term.effect.nearest(search.problem, model, index).items()}
         else:
             names = [parameter.name for parameter in term.effect.strength_parameters()]
-            strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
+            values = {**term.shape, **dict(zip(names, model.strengths(index).tolist(), strict=True))}
         effect = effect_class(term.effect.name)
-        shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
-        blocks.append(_with_errors(search, effect(**{**shape, **strengths}), report_sha256))
+        known = {parameter.name: values[parameter.name] for parameter in effect.parameters}
+        blocks.append(_with_errors(search, effect(**known), report_sha256))
     wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})
     if any(term.effect.follows_temperature for term in model.terms):
         wheel = wheel.model_copy(update={"temperature": temperature_range(search.problem.records)})

@@ -20,7 +20,6 @@ from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, fou
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
-from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
@@ -28,6 +27,7 @@ from rwa_monitor.discrepancy.record import Record, delay_of, make_record, withou
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain, SearchedAgain, Unexplained, Verdict
 from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
+from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.discrepancy.unexplained import wandering
 from rwa_monitor.discrepancy.untested import untested
 from rwa_monitor.samples import Samples

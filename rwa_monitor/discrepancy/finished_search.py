@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.gain import HeldOut
-from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import DiscrepancyResult
+from rwa_monitor.discrepancy.terms import Model, SearchResult
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect
 from rwa_monitor.wheel.wheel import Wheel

@@ -27,11 +27,10 @@ from rwa_monitor.discrepancy.base_fit import (
 )
 from rwa_monitor.discrepancy.hypotheses import sort_out
 from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
-from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
-from rwa_monitor.discrepancy.terms import Term, depends_on_level, make_term
+from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import IntArray
 from rwa_monitor.wheel.effects.base import MeanEffect
 

@@ -11,14 +11,13 @@ from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.hypotheses import describe
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
-from rwa_monitor.discrepancy.models import Found, Model, law_of
+from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import INDISTINGUISHABLE, FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
-from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
-from rwa_monitor.discrepancy.terms import make_term
+from rwa_monitor.discrepancy.terms import Found, Model, law_of, make_term
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect, Family
@@ -33,8 +32,8 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
     """Return what is reported of a term of a model."""
     index = model.names.index(found.name)
     term = model.terms[index]
-    if issubclass(term.effect, SlopeJumps):
-        parameters = dict([shared_strength(problem, model, index)])
+    if issubclass(term.effect, OwnJumps):
+        parameters = term.effect.nearest(problem, model, index)
     else:
         std = spread(problem, model).terms[index]
         parameters = described(problem, term, model.strengths(index), std, effect_class(found.name).parameters)

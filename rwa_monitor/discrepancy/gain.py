@@ -21,10 +21,9 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_starts,
 )
 from rwa_monitor.discrepancy.likelihood import Equations, Series, Whitening
-from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import regressors
-from rwa_monitor.discrepancy.terms import depends_on_level, design_of, make_term
+from rwa_monitor.discrepancy.terms import Model, depends_on_level, design_of, law_of, make_term
 from rwa_monitor.samples import FloatArray, IntArray
 
 BLOCKS: Final = 10  # contiguous blocks of a search problem

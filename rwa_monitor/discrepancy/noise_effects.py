@@ -12,11 +12,11 @@ from scipy.ndimage import binary_dilation
 
 from rwa_monitor.discrepancy.found_effects import as_found
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
-from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law
+from rwa_monitor.discrepancy.terms import Model, law_of
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, curvature_std
 from rwa_monitor.wheel.effects.cage_instability import CageInstability

@@ -24,9 +24,9 @@ from scipy import special
 
 from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, strong_level, with_noise_of
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.models import SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.terms import SearchResult
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel

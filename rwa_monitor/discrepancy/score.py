@@ -23,15 +23,13 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_starts,
 )
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
-from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import Term
+from rwa_monitor.discrepancy.terms import TINY, Model, Term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
 SCREENED: Final = 20_000  # means of samples, of which screening uses no more
 LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
-TINY: Final = 1e-100  # of what is divided by
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress
 from rwa_monitor.discrepancy.likelihood import asked_gain
-from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
+from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult
 
 MAX_EFFECTS: Final = 4
 TRIED_IN_PAIRS: Final = 2  # effects, to which a second is added

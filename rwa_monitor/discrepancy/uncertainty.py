@@ -17,13 +17,11 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import with_noise_of
 from rwa_monitor.discrepancy.likelihood import Series
-from rwa_monitor.discrepancy.models import Model, law_of
-from rwa_monitor.discrepancy.noise import MAX_LAG
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import LOG_SPACING_FROM, shape_limits
-from rwa_monitor.discrepancy.terms import Term, make_term
+from rwa_monitor.discrepancy.terms import Model, Term, law_of, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Parameter
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE

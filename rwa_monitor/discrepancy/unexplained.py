@@ -16,10 +16,9 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, strong_jumps, strong_level
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.terms import Term, make_term
+from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term
 from rwa_monitor.discrepancy.unnamed import CURVES, UNNAMED, Periodic, PeriodicDrag, PeriodicRub, UnnamedEffect
 from rwa_monitor.samples import FloatArray
 

@@ -16,12 +16,11 @@ import numpy as np
 
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.likelihood import asked_gain
-from rwa_monitor.discrepancy.models import Model, SearchResult, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape
-from rwa_monitor.discrepancy.terms import available, depends_on_level, make_term
+from rwa_monitor.discrepancy.terms import Model, SearchResult, available, depends_on_level, law_of, make_term
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 from rwa_monitor.wheel.effects.wrong_duration_law import FEWEST_SOJOURNS

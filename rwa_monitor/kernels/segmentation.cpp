@@ -313,36 +313,47 @@ NewIntegers segment_sums(FloatMatrix running, Floats factors, double penalty) {
     return {edges.at.begin() + 1, edges.at.end() - 1};
 }
 
-// The first block of each straight line but the first, of running sums (6, blocks + 1) of 1, x, z, xx, xz, zz: optimal
+// What a segment's samples sum up to, x relative to the segment's first block; `scale` brings the next block's there.
+struct CurveSums {
+    int64_t first;
+    double scale = 1.0, n = 0.0, x = 0.0, z = 0.0, xx = 0.0, xz = 0.0, zz = 0.0;
+};
+
+// The first block of each segment but the first, of which each is a level or a level and a multiple of x, from each
+// block's sums (6, blocks) of 1, x, z, xx, xz, zz, and the factor `keep` from its x to the next one's: optimal
 // partitioning (Jackson et al., IEEE Signal Processing Letters 12, 2005) with the pruning of PELT (Killick et al.,
-// J. Am. Stat. Assoc. 107, 2012).
-NewIntegers optimal_lines(FloatMatrix sums, double penalty) {
-    const int64_t count = sums.shape[1] - 1;
+// J. Am. Stat. Assoc. 107, 2012), which a segment of two parameters in place of two of one makes later by a penalty.
+NewIntegers optimal_curves(FloatMatrix sums, Floats keep, double penalty) {
+    const int64_t count = sums.shape[1];
     NewFloats best(count + 1, -penalty), costs(count + 1);
-    NewIntegers previous(count + 1), alive{0}, found;
-    for (int64_t j : range(1, count + 1)) {
+    NewIntegers previous(count + 1), found;
+    vector<CurveSums> alive{{0}};
+    for (int64_t j : range(0, count)) {
         double least = INFINITY;
-        for (int64_t k : range(alive.size())) {
-            const int64_t i = alive[k];
-            const auto between = [&](int64_t row) { return sums(row, j) - sums(row, i); };
-            const double n = between(0), x = between(1), z = between(2);
-            const double xx = between(3) - x * x / n, xz = between(4) - x * z / n, zz = between(5) - z * z / n;
-            costs[k] = best[i] + max(zz - (xx > 0.0 ? xz * xz / xx : 0.0), 0.0);
-            if (costs[k] + penalty < least) least = costs[k] + penalty, previous[j] = i;
+        for (size_t k : range(alive.size())) {
+            CurveSums& s = alive[k];
+            s.n += sums(0, j), s.z += sums(2, j), s.zz += sums(5, j);
+            s.x += s.scale * sums(1, j), s.xz += s.scale * sums(4, j), s.xx += s.scale * s.scale * sums(3, j);
+            s.scale *= keep[j];
+            const double level = max(s.zz - s.z * s.z / s.n, 0.0);
+            const double energy = s.xx - s.x * s.x / s.n, moment = s.xz - s.x * s.z / s.n;
+            const double curve = energy > 0.0 ? max(level - moment * moment / energy, 0.0) : level;
+            costs[k] = best[s.first] + min(level, curve + penalty);
+            if (costs[k] + penalty < least) least = costs[k] + penalty, previous[j + 1] = s.first;
         }
-        best[j] = least;
+        best[j + 1] = least;
         size_t left = 0;
-        for (int64_t k : range(alive.size())) {
-            if (costs[k] <= least) alive[left++] = alive[k];
+        for (size_t k : range(alive.size())) {
+            if (costs[k] <= least + penalty) alive[left++] = alive[k];
         }
         alive.resize(left);
-        alive.push_back(j);
+        alive.push_back({j + 1});
     }
     for (int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
     reverse(found);
     return found;
 }
 
-STAGE(segmentation, fpop, decafs, segment_sums, optimal_lines)
+STAGE(segmentation, fpop, decafs, segment_sums, optimal_curves)
 
 }  // namespace rwa

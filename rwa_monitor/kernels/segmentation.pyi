@@ -23,8 +23,15 @@ def segment_sums(running: FloatArray, factors: FloatArray, penalty: float) -> In
         Cost of one jump.
     """
 
-def optimal_lines(sums: FloatArray, penalty: float) -> IntArray:
-    """Return the first block of each straight line z(x) but the first.
+def optimal_curves(sums: FloatArray, keep: FloatArray, penalty: float) -> IntArray:
+    """Return the first block of each segment but the first: of a level, or of a level and a multiple of x.
 
-    `sums`, float64 (6, blocks + 1), are running sums of 1, x, z, x², xz and z²; `penalty` is the cost of one more line.
+    Parameters
+    ----------
+    sums
+        float64 (6, blocks), sums of 1, x, z, x², xz and z² over each block.
+    keep
+        float64 (blocks,), factor from the x of a block to that of the next: 1 where x is the same from any start.
+    penalty
+        Cost of one more level; a multiple of x costs as much again.
     """

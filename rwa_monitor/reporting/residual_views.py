@@ -16,8 +16,8 @@ import numpy as np
 from scipy import stats
 
 from rwa_monitor.discrepancy.base_fit import least_squares, remove_levels, segment_starts
-from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rwa_monitor.discrepancy.noise import clip_outliers, estimate_noise
+from rwa_monitor.discrepancy.problem import clip_outliers, estimate_noise
 
 N = 20_000
 # A robust standard deviation of n Gaussian values has a relative error of 1.17/√n from its median, and AR(1) or

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.signal import lfilter
 
 from rwa_monitor.discrepancy.base_fit import segment, segment_correlated
-from rwa_monitor.kernels.segmentation import decafs, fpop
+from rwa_monitor.kernels.segmentation import decafs, fpop, optimal_curves
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -53,6 +53,28 @@ def test_short_sequences_are_segmented_as_by_brute_force(seed: int, n: int, pena
     rng = np.random.default_rng(seed)
     z = rng.normal(size=n) + np.cumsum((rng.random(n) < 0.05) * rng.normal(0, 3, n))
     assert segment(z, penalty).tolist() == brute_force(z, penalty)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), n=st.integers(1, 60), penalty=st.floats(0.5, 20.0), keep=st.floats(0.5, 1.0))
+def test_levels_and_relaxing_curves_are_parted_as_by_brute_force(
+    seed: int, n: int, penalty: float, keep: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    z = rng.normal(size=n) + np.cumsum((rng.random(n) < 0.1) * rng.normal(0, 4, n))
+    x = np.full(n, 1.0) if keep < 1.0 else rng.normal(size=n)  # of each sample, in units of its own place
+
+    def least(a: int, b: int) -> float:
+        design = np.stack([np.ones(b - a), x[a:b] * keep ** np.arange(b - a)], axis=1)
+        left = [float(np.sum((z[a:b] - d @ np.linalg.lstsq(d, z[a:b])[0]) ** 2)) for d in (design[:, :1], design)]
+        return min(left[0], left[1] + penalty)
+
+    best = [-penalty]
+    for t in range(1, n + 1):
+        best.append(min(best[a] + penalty + least(a, t) for a in range(t)))
+    found = optimal_curves(np.stack([np.ones(n), x, z, x * x, x * z, z * z]), np.full(n, keep), penalty)
+    edges = [0, *found.tolist(), n]
+    assert sum(map(least, edges, edges[1:])) + penalty * found.size == pytest.approx(best[n], rel=1e-9, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
-from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.switching_effects import switching_effects
+from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import Geometric, Uniform
 from rwa_monitor.wheel.switching_systems import simulate_system

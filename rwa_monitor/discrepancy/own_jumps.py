@@ -1,0 +1,302 @@
+"""Jumps that keep no step with those of the dry friction: of the viscous coefficient, or of drag that relaxes again.
+
+The catalogue's `viscous_jump` lets the coefficient follow the dry level, and `decaying_jump` lets a part of every jump
+fade away. Lubricant that moves in and out of the contact, or a pocket of oil that is run over, need not keep to them:
+then a stretch of time has a multiple of a known course of its own, of |ω| or of what is left of a jump after a while.
+The stretches are found like the levels, by an exact segmentation, here into levels that may have such a multiple;
+neighbours whose multiples differ by less than they cost are merged. A change is priced as a jump is: it has a place, a
+size and a sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY
+from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.gain import held_out
+from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.search import prune
+from rwa_monitor.discrepancy.shape_profile import shape_limits
+from rwa_monitor.discrepancy.terms import TINY, Model, Term
+from rwa_monitor.kernels.segmentation import optimal_curves
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.effects.base import Channels, Memory, Parameter
+from rwa_monitor.wheel.effects.decaying_jump import DecayingJump
+from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
+
+BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then placed to the sample
+SHORTEST_BLOCKS: Final = 3  # of a stretch: shorter ones are blocks in which something jumps
+MOST_CHANGES: Final = 24  # more are a law of speed, not jumps
+HELD_OUT_BLOCKS: Final = 41  # so short that each slope is seen in blocks of both parities
+KNOWN: Final = 1e15  # times the largest energy: of a multiple that is known
+FORGOTTEN: Final = 1e-6  # of a relaxing jump: less is nothing
+RATIO: Final = 1.5  # of the time constants that are tried
+
+
+class OwnJumps(JumpTerm):
+    """A multiple of its own in each of some stretches of time, of what the subclass's jumps do."""
+
+    uses_level = False
+    parameters = ()
+    places: ClassVar[IntArray]  # joined index at which each multiple begins
+    seconds: ClassVar[float]  # time constant with which it relaxes, if it does
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return zeros: the multiples are known only where they were found."""
+        del shape, memory
+        return np.zeros((len(channels), len(cls.parameters))), None
+
+    @classmethod
+    def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
+        """Return the catalogue's parameters that come nearest to what was found, by name."""
+        raise NotImplementedError
+
+
+class SlopeJumps(OwnJumps, wraps=ViscousJump):
+    """A viscous coefficient of its own in each of some stretches of time: `viscous_jump`, with slopes that are free."""
+
+    @classmethod
+    def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
+        (parameter,) = ViscousJump.parameters
+        torque = model.terms[index].columns @ model.strengths(index)
+        # Slopes are relative to that of the first stretch: how much all have in common is the base law's.
+        design = np.stack([problem.speed, model.fit.level * problem.speed], axis=1)
+        strength = float(np.clip(np.linalg.lstsq(design, torque)[0][1], parameter.low, parameter.high))
+        note = "the coefficient's jumps are not in proportion to those of the dry friction"
+        return {parameter.name: ParameterValue(strength, None, parameter.unit, note)}
+
+
+class RelaxingJumps(OwnJumps, wraps=DecayingJump):
+    """Drag that jumps up at moments of its own and relaxes: `decaying_jump`, of which nothing else switches."""
+
+    @classmethod
+    def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
+        del problem
+        share, seconds = DecayingJump.parameters
+        relaxing = float(np.sum(model.strengths(index)))
+        steps = float(np.sum(np.abs(model.fit.level[model.fit.jumps] - model.fit.level[model.fit.jumps - 1])))
+        note = "jumps of their own relax to nothing, those of the switching systems stay: the share of all"
+        return {
+            share.name: ParameterValue(relaxing / (relaxing + steps), None, share.unit, note),
+            seconds.name: ParameterValue(cls.seconds, None, seconds.unit, ""),
+        }
+
+
+def with_own_jumps(
+    problem: Problem,
+    model: Model,
+    simpler: Model,
+    alternatives: Callable[[Model], Sequence[Model]],
+    tried: Collection[str],
+) -> Model | None:
+    """Return the best model in which something else than the dry friction jumps; None where that does not pay.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    model
+        The best model without.
+    simpler
+        The base model: what `model` names may be what such jumps look like.
+    alternatives
+        Returns a model extended by each of the free curves: slopes that differ since the drag is no straight line are
+        a law of the speed.
+    tried
+        Names of the effects that are searched for.
+    """
+    ways = {SlopeJumps.name: _sloped, RelaxingJumps.name: _relaxing}
+    models = [with_it(problem, model, simpler) for name, with_it in ways.items() if name in tried]
+    found = [one for one in models if one is not None]
+    best = min(found, key=lambda one: one.score, default=model)
+    if model.score - best.score < ACCEPT_GAIN:
+        return None
+    others = Fitting(problem, jumps=True).refitted(best.terms[:-1], best, [best.fit.jumps])
+    return best if all(one.score > best.score for one in alternatives(others)) else None
+
+
+def _sloped(problem: Problem, model: Model, simpler: Model) -> Model | None:
+    """Return the best model in which the viscous coefficient jumps by itself, where that predicts more than without."""
+    best, fitting = _best_with(problem, model, simpler, [_Course(problem)]), Fitting(problem, jumps=True)
+    if best is None:
+        return None
+    before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
+    if after <= before:
+        return None
+    others = fitting.refitted(best.terms[:-1], best, [best.fit.jumps])
+    drifting = fitting.refitted((*others.terms, _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
+    return best if drifting.score > best.score else None
+
+
+def _relaxing(problem: Problem, model: Model, simpler: Model) -> Model | None:
+    """Return the best model with drag that jumps by itself and relaxes, at the time constant that does best."""
+    low, high = shape_limits(problem, DecayingJumpTerm)["time_constant_s"]
+    if not low < high:
+        return None
+    seconds = np.geomspace(low, high, int(np.log(high / low) / np.log(RATIO)) + 2).tolist()
+    return _best_with(problem, model, simpler, [_Course(problem, one) for one in seconds])
+
+
+def _best_with(problem: Problem, model: Model, simpler: Model, courses: Sequence[_Course]) -> Model | None:
+    """Return the best model with multiples of one of the courses, or None where there are none.
+
+    From the given model without the catalogue's name of such jumps, and from the simpler one: what was named may be
+    what they look like.
+    """
+    fitting, found = Fitting(problem, jumps=True), []
+    kept = tuple(term for term in model.terms if term.effect.name != courses[0].effect.name)
+    begin = model if kept == model.terms else fitting.refitted(kept, model)
+    for start in (begin, simpler) if begin.terms else (begin,):
+        terms = [term for course in courses if (term := _multiples(course, start)) is not None]
+        with_term = [fitting.refitted((*start.terms, term), start) for term in terms]
+        if with_term:
+            best = min(with_term, key=lambda one: one.score)
+            found.append(prune(fitting, best, keep_last=True))
+    return min(found, key=lambda one: one.score, default=None)
+
+
+# ---- where the multiple changes --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Course:
+    """What a stretch of time has a multiple of: |ω|, or what is left of a jump that relaxes with a time constant."""
+
+    problem: Problem
+    seconds: float = np.inf
+
+    @property
+    def relaxes(self) -> bool:
+        return self.seconds < np.inf
+
+    @property
+    def effect(self) -> type[OwnJumps]:
+        return RelaxingJumps if self.relaxes else SlopeJumps
+
+    def since(self, begin: IntArray | int, at: IntArray) -> FloatArray:
+        """Return it at joined samples of one record, in units of what it is at the sample where a stretch begins."""
+        if not self.relaxes:
+            return self.problem.speed[at]
+        slots = self.problem.slot[at] - self.problem.slot[begin]
+        return np.asarray(np.exp(-slots * self.problem.records[0].channels.sample_period_s / self.seconds))
+
+    def keep(self, first: IntArray) -> FloatArray:
+        """Return what is left of each stretch's unit where the next begins, float64 (stretches - 1,)."""
+        if not self.relaxes:
+            return np.ones(first.size - 1)
+        of = np.searchsorted(self.problem.starts, first, side="right")
+        return np.where(np.diff(of) == 0, self.since(first[:-1], first[1:]), 0.0)
+
+
+def _multiples(course: _Course, model: Model) -> Term | None:
+    """Return the stretches of time with another multiple, as columns; None where it is one all over."""
+    problem = course.problem
+    values, price = model.fit.level + model.fit.residual, JUMP_PENALTY * problem.log_size
+    price *= problem.noise.long_run_variance
+    cuts: list[int] = []
+    for begin, end in zip(problem.starts[:-1].tolist(), problem.starts[1:].tolist(), strict=True):
+        if end > begin:
+            width = max((end - begin) // BLOCKS, 1)
+            first = np.arange(begin, end, width)
+            found = first[optimal_curves(_sums(course, values, first, end), np.append(course.keep(first), 1.0), price)]
+            cuts += [begin, *_placed(course, values, np.concatenate([[begin], found, [end]]), width)]
+    places = _merged(course, values, np.array(cuts, dtype=np.int64), price)
+    return _term(course, places) if 0 < places.size <= MOST_CHANGES else None
+
+
+def _sums(course: _Course, values: FloatArray, first: IntArray, end: int) -> FloatArray:
+    """Return the sums of 1, x, z, xx, xz, zz of each stretch, x from its first sample on, float64 (6, stretches)."""
+    at = np.arange(first[0], end)
+    x = course.since(np.repeat(first, np.diff(first, append=end)), at)
+    z = values[at] - values[at].mean()  # sums of squares then lose few digits
+    return np.add.reduceat([np.ones(at.size), x, z, x * x, x * z, z * z], first - first[0], axis=1)
+
+
+def _placed(course: _Course, values: FloatArray, edges: IntArray, width: int) -> list[int]:
+    """Move each cut to where the curves on both its sides fit best, in place of the blocks that hold some of either."""
+    long = np.diff(edges) >= SHORTEST_BLOCKS * width
+    begins, ends = edges[:-1][long].tolist(), edges[1:][long].tolist()
+    placed = []
+    for i in range(len(begins) - 1):
+        near = np.arange(max(ends[i] - width, begins[i]), min(begins[i + 1] + width, ends[i + 1]))
+        before, after = (
+            (values[near] - _curve(course, values, begins[side], ends[side], near)) ** 2 for side in (i, i + 1)
+        )
+        placed.append(int(near[0]) + int(np.argmin(np.cumsum(np.append(0.0, before - after)))))
+    return placed
+
+
+def _curve(course: _Course, values: FloatArray, begin: int, end: int, at: IntArray) -> FloatArray:
+    """Return the level and multiple of a stretch at samples."""
+    x = course.since(begin, np.arange(begin, end))
+    middle, x = x.mean(), x - x.mean()
+    multiple = float(x @ values[begin:end]) / max(float(x @ x), TINY)
+    return np.asarray(values[begin:end].mean() + multiple * (course.since(begin, at) - middle))
+
+
+def _merged(course: _Course, values: FloatArray, first: IntArray, price: float) -> IntArray:
+    """Return where the multiple changes: neighbours are merged while one for both costs less than a change does.
+
+    Of drag that relaxes, only where it jumps up: what is run over adds drag.
+    """
+    n, x, z, xx, xz, _ = _sums(course, values, first, values.size)
+    energy, moment, keep = xx - x * x / n, xz - x * z / n, course.keep(first)  # in units of each one's own beginning
+    known = KNOWN * energy.max()
+    if course.relaxes:  # before the first jump there is nothing to relax
+        first, keep = np.append(-1, first), np.append(0.0, keep)
+        energy, moment = np.append(known, energy), np.append(0.0, moment)
+    while first.size > 1:
+        lost = keep < FORGOTTEN
+        before = np.where(lost, known, np.minimum(energy[:-1] / np.where(lost, 1.0, keep**2), known))
+        of_before = np.where(lost, 0.0, moment[:-1] / np.where(lost, 1.0, keep))
+        both = before * energy[1:]
+        change = np.where(both > 0.0, moment[1:] * before - of_before * energy[1:], 0.0)
+        costs = change**2 / np.where(both > 0.0, both * (before + energy[1:]), 1.0)
+        i = int(np.argmin(costs))
+        if costs[i] >= price:
+            return first[1:][change > 0.0] if course.relaxes else first[1:]
+        energy[i + 1] += before[i]
+        moment[i + 1] += of_before[i]
+        if i:
+            keep[i - 1] *= keep[i]
+        energy, moment, keep = np.delete(energy, i), np.delete(moment, i), np.delete(keep, i)
+        first = np.delete(first, i + 1)
+    return first[1:]
+
+
+def _term(course: _Course, places: IntArray) -> Term:
+    """Return a change of the multiple at each place, as columns."""
+    problem, at = course.problem, np.arange(course.problem.size)
+    columns = np.zeros((problem.size, places.size))
+    if course.relaxes:
+        ends = problem.starts[np.searchsorted(problem.starts, places, side="right")]
+        for j, (begin, end) in enumerate(zip(places.tolist(), ends.tolist(), strict=True)):
+            columns[begin:end, j] = course.since(begin, at[begin:end])
+    else:
+        stretch = np.searchsorted(places, at, side="right")
+        columns = problem.speed[:, None] * (stretch[:, None] == np.arange(1, places.size + 1))
+    unit, least, price = ("N m", 0.0, 1.0) if course.relaxes else ("N m s/rad", -np.inf, 0.0)
+    parameters = tuple(Parameter(f"change_{j + 1}", unit, least, np.inf, 0.0, linear=True) for j in range(places.size))
+    effect = type("OwnJumps", (course.effect,), {"parameters": parameters, "places": places, "seconds": course.seconds})
+    low, high = np.full(places.size, least), np.full(places.size, np.inf)
+    return Term(effect, {}, columns, low, high, own=True, price=price + JUMP_PENALTY * places.size)
+
+
+def _drifting(problem: Problem, term: Term) -> Term:
+    """Return a coefficient that drifts through as many knots, in place of one that jumps as often."""
+    assert issubclass(term.effect, SlopeJumps)
+    edges = np.concatenate([[0], term.effect.places, [problem.size]])
+    knots, at = 0.5 * (edges[1:] + edges[:-1]), np.arange(problem.size)
+    hats = np.stack([np.interp(at, knots, unit) for unit in np.eye(knots.size)[1:]], axis=1)
+    return replace(term, columns=hats * problem.speed[:, None])
