@@ -189,13 +189,14 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     problem, complete, cage = explained.problem, explained.complete, explained.cage
     others: list[FoundEffect] = []
     wanders: Unexplained | None = None
+    in_band = cage.in_band if cage else ()
     if with_noise:
-        in_band, by_law = cage.in_band if cage else (), not explained.jumps and not problem.friction_is_derived
+        by_law = not explained.jumps and not problem.friction_is_derived
         unnamed = explained.leftover is None
         others += noise_effects(problem, complete, explained=unnamed, in_band=in_band, by_law=by_law)
         wanders = wandering(problem, complete)
     if explained.leftover is None and wanders is None and explained.jumps:
-        others += switching_effects(problem, complete, wheel)
+        others += switching_effects(problem, complete, wheel, in_band)
     if cage is not None:
         others.append(cage.effect)
     classes = [effect_class(effect.name) for effect in others]

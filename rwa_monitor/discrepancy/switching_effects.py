@@ -65,9 +65,14 @@ class _Attributed:
         return Sojourns(starts[1:-1], q[1:-1], np.diff(starts)[1:])
 
 
-def switching_effects(problem: Problem, model: Model, wheel: Wheel) -> list[FoundEffect]:
-    """Return the switching effect that the jumps show best; those as good in its place are its equivalents."""
-    found = accepted(problem, _fits(problem, model, wheel))
+def switching_effects(
+    problem: Problem, model: Model, wheel: Wheel, in_band: Sequence[BoolArray] = ()
+) -> list[FoundEffect]:
+    """Return the switching effect that the jumps show best; those as good in its place are its equivalents.
+
+    `in_band`: for each record bool (slots,), the band of a cage. There the drag comes and goes with its bursts.
+    """
+    found = accepted(problem, _fits(problem, model, wheel, in_band))
     if not found:
         return []
     near = found[0].delta_deviance - EQUIVALENT_WITHIN
@@ -79,16 +84,24 @@ def largest_switching_gain(problem: Problem, model: Model, wheel: Wheel) -> floa
     return max(sum(fit.penalised_gain for fit in of) for of in _fits(problem, model, wheel).values())
 
 
-def _fits(problem: Problem, model: Model, wheel: Wheel) -> dict[str, list[LikelihoodFit]]:
+def _fits(
+    problem: Problem, model: Model, wheel: Wheel, in_band: Sequence[BoolArray] = ()
+) -> dict[str, list[LikelihoodFit]]:
     """Fit each switching effect to each record."""
+    hidden = _is_between_levels(problem, model)
+    if in_band:
+        bands = (band[record.used] for band, record in zip(in_band, problem.records, strict=True))
+        hidden |= np.concatenate(list(bands))
     fits: dict[str, list[LikelihoodFit]] = {}
     for index in range(len(problem.records)):
-        for name, fitted in _fit_record(problem, model, wheel, index).items():
+        for name, fitted in _fit_record(problem, model, wheel, index, hidden).items():
             fits.setdefault(name, []).append(fitted)
     return fits
 
 
-def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dict[str, LikelihoodFit]:
+def _fit_record(
+    problem: Problem, model: Model, wheel: Wheel, index: int, hidden: BoolArray
+) -> dict[str, LikelihoodFit]:
     """Fit each switching effect to the jumps of a record, attributed where the wheel has switching systems."""
     record = problem.records[index]
     begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
@@ -102,7 +115,7 @@ def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dic
     nothing = {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
     plain = wheel.model_copy(update={"effect": ()})
     if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
-        gathered = _gather(problem, model, plain, index)
+        gathered = _gather(problem, model, plain, index, hidden)
         if len(gathered.candidates) > DOUBTFUL * found.size + FEW_MORE:
             # What the one takes for a jump the other takes for noise: fast slews that the derivative does not follow.
             return nothing
@@ -111,11 +124,11 @@ def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dic
     return {**nothing, SPEED: SpeedTriggeredJumps.fit(evidence)}
 
 
-def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidence:
+def _gather(problem: Problem, model: Model, plain: Wheel, index: int, hidden: BoolArray) -> Evidence:
     """Return what the diagnosis is given of the friction that the model's effects leave to the base law."""
     record = problem.records[index]
     base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.motion
-    torque = on_slots(problem, np.where(_is_between_levels(problem, model), np.nan, base * problem.sign))[index]
+    torque = on_slots(problem, np.where(hidden, np.nan, base * problem.sign))[index]
     window = WindowAccumulator(plain, slots=record.used.size)
     window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))
     return window.close()
