@@ -122,7 +122,7 @@ def with_own_jumps(
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
-    others = Fitting(problem, jumps=True).refitted(best.terms[:-1], best, [best.fit.jumps])
+    others = Fitting(problem, jumps=True).without(best, len(best.terms) - 1)
     return best if all(one.score > best.score for one in alternatives(others)) else None
 
 
@@ -134,8 +134,7 @@ def _sloped(problem: Problem, model: Model, simpler: Model) -> Model | None:
     before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
     if after <= before:
         return None
-    others = fitting.refitted(best.terms[:-1], best, [best.fit.jumps])
-    drifting = fitting.refitted((*others.terms, _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
+    drifting = fitting.refitted((*best.terms[:-1], _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
     return best if drifting.score > best.score else None
 
 
@@ -185,10 +184,13 @@ class _Course:
         return RelaxingJumps if self.relaxes else SlopeJumps
 
     def since(self, begin: IntArray | int, at: IntArray) -> FloatArray:
-        """Return it at joined samples of one record, in units of what it is at the sample where a stretch begins."""
+        """Return it at joined samples of one record, in units of what it is at the sample where a stretch begins.
+
+        What relaxes is 1 before that sample: a pause of hours there would be more than any number.
+        """
         if not self.relaxes:
             return self.problem.speed[at]
-        slots = self.problem.slot[at] - self.problem.slot[begin]
+        slots = np.maximum(self.problem.slot[at] - self.problem.slot[begin], 0)
         return np.asarray(np.exp(-slots * self.problem.records[0].channels.sample_period_s / self.seconds))
 
     def keep(self, first: IntArray) -> FloatArray:

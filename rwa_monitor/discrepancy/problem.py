@@ -16,6 +16,9 @@ from rwa_monitor.discrepancy.motor_constants import ShownConstant, combined
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
+# ---- the noise of the samples ----------------------------------------------------------------------------------------
+
+
 ENOUGH: Final = 20_000  # differences at a lag: their median is then known to a per cent
 MAX_LAG: Final = 96  # slots: AR(1) with φ = 0.95 has forgotten 99 % by then
 LONGEST_QUIET: Final = 8  # lags that do not stand out, between those that belong to lag 0 and others that do

@@ -70,7 +70,8 @@ def switching_effects(
 ) -> list[FoundEffect]:
     """Return the switching effect that the jumps show best; those as good in its place are its equivalents.
 
-    `in_band`: for each record bool (slots,), the band of a cage. There the drag comes and goes with its bursts.
+    `in_band`: for each record bool (slots,), the band of a cage. There the drag comes and goes with its bursts, and a
+    sojourn that ends there unseen looks too long: nothing is judged but whether there is one system more.
     """
     found = accepted(problem, _fits(problem, model, wheel, in_band))
     if not found:
@@ -94,8 +95,9 @@ def _fits(
         hidden |= np.concatenate(list(bands))
     fits: dict[str, list[LikelihoodFit]] = {}
     for index in range(len(problem.records)):
-        for name, fitted in _fit_record(problem, model, wheel, index, hidden).items():
-            fits.setdefault(name, []).append(fitted)
+        fitted = _fit_record(problem, model, wheel, index, hidden)
+        for name in (EXTRA,) if in_band else fitted:
+            fits.setdefault(name, []).append(fitted.get(name, SWITCHING_EFFECTS[name].nothing_found()))
     return fits
 
 

@@ -1,6 +1,6 @@
-"""Terms: an effect of the catalogue, at one shape, put into columns of the search problem, and what adding it is worth.
+"""Terms, each an effect of the catalogue at one shape, put into columns of the search problem, and models made of them.
 
-Which shape is the best is found in `shape_profile`.
+Which shape is the best is found in `shape_profile`, which terms make the best model in `search`.
 """
 
 from __future__ import annotations
@@ -281,7 +281,7 @@ def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
     return None
 
 
-# ---- models: terms with a fit, how they grew, and what was found ------------------------------------------------
+# ---- models: terms with a fit, how they grew, and what was found -----------------------------------------------------
 
 
 INEXACT: Final = 0.1  # of the torque of a law: what a real machine may differ from it by, a working assumption

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.durations import Geometric, Uniform
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
@@ -43,12 +45,12 @@ def level_of(systems: tuple[SwitchingSystem, ...], clock: np.ndarray, seed: int)
     return np.asarray(DRY_NM * (1.0 + np.sum(friction, axis=0)))
 
 
-def named(level: FloatArray, speed: FloatArray, seed: int) -> list[str]:
+def named(level: FloatArray, speed: FloatArray, seed: int, in_band: Sequence[BoolArray] = ()) -> list[str]:
     rng = np.random.default_rng(seed + 100)
     friction = level + VISCOUS * speed + NOISE_NM * rng.normal(size=COUNT)
     problem = make_problem([make_record(sampled(speed, friction), KNOWN, "jumps")], KNOWN)
     model = Model((), fit(problem))
-    return [effect.name for effect in switching_effects(problem, model, KNOWN)]
+    return [effect.name for effect in switching_effects(problem, model, KNOWN, in_band)]
 
 
 def some_speed(seed: int) -> FloatArray:
@@ -99,3 +101,14 @@ def test_jumps_that_the_speed_triggers_are_told_from_other_laws(seed: int) -> No
     rate = np.exp(0.02 * (speed - speed.max()))  # four e-folds from the lowest to the highest speed
     clock = np.floor(np.cumsum(rate / rate.mean())).astype(np.int64)
     assert named(level_of(KNOWN.fss, clock, seed), speed, seed) == ["speed_triggered_jumps"]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("everywhere", [False, True])
+def test_what_jumps_in_the_band_of_a_cage_alone_is_no_further_system(seed: int, everywhere: bool) -> None:
+    speed = some_speed(seed)
+    band = np.abs(speed - 180.0) < 40.0
+    extra = simulate_system(EXTRA, COUNT, np.random.default_rng(seed)).friction
+    level = level_of(KNOWN.fss, np.arange(COUNT), seed) + DRY_NM * np.where(everywhere | band, extra, 0.0)
+    assert named(level, speed, seed) == ["extra_switching_system"]
+    assert named(level, speed, seed, [band]) == (["extra_switching_system"] if everywhere else [])
