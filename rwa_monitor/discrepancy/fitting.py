@@ -73,7 +73,7 @@ class Fitting:
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
         if not self.jumps:
-            return self._refined(self._annealed((), NO_JUMPS, NoiseLaw()))
+            return self.refined(self._annealed((), NO_JUMPS, NoiseLaw()))
         start = Model((), fit(self.problem))
         return with_exact_jumps(self.problem, scored(self.problem, off_reversals(self.problem, start)))
 
@@ -92,7 +92,7 @@ class Fitting:
     def settled(self, model: Model) -> Model:
         """Return an accepted model fitted to the end; what it leaves prices jumps from now on, where that is calmer."""
         if not self.jumps:  # shapes and a law of several parameters settle slowly
-            return min(model, self._refined(model), key=lambda one: one.score)
+            return min(model, self.refined(model), key=lambda one: one.score)
         calmer = with_noise_of(self.problem, model.fit.residual)
         if calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
             self.problem, self._known = calmer, {}
@@ -106,7 +106,7 @@ class Fitting:
         """
         models = self._extended(current, effects, minor=minor)
         if not self.jumps and self.several and law_of(current).level_spread == 0.0:
-            models.append(self._refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
+            models.append(self.refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
         return _in_order(models, effects)
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
@@ -130,15 +130,19 @@ class Fitting:
 
         Of those, also from the strong ones: a curve may explain the rest.
         """
+        return self.refined(self.begun(terms, near, jumps))
+
+    def begun(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
+        """Return what `refitted` refines: shapes and noise are those of the near model still."""
         started = [self._annealed(tuple(terms), one, law_of(near)) for one in jumps or self._starts(near)]
-        return self._refined(min(started, key=lambda one: one.score))
+        return min(started, key=lambda one: one.score)
 
     def plainer(self, model: Model) -> Model | None:
         """Return a model with the same effects and fewer other parameters; None where there is none."""
         law = law_of(model)
         if self.jumps or law.level_spread == 0.0:
             return None  # one level of all recordings
-        return self._refined(self._annealed(model.terms, NO_JUMPS, replace(law, level_spread=0.0)))
+        return self.refined(self._annealed(model.terms, NO_JUMPS, replace(law, level_spread=0.0)))
 
     def as_good(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the effects that are as good in the place of a term with jumps and level of the model as they are.
@@ -191,7 +195,7 @@ class Fitting:
             started = _best_of_each(started)[:REFITTED]
             gain = max((current.score - one.score for one in started), default=0.0)
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
-        refined = self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started)
+        refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
         possible = [one for one in refined if _is_possible(one) and _explains(one, current)]
         return _best_of_each([one for one in possible if minor or not one.is_minor(-1, self.problem.sign)])
 
@@ -245,7 +249,7 @@ class Fitting:
         moved = off_reversals(self.problem, replace(model, fit=replace(model.fit, jumps=jumps)))
         return with_law(self.problem, moved, law_of(model))
 
-    def _refined(self, model: Model) -> Model:
+    def refined(self, model: Model) -> Model:
         """Return a model with shapes, noise and jumps fitted in turn."""
         best: Model | None = None
         for _ in range(ROUNDS):

@@ -17,7 +17,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY
-from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.fitting import LEAST_SHARE, Fitting
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
@@ -158,10 +158,10 @@ def _best_with(problem: Problem, model: Model, simpler: Model, courses: Sequence
     begin = model if kept == model.terms else fitting.refitted(kept, model)
     for start in (begin, simpler) if begin.terms else (begin,):
         terms = [term for course in courses if (term := _multiples(course, start)) is not None]
-        with_term = [fitting.refitted((*start.terms, term), start) for term in terms]
-        if with_term:
-            best = min(with_term, key=lambda one: one.score)
-            found.append(prune(fitting, best, keep_last=True))
+        begun = [fitting.begun((*start.terms, term), start) for term in terms]
+        best = min(begun, key=lambda one: one.score, default=start)
+        if start.score - best.score > LEAST_SHARE * max(start.score - model.score, 0.0):
+            found.append(prune(fitting, fitting.refined(best), keep_last=True))
     return min(found, key=lambda one: one.score, default=None)
 
 

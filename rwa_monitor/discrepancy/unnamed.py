@@ -262,6 +262,12 @@ def _angle(channels: Channels) -> FloatArray:
     return angle if angle_range_turns(channels) < 1.0 else np.mod(angle, TURN_RAD)
 
 
+def _acceleration(channels: Channels) -> FloatArray | None:
+    """Return dω/dt [rad/s²]; None while the motor is off, where friction is -J dω/dt itself."""
+    torque = channels.motor_torque_Nm
+    return None if torque is not None and not np.nan_to_num(torque).any() else channels.acceleration_rad_s2
+
+
 CURVES: Final = (
     _curve("curve_speed", "a drag that depends on |speed|", lambda c: np.abs(c.speed_rad_s), flips=True),
     _curve(
@@ -270,11 +276,11 @@ CURVES: Final = (
         lambda c: np.abs(c.speed_rad_s),
         flips=False,
     ),
-    _curve("curve_acceleration", "a torque that depends on dω/dt", lambda c: c.acceleration_rad_s2, flips=False),
+    _curve("curve_acceleration", "a torque that depends on dω/dt", _acceleration, flips=False),
     _curve(
         "curve_acceleration_size",
         "a drag that depends on the size of dω/dt",
-        lambda c: np.abs(c.acceleration_rad_s2),
+        lambda c: None if (rate := _acceleration(c)) is None else np.abs(rate),
         flips=True,
     ),
     _curve("curve_time", "a drag that drifts with time", lambda c: c.time_s, flips=True, knots=KNOTS_OF_TIME),

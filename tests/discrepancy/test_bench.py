@@ -82,6 +82,16 @@ def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone(une
         assert SCALED_ONLY in untested[name]
 
 
+def test_without_motor_no_curve_over_the_acceleration_explains_its_own_multiple() -> None:
+    fine = [20.0]
+    while fine[-1] > 1.0:
+        fine.append(fine[-1] - 0.01 / 5.0 * (0.02 + 0.002 * fine[-1] + 0.01 * np.sin(fine[-1] / 2.0)))
+    time = np.arange(0.0, 0.01 * len(fine), 0.5)
+    speed = np.interp(time, 0.01 * np.arange(len(fine)), fine) + 1e-4 * np.random.default_rng(0).normal(size=time.size)
+    result = find_discrepancy([("coast", samples(time, speed))], bench()).result
+    assert result.unexplained.signature == "a drag that depends on |speed|"
+
+
 def test_a_run_down_within_the_usual_window_of_the_derivative_is_read_with_a_shorter_one() -> None:
     time, friction = 0.01 * np.arange(160), 0.04 * np.ones(160)  # 1.6 s
     speed = 40.0 - np.cumsum(friction) * 0.01 / 0.005 + 1e-3 * np.random.default_rng(5).normal(size=160)
