@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -124,7 +125,7 @@ def _with_noise_of_rest(problem: Problem) -> Problem:
 
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     """Return the problem with the noise estimated from a model's residual, float64 (n,) [N m]."""
-    pieces = [residual[a:b] for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True) if b > a]
+    pieces = [residual[a:b] for a, b in pairwise(problem.starts) if b > a]
     noise, smallest = estimate_noise(pieces), problem.smallest_noise_Nm
     if noise.std < smallest:
         noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
@@ -139,7 +140,7 @@ def _clip(problem: Problem) -> Problem:
     far = distance_to_crossings(problem, np.arange(problem.size)) > NEAR_CROSSING
     slope = fit(problem).coefficients[0] * problem.speed
     clipped = problem.z.copy()
-    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+    for a, b in pairwise(problem.starts):
         if b > a:
             inside, outliers = clip_outliers((problem.z - slope)[a:b], problem.noise.std)
             outliers &= far[a:b]
@@ -346,11 +347,7 @@ def levels(problem: Problem, values: FloatArray) -> FloatArray:
 
 def segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
     """Segment each record by itself; joined indices."""
-    found = [
-        segment(values[begin:end], penalty) + begin
-        for begin, end in zip(problem.starts[:-1], problem.starts[1:], strict=True)
-        if end > begin
-    ]
+    found = [segment(values[begin:end], penalty) + begin for begin, end in pairwise(problem.starts) if end > begin]
     return np.concatenate(found).astype(np.int64)
 
 

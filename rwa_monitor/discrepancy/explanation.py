@@ -257,11 +257,10 @@ def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
 def _with_own_jumps(approach: Fitting, grown: Growth, candidates: Effects, progress: Progress) -> Model | None:
     """Return the last model with other jumps beside those of the dry friction, or None; see `with_own_jumps`."""
     progress("other jumps")
-    problem = approach.problem
 
     def alternatives(model: Model) -> list[Model]:
         outside = [effect for effect in candidates if effect in UNNAMED and effect.name not in model.names]
         return [*with_free_curves(approach, model), *approach.extensions(model, outside)]
 
     tried = {effect.name for effect in candidates}
-    return with_own_jumps(problem, grown.nested[-1], grown.nested[0], alternatives, tried)
+    return with_own_jumps(approach.problem, grown.nested[-1], grown.nested[0], alternatives, tried)

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
@@ -117,8 +118,7 @@ def with_own_jumps(
         Names of the effects that are searched for.
     """
     ways = {SlopeJumps.name: _sloped, RelaxingJumps.name: _relaxing}
-    models = [with_it(problem, model, simpler) for name, with_it in ways.items() if name in tried]
-    found = [one for one in models if one is not None]
+    found = [with_it(problem, model, simpler) or model for name, with_it in ways.items() if name in tried]
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
@@ -207,7 +207,7 @@ def _multiples(course: _Course, model: Model) -> Term | None:
     values, price = model.fit.level + model.fit.residual, JUMP_PENALTY * problem.log_size
     price *= problem.noise.long_run_variance
     cuts: list[int] = []
-    for begin, end in zip(problem.starts[:-1].tolist(), problem.starts[1:].tolist(), strict=True):
+    for begin, end in pairwise(problem.starts.tolist()):
         if end > begin:
             width = max((end - begin) // BLOCKS, 1)
             first = np.arange(begin, end, width)

@@ -12,7 +12,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress
 from rwa_monitor.discrepancy.likelihood import asked_gain
-from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult
+from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult, law_of
 
 MAX_EFFECTS: Final = 4
 TRIED_IN_PAIRS: Final = 2  # effects, to which a second is added
@@ -64,11 +64,13 @@ def grow(
         if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
             simpler = fitting.without(alternatives[0], len(current.terms))
             current = nested[-1] = min(current, simpler, key=lambda model: model.score)
-        alternatives = [one for one in alternatives if not _is_minor(fitting, one, current)]
+        fewest, sign = len(current.terms), fitting.problem.sign
+        alternatives = [one for one in alternatives if len(one.terms) == fewest or not one.is_minor(-1, sign)]
         if not alternatives:
             break
         gain, least = current.score - alternatives[0].score, asked(len(current.terms))
-        if gain < least and _wanders(current):  # of two laws, neither alone may explain what wanders
+        wanders = law_of(current).wanders(current.fit.residual.size)  # what it lacks is taken for noise
+        if gain < least and wanders:  # of two laws, neither alone may explain that
             pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
             if current.score - best.score >= asked(0) + asked(1):
@@ -93,30 +95,14 @@ def rank(fitting: Fitting, grown: Growth, progress: Progress = lambda _: None) -
     """Judge each effect of the last model by itself, and find what could stand in its place."""
     model, found = grown.nested[-1], []
     for index, name in enumerate(model.names):
-        if grown.alternatives is None:
-            progress(f"in the place of {name}")
-        alternatives = (
-            fitting.replacements(model, index, grown.testable)
-            if grown.alternatives is None
-            else grown.alternatives[index]
-        )
-        near = [
-            alternative.names[-1] for alternative in alternatives if alternative.score - model.score < EQUIVALENT_WITHIN
-        ]
+        progress(f"in the place of {name}")
+        known = grown.alternatives
+        alternatives = known[index] if known else fitting.replacements(model, index, grown.testable)
+        near = [one.names[-1] for one in alternatives if one.score - model.score < EQUIVALENT_WITHIN]
         equivalent = dict.fromkeys((*near, *fitting.as_good(model, index, grown.testable)))
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return SearchResult(grown.nested, ranked, grown.untestable, grown.best_rejected, grown.rejected)
-
-
-def _is_minor(fitting: Fitting, model: Model, current: Model) -> bool:
-    """Return whether a model has an effect more, within what those of the current one are not exact by."""
-    return len(model.terms) > len(current.terms) and model.is_minor(-1, fitting.problem.sign)
-
-
-def _wanders(model: Model) -> bool:
-    """Return whether a model takes what it lacks for noise: see `NoiseLaw.wanders`."""
-    return model.law is not None and model.law.wanders(model.fit.residual.size)
 
 
 def _swap(

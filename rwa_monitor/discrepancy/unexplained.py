@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -146,7 +147,7 @@ def wandering(problem: Problem, model: Model) -> Unexplained | None:
 def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     """Return the mean autocovariance of a residual over LASTING_LAGS, within records, where it is positive [N² m²]."""
     products, pairs = 0.0, 0
-    for begin, end in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+    for begin, end in pairwise(problem.starts):
         piece = residual[begin:end] - residual[begin:end].mean() if end > begin else residual[begin:end]
         for lag in LASTING_LAGS:
             if piece.size > lag:

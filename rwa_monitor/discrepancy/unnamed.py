@@ -217,14 +217,9 @@ UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterRever
 
 
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
-TURN_RAD: Final = 2.0 * np.pi
 KNOTS_OF_TIME: Final = 7  # of the curve over time: jumps are dearer than knots, many of one sign are a drift
 
 Quantity = Callable[[Channels], FloatArray | None]
-
-
-def _heights(knots: int) -> tuple[Parameter, ...]:
-    return tuple(Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(knots))
 
 
 class FreeCurve(UnnamedEffect):
@@ -252,20 +247,21 @@ class FreeCurve(UnnamedEffect):
 
 def _curve(name: str, signature: str, quantity: Quantity, *, flips: bool, knots: int = KNOTS) -> type[FreeCurve]:
     """Return a free curve over a quantity; `flips`: with the direction of rotation, as friction does."""
+    heights = [Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(knots)]
     fields = {"name": name, "signature": signature, "quantity": staticmethod(quantity), "flips": flips}
-    return type(name, (FreeCurve,), {**fields, "parameters": _heights(knots)})
+    return type(name, (FreeCurve,), {**fields, "parameters": tuple(heights)})
 
 
 def _angle(channels: Channels) -> FloatArray:
     """Return the angle [rad]: as it is where it is less than a turn, else within a turn."""
     angle, _ = angle_turned(channels)
-    return angle if angle_range_turns(channels) < 1.0 else np.mod(angle, TURN_RAD)
+    return angle if angle_range_turns(channels) < 1.0 else np.mod(angle, 2.0 * np.pi)
 
 
 def _acceleration(channels: Channels) -> FloatArray | None:
     """Return dω/dt [rad/s²]; None while the motor is off, where friction is -J dω/dt itself."""
     torque = channels.motor_torque_Nm
-    return None if torque is not None and not np.nan_to_num(torque).any() else channels.acceleration_rad_s2
+    return channels.acceleration_rad_s2 if torque is None or np.nan_to_num(torque).any() else None
 
 
 CURVES: Final = (
