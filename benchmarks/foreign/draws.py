@@ -58,6 +58,7 @@ SCALED: Final = (  # to the wanted gain; the size of others is drawn in its rang
 )  # fmt: skip
 NOISE: Final = ("speed_dependent_noise", "coloured_noise", "heavy_tailed_noise", "cage_instability")  # friction given
 LOCAL: Final = ("presliding", "current_delay")  # large in a few samples
+SUDDEN: Final = (*LOCAL, "extra_switching_system")  # or where it jumps: no smooth effect beside it is dwarfed
 ALONE: Final = ("torque_ripple", "tachometer_quantisation", "speed_dead_zone")  # ask for a wheel or signal of their own
 ONE_OF: Final = (  # two of these are one by their formulas
     {"coulomb_asymmetry", "torque_bias", "viscous_asymmetry"},
@@ -334,7 +335,7 @@ def _two(world: World, hidden: Sequence[Hidden]) -> bool:
     if len(rest) < 2:
         return True
     (a, b), product = (float(one @ one) for one in rest), float(abs(rest[0] @ rest[1]))
-    comparable = min(a, b) > COMPARABLE**2 * max(a, b) or any(one.name in LOCAL for one in hidden)
+    comparable = min(a, b) > COMPARABLE**2 * max(a, b) or any(one.name in SUDDEN for one in hidden)
     return comparable and product < APART * np.sqrt(a * b)
 
 
