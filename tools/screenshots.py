@@ -48,6 +48,10 @@ def _shoot(page: Page, address: str) -> None:
     expect(failing).to_contain_text("anomalous", timeout=ALARM_MS)
     page.wait_for_timeout(9_000)  # one more window, so that there is something to see
     page.screenshot(path=FOLDER / "fleet.png")
+    page.set_viewport_size({"width": 1920, "height": 1080})
+    page.wait_for_timeout(1_000)
+    page.screenshot(path=FOLDER / "fleet_wide.png")
+    page.set_viewport_size({"width": 1280, "height": 800})
     failing.click()
     expect(page.get_by_role("heading", name="Speed, friction and jumps")).to_be_visible()
     page.wait_for_timeout(2_000)

@@ -9,7 +9,7 @@ import zenoh
 
 from benchmarks.dashboard_load import FRAMES
 from rwa_monitor.dashboard.server import Running
-from tests.dashboard.support import ask, expect, send_windows, serious, status
+from tests.dashboard.support import ask, expect, findings, send_windows, status
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
@@ -87,7 +87,7 @@ def test_a_thousand_wheels_scroll_without_stutter(session: zenoh.Session, dashbo
     drawn = page.locator(".wheel .unseen", has_text=f"Of the last {WINDOWS} windows")
     expect(drawn).to_have_count(WHEELS)
     page.wait_for_timeout(2_000)
-    assert serious(page) == []
+    assert findings(page) == []
     page.evaluate(FRAMES)
     page.evaluate(SCROLL)
     frames = sorted(page.evaluate("window.frames_ms")[1:])

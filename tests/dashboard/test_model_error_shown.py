@@ -9,7 +9,7 @@ import zenoh
 
 from rwa_monitor.dashboard.server import Running
 from rwa_monitor.messages import Diagnosis
-from tests.dashboard.support import expect, opened, serious
+from tests.dashboard.support import expect, findings, opened
 from tests.history.support import diagnosis
 
 pytestmark = pytest.mark.browser
@@ -49,13 +49,13 @@ def test_nothing_is_green_while_the_model_does_not_fit_or_the_verdict_is_open(
         expect(page.locator(".wheel")).to_have_count(len(cases) + 1)
         expect(page.locator(".wheel.is-nominal")).to_have_count(1)
         expect(page.locator(".wheel", has_text="misfit")).to_contain_text("? model misfit")
-        assert serious(page) == []
+        assert findings(page) == []
         for wheel, (_, words, note) in cases.items():
             page.goto(f"{dashboard.address}#/wheel/sat/{wheel}")
             expect(page.get_by_role("row", name="viscous")).to_contain_text(words)
             expect(page.get_by_role("region", name="Diagnosis of the latest window")).to_contain_text(note)
             expect(page.locator("td.nominal, p.nominal")).to_have_count(0)
-            assert serious(page) == []
+            assert findings(page) == []
         page.goto(f"{dashboard.address}#/wheel/sat/well")
         expect(page.locator("td.nominal")).to_have_text("✓ none")
         # Nothing is drawn of samples that are not there, but what the diagnosis estimated.
@@ -87,6 +87,6 @@ def test_each_level_of_an_alarm_has_its_own_word_shape_and_colour(
             assert [text.split()[1] for text in texts] == ["critical", "distress", "warning", "watch"]
             assert len({text[0] for text in texts}) == len(levels)
             assert len({tuple(colours) for _, *colours in looks}) == len(levels)
-            assert serious(page) == []
+            assert findings(page) == []
         page.goto(dashboard.address + "#/")
         expect(page.locator(".wheel").first).not_to_contain_text("·")

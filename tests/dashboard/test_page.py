@@ -12,7 +12,7 @@ import zenoh
 
 from rwa_monitor.dashboard.server import Running
 from rwa_monitor.simulation.demo_satellite import FAILING
-from tests.dashboard.support import RIGHT, ask, expect, opened, reporting, send_samples, serious
+from tests.dashboard.support import RIGHT, acknowledge, ask, expect, findings, opened, reporting, send_samples
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import current
 from tests.history.support import diagnosis
@@ -60,7 +60,7 @@ def test_an_operator_sees_the_demos_wheel_fail_and_acknowledges(chromium: Any, t
             page.keyboard.press("f")  # a key for each view
             expect(page.locator(".wheel").first).to_contain_text("not acknowledged", timeout=ALARM_MS)
             page.keyboard.press("a")
-            alarm = page.get_by_role("region", name=re.compile(f"viscous of {FAILING}"))
+            alarm = page.get_by_role("region", name=re.compile(f"viscous of .* {FAILING}"))
             alarm.get_by_label("Your name").fill("Ann", timeout=ALARM_MS)
             alarm.get_by_label("Note").fill("<b>seen</b>")
             expect(alarm.get_by_text("To do: ")).to_be_visible()
@@ -164,7 +164,7 @@ def test_every_view_is_accessible_and_fits(
     session: zenoh.Session, failing_fleet: Running, chromium: Any, scheme: str
 ) -> None:
     with reporting(session, "wheel_2"):
-        for width in (1280, 390):
+        for width in (1920, 1280, 390):
             # The only complaint is about the unknown wheel.
             with opened(chromium, width, complaint="404", color_scheme=scheme) as page:
                 page.goto(failing_fleet.address_with_token)
@@ -178,7 +178,22 @@ def test_every_view_is_accessible_and_fits(
                         expect(page.get_by_role("heading", name="Discrepancy report")).to_be_visible()
                     wide = page.evaluate("document.documentElement.scrollWidth")
                     assert wide <= width, f"{view} is {wide} pixels wide"
-                    assert serious(page) == [], view
+                    assert findings(page) == [], view
+
+
+@pytest.mark.browser
+def test_an_alarm_that_came_and_went_twice_is_two_cards_of_which_none_is_taken_for_the_other(
+    session: zenoh.Session, dashboard: Running, page: Any
+) -> None:
+    for time in range(2):
+        for number in range(6 * time, 6 * time + 6):
+            severity = 1.0 if number % 6 < 3 else None
+            session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number, severity=severity).to_json())
+            if number % 6 == 2:
+                wait_for(lambda time=time: acknowledge(dashboard.address, time + 1) == 200, "the alarm")
+    page.goto(f"{dashboard.address}#/alarms")
+    expect(page.get_by_text("✓ cleared")).to_have_count(2)
+    assert findings(page) == []
 
 
 @pytest.mark.browser

@@ -19,10 +19,10 @@ from tests.dashboard.support import (
     acknowledge,
     ask,
     expect,
+    findings,
     opened,
     reporting,
     send_windows,
-    serious,
     status,
 )
 from tests.dashboard.test_telemetry import with_friction
@@ -137,20 +137,20 @@ def test_an_operator_retires_a_wheel_and_sees_it_come_back(
         card.get_by_role("button", name="Retire").click()
         expect(card).to_contain_text("reappears when telemetry arrives")
         expect(card.get_by_text("Audit trail (1)")).to_be_visible()
-        assert serious(page) == []
+        assert findings(page) == []
 
         page.keyboard.press("f")
         expect(page.locator(".wheel")).to_have_count(2)
         page.get_by_text("Retired (1)").click()
         expect(page.locator("main li")).to_contain_text("retired by Ann: “<b>replaced</b>”")
-        assert serious(page) == []
+        assert findings(page) == []
         page.locator(".wheel", has_text="wheel_2").click()  # its alarm was not acknowledged
         card.get_by_label("Your name").fill("Ann")
         card.get_by_role("button", name="Retire").click()
         expect(card.get_by_role("alert")).to_contain_text("Not retired: sat/wheel_2: has alarms to acknowledge first")
 
         page.keyboard.press("a")
-        alarm = page.get_by_role("region", name="Alarm viscous of wheel_2")  # the view before has a name, too
+        alarm = page.get_by_role("region", name="Alarm viscous of sat / wheel_2")  # the view before has a name, too
         alarm.get_by_label("Your name").fill("Ann")
         alarm.get_by_role("button", name="Acknowledge").click()
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()

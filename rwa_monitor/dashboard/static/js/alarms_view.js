@@ -42,7 +42,7 @@ export function alarmsView(store) {
     const sign = !open ? ["✓ cleared"] : [group === 1 ? `‖ ${retired(alarm) ? "wheel retired" : isStored(alarm) ? "stored data" : "shelved"} ` : null, badge(alarm.level)];
     const several = alarms.length > 1;
     const whose = several ? `${alarms.length} wheels` : alarm.wheel === ALL_WHEELS ? `${alarm.spacecraft} / all wheels` : `${alarm.spacecraft} / ${alarm.wheel}`;
-    return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${several ? whose : alarm.wheel}` },
+    return h("section", { class: "card", "aria-label": open ? `Alarm ${alarm.name} of ${whose}` : null },
       h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${whose} · ${alarm.name}`),
       h("p", {}, alarm.reason),
       open ? latestFigures(alarm, latestOf(alarm)) : null,
