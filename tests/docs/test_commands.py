@@ -125,7 +125,8 @@ def test_every_page_with_code_to_run_is_run() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [name if name == "README.md" else pytest.param(name, marks=pytest.mark.slow) for name in SAID]
+    "name",
+    [name if name in ("README.md", "export.md") else pytest.param(name, marks=pytest.mark.slow) for name in SAID],
 )
 def test_the_code_of_a_page_works_in_its_order(name: str, tmp_path: Path) -> None:
     (tmp_path / "docs").symlink_to(ROOT / "docs")
