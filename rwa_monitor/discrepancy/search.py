@@ -64,11 +64,11 @@ def grow(
         if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
             simpler = fitting.without(alternatives[0], len(current.terms))
             current = nested[-1] = min(current, simpler, key=lambda model: model.score)
-        fewest, sign = len(current.terms), fitting.problem.sign
-        alternatives = [one for one in alternatives if len(one.terms) == fewest or not one.is_minor(-1, sign)]
+        named, sign = len(current.terms), fitting.problem.sign  # levels apart name nothing more
+        alternatives = [one for one in alternatives if len(one.terms) == named or not one.is_minor(-1, sign)]
         if not alternatives:
             break
-        gain, least = current.score - alternatives[0].score, asked(len(current.terms))
+        gain, least = current.score - alternatives[0].score, asked(named)
         wanders = law_of(current).wanders(current.fit.residual.size)  # what it lacks is taken for noise
         if gain < least and wanders:  # of two laws, neither alone may explain that
             pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
