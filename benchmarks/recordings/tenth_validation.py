@@ -108,7 +108,7 @@ def turntable(mirrors: Path, out: Path) -> None:
 def gel(mirrors: Path, out: Path) -> None:
     """From bsaintmichel/read-rheol (no licence): rheometers turning in a gel (Carbopol), speed in steps.
 
-    Down and up. Malvern: torque and angle, speed = shear rate × 0.0951 (angle over strain); Anton Paar (`other`): torque
+    Down and up. Malvern: torque and angle, speed = shear rate × 0.0951 (angle over strain); Anton Paar (other): torque
     in mN m, the shear rate stands for the speed. One row a step of 4 or 5 s, 10 to a decade, from 0.01 /s on.
     """
     repo = "bsaintmichel/read-rheol"
