@@ -13,7 +13,7 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.export import FORMATS
-from rwa_monitor.export.model import friction_model
+from rwa_monitor.export.model import friction_model, to_json
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects import catalogue
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
@@ -26,6 +26,7 @@ from tests.program import run
 EQUAL_WITHIN = 1e-9  # relative, of each sample: the demand
 HELD = sorted(name for name, effect in CATALOGUE.items() if not effect.not_exported)
 NOT_HELD = sorted(CATALOGUE.keys() - set(HELD))
+EXPORT_PAGE = Path(__file__).parents[2] / "docs" / "export.md"
 LAWS = sorted({re.sub(r"^\w+\*", "", law) for law in FORMULAS})
 
 
@@ -56,6 +57,20 @@ def test_only_what_has_no_torque_of_its_own_is_left_out() -> None:
         "tachometer_quantisation",
         "wrong_duration_law",
     ]
+
+
+def test_what_is_exported_and_what_is_left_out_for_a_stated_reason_are_the_whole_catalogue() -> None:
+    model = to_json(friction_model(wheel_with(*blocks(*CATALOGUE)), "all effects"))
+    assert sorted(part["name"] for part in model["effects"]) == HELD
+    reasons = {part["name"]: part["reason"] for part in model["not_held"]}
+    assert sorted(reasons) == NOT_HELD
+    assert all(reasons.values())
+    assert sorted(HELD + NOT_HELD) == sorted(CATALOGUE)
+    page = EXPORT_PAGE.read_text(encoding="utf-8")
+    table = page.partition("## What is not held")[2].partition("\n## ")[0].splitlines()
+    assert sorted(re.findall(r"`(\w+)`", "".join(line for line in table if line.startswith("| `")))) == NOT_HELD
+    for text in (page, EXPORT_PAGE.with_name("promises.md").read_text(encoding="utf-8")):
+        assert f"{len(HELD)} of the {len(CATALOGUE)} effects" in text
 
 
 @pytest.mark.parametrize("name", HELD)
