@@ -23,9 +23,9 @@ DURATION_S = 2000.0
 INERTIA = 0.0117  # kg m²
 BODY_INERTIA = 1e6  # kg m²
 # Of the Coulomb friction: what is logged is the friction of a Runge-Kutta step's last stage and the speed of its end,
-# 1e-8 rad/s apart where the Stribeck peak is steep. Elsewhere the two agree to 1e-13.
+# which differ most where the Stribeck peak is steep.
 WITHIN = 1e-9
-EXACT_WITHIN = 1e-12  # of the largest speed: rounding of 16,000 steps, which can add up to 2e-12
+EXACT_WITHIN = 1e-12  # of the largest speed: 16,000 roundings of 1e-16, most of which cancel
 
 
 def motor_torque_Nm(time_s: float) -> float:
