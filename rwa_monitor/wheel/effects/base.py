@@ -9,6 +9,8 @@ third, and `catalogue.py` collects the classes.
 from __future__ import annotations
 
 import functools
+import inspect
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -124,10 +126,15 @@ class Parameter:
 
 
 Quantity = Literal["inertia", "torque constant"]  # of the wheel file, that other channels may show
+# The docstring of an effect: physics, what it is confused with, source.
+EXPLAINED: Final = re.compile(r"[^\n]+\n\n(.+?)\n\n(?:See Also\n-+\n(.+?)\n\n)?References\n-+\n(.+)", re.DOTALL)
 
 
 class Effect:
     """Base of all effects: metadata of the class, parameter values of the instance.
+
+    The docstring of a class is what people read of the effect: behind its first line the physics, in "See Also" what it
+    is confused with, in "References" the source. It becomes `description`, `confused_with` and `source`.
 
     Parameters
     ----------
@@ -144,11 +151,11 @@ class Effect:
     family: ClassVar[Family]
     title: ClassVar[str]
     formula: ClassVar[str]  # LaTeX, without dollar signs
-    description: ClassVar[str]  # one or two sentences: the physics
+    description: ClassVar[str] = ""  # the physics
     signature: ClassVar[str]  # what shows it in the residual
     confused_with: ClassVar[tuple[str, ...]] = ()  # catalogue names
     separate_by: ClassVar[str]  # the manoeuvre or channel that separates it from those
-    source: ClassVar[str]
+    source: ClassVar[str] = ""
     needs: ClassVar[frozenset[str]] = frozenset()  # optional channels: "motor_torque_Nm", "bearing_temperature_degC"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     # True where it follows the acceleration, as a curve over that does, and coarse rounding of the speed.
@@ -165,6 +172,13 @@ class Effect:
     error_of: ClassVar[Quantity | None] = None
     # Why an exported friction model does not hold it; "" where it does.
     not_exported: ClassVar[str] = ""
+
+    def __init_subclass__(cls) -> None:
+        """Take out of a docstring what it explains."""
+        found = EXPLAINED.fullmatch(inspect.cleandoc(cls.__doc__ or ""))
+        if found is not None:
+            cls.description, names, cls.source = (" ".join(part.split()) for part in found.groups(default=""))
+            cls.confused_with = tuple(re.findall(r"\w+", names))
 
     def __init__(self, **values: float) -> None:
         known = {parameter.name: parameter for parameter in self.parameters}

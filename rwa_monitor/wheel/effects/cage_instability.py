@@ -26,7 +26,21 @@ EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that
 
 
 class CageInstability(NoiseEffect):
-    """Bursts of extra drag and extra noise while the speed is in a band."""
+    """Bursts of extra drag and extra noise while the speed is in a band.
+
+    The ball cage leaves its smooth path and whirls: friction and noise rise together, come in bursts, and do so only in
+    a band of speeds (and of lubricant states).
+
+    See Also
+    --------
+    speed_dependent_noise, extra_switching_system, heavy_tailed_noise
+
+    References
+    ----------
+    E. A. Boesiger, M. H. Warner, Spin Bearing Retainer Design Optimization, Aerospace Mechanisms Symposium 1991
+    (torque, temperature and noise rise, at certain speeds and conditions); P. K. Gupta, Advanced Dynamics of Rolling
+    Elements, Springer 1984. Sizes are a working assumption.
+    """
 
     name = "cage_instability"
     title = "Cage instability"
@@ -35,18 +49,8 @@ class CageInstability(NoiseEffect):
         r"\tau = g(t)\, m \operatorname{sign}(\omega), \quad \sigma = \sigma_0 \left(1 + g(t)\, b\right), \qquad "
         r"g(t) \in \{0, 1\} \text{ where } \left||\omega| - \omega_c\right| < w, \text{ else } 0"
     )
-    description = (
-        "The ball cage leaves its smooth path and whirls: friction and noise rise together, come in bursts, and do "
-        "so only in a band of speeds (and of lubricant states)."
-    )
     signature = "Mean and variance of the residual rise together in a band of speeds."
-    confused_with = ("speed_dependent_noise", "extra_switching_system", "heavy_tailed_noise")
     separate_by = "Dwells below, in and above the band, in both directions."
-    source = (
-        "E. A. Boesiger, M. H. Warner, Spin Bearing Retainer Design Optimization, Aerospace Mechanisms Symposium "
-        "1991 (torque, temperature and noise rise, at certain speeds and conditions); P. K. Gupta, Advanced "
-        "Dynamics of Rolling Elements, Springer 1984. Sizes are a working assumption."
-    )
     not_exported = "it comes in bursts at random, with noise; its drag is the strength, in the band and in a burst"
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 2.0e-4),

@@ -11,23 +11,26 @@ from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect,
 
 
 class ColouredNoise(NoiseEffect):
-    """First-order autoregressive noise of unchanged variance."""
+    """First-order autoregressive noise of unchanged variance.
+
+    Filters in the drive electronics, slow disturbances and the estimation of friction itself relate neighbouring
+    samples. Means over short stretches then scatter more than white noise would let them, which looks like jumps.
+
+    See Also
+    --------
+    tachometer_quantisation, heavy_tailed_noise
+
+    References
+    ----------
+    G. E. P. Box, G. M. Jenkins, Time Series Analysis: Forecasting and Control, 1970 (AR(1)). The range 0.3 to 0.95 is a
+    working assumption.
+    """
 
     name = "coloured_noise"
     title = "Coloured noise"
     formula = r"n_k = \varphi\, n_{k-1} + \sqrt{1 - \varphi^2}\, e_k"
-    description = (
-        "Filters in the drive electronics, slow disturbances and the estimation of friction itself relate "
-        "neighbouring samples. Means over short stretches then scatter more than white noise would let them, which "
-        "looks like jumps."
-    )
     signature = "An autocorrelation of the residual that decays geometrically with the lag."
-    confused_with = ("tachometer_quantisation", "heavy_tailed_noise")
     separate_by = "The autocorrelation over several lags, on a stretch of constant speed."
-    source = (
-        "G. E. P. Box, G. M. Jenkins, Time Series Analysis: Forecasting and Control, 1970 (AR(1)). The range 0.3 to "
-        "0.95 is a working assumption."
-    )
     parameters = (Parameter("ar_coefficient", "-", 0.0, 0.99, 0.5),)
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:

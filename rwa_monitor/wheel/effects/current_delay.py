@@ -21,23 +21,27 @@ from rwa_monitor.wheel.effects.base import (
 
 
 class CurrentDelay(MeanEffect):
-    """A misalignment in time between current and speed."""
+    """A misalignment in time between current and speed.
+
+    Current and speed are sampled, filtered or stamped at different times: the motor torque that enters the balance is
+    that of d seconds later (d > 0) or earlier (d < 0), to first order in d.
+
+    See Also
+    --------
+    presliding, inertia_error
+
+    References
+    ----------
+    Taylor expansion of the torque balance; delays of up to a second or two between telemetry channels are a working
+    assumption.
+    """
 
     name = "current_delay"
     title = "Current and speed misaligned in time"
     follows_acceleration = True
     formula = r"\tau = d\, K_T\, \dot I, \qquad I_{\mathrm{measured}}(t) = I(t + d)"
-    description = (
-        "Current and speed are sampled, filtered or stamped at different times: the motor torque that enters the "
-        "balance is that of d seconds later (d > 0) or earlier (d < 0), to first order in d."
-    )
     signature = "A torque that follows the derivative of the current: spikes at the ends of slews."
-    confused_with = ("presliding", "inertia_error")
     separate_by = "Cross-correlation of current and dω/dt around slews; reversals at two accelerations."
-    source = (
-        "Taylor expansion of the torque balance; delays of up to a second or two between telemetry channels are a "
-        "working assumption."
-    )
     needs = frozenset({"motor_torque_Nm"})
     not_exported = (
         "no torque acts on the rotor: it is a shift in time between two channels of telemetry, and a simulator that"

@@ -12,7 +12,21 @@ from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 
 
 class DecayingJump(SwitchingEffect):
-    """After each jump a part of it fades away, until the next jump."""
+    """After each jump a part of it fades away, until the next jump.
+
+    A pocket of oil that is run over is squeezed out again: the drag jumps and then relaxes by a share of the jump. What
+    has relaxed is forgotten at the next jump, so that the level always lies between its two neighbours.
+
+    See Also
+    --------
+    extra_switching_system, lubricant_lag
+
+    References
+    ----------
+    Pockets of oil in wheel bearings: the paper, section III, and its reference of 2015, taken to be A. Y. Lee, E. K.
+    Wang, In-flight performance of Cassini reaction wheel bearing drag in 1997–2013, Journal of Spacecraft and Rockets
+    52(2), 2015. That their drag relaxes exponentially is a working assumption.
+    """
 
     name = "decaying_jump"
     title = "Jumps that relax"
@@ -20,19 +34,8 @@ class DecayingJump(SwitchingEffect):
         r"\tau = -\gamma \sum_j \Delta_j \left(1 - e^{-(t - t_j)/T}\right) \operatorname{sign}(\omega), \quad t_j "
         r"\leq t < t_{j+1}"
     )
-    description = (
-        "A pocket of oil that is run over is squeezed out again: the drag jumps and then relaxes by a share of the "
-        "jump. What has relaxed is forgotten at the next jump, so that the level always lies between its two "
-        "neighbours."
-    )
     signature = "An exponential in the residual after each jump, in proportion to the jump, of one time constant."
-    confused_with = ("extra_switching_system", "lubricant_lag")
     separate_by = "Constant speed: a lag of the lubricant rests then, jumps still relax."
-    source = (
-        "Pockets of oil in wheel bearings: the paper, section III, and its reference of 2015, taken to be A. Y. Lee, "
-        "E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in 1997–2013, Journal of Spacecraft "
-        "and Rockets 52(2), 2015. That their drag relaxes exponentially is a working assumption."
-    )
     not_exported = ""
     parameters = (
         Parameter("strength", "-", 0.0, 1.0, 0.5, linear=True),

@@ -13,19 +13,25 @@ from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem
 
 
 class ExtraSwitchingSystem(SwitchingEffect):
-    """A system of two configurations, at rest and active, with memoryless durations."""
+    """A system of two configurations, at rest and active, with memoryless durations.
+
+    A phenomenon that wheel.toml does not list switches between rest and extra friction, such as a cage that sits in two
+    positions.
+
+    See Also
+    --------
+    wrong_duration_law, cage_instability, decaying_jump
+
+    References
+    ----------
+    The paper's friction switching systems (section III-B), one more of them; sizes are a working assumption.
+    """
 
     name = "extra_switching_system"
     title = "A switching system that the model lacks"
     formula = r"\tau = f(t) \operatorname{sign}(\omega), \qquad f \in \{0,\; m\,(1 \pm 0.25)\}"
-    description = (
-        "A phenomenon that wheel.toml does not list switches between rest and extra friction, such as a cage that "
-        "sits in two positions."
-    )
     signature = "Jumps, with their way back, that no known switching system explains."
-    confused_with = ("wrong_duration_law", "cage_instability", "decaying_jump")
     separate_by = "A longer record: the sizes and durations of the unexplained jumps form groups of their own."
-    source = "The paper's friction switching systems (section III-B), one more of them; sizes are a working assumption."
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 4.0e-4),
         Parameter("rest_s", "s", 1e-3, 1e7, 600.0),

@@ -212,7 +212,19 @@ TWICE: Final = ("viscous*power(speed)",)  # dry*power(speed) with another expone
 
 
 class Formula(MeanEffect):
-    """A carrier times a function of one variable; `FORMULAS` holds a class for each structure."""
+    """A carrier times a function of one variable; `FORMULAS` holds a class for each structure.
+
+    Where a free curve stays unexplained and no effect of the catalogue explains it, the structures of a small grammar
+    are fitted beside everything else, as the effects are: a carrier (dry: sign ω, viscous: ω, even: no direction) times
+    a function of one variable. A formula that is found describes the records that it was fitted to, over the range that
+    they cover. It has no physics in it and names no cause.
+
+    References
+    ----------
+    No law of physics: a fixed grammar. The choice among its structures is priced by a uniform prior over them; priors
+    over formulas: R. Guimerà et al., A Bayesian machine scientist to aid in the solution of challenging scientific
+    problems, Science Advances 6, 2020.
+    """
 
     law: ClassVar[str]  # the structure's id: carrier*function(variable)
     text: ClassVar[str]  # the formula as a person writes it, in plain characters
@@ -220,18 +232,7 @@ class Formula(MeanEffect):
     carrier: ClassVar[str]
     function: ClassVar[str]
     variable: ClassVar[str]
-    description = (
-        "Where a free curve stays unexplained and no effect of the catalogue explains it, the structures of a small "
-        "grammar are fitted beside everything else, as the effects are: a carrier (dry: sign ω, viscous: ω, even: no "
-        "direction) times a function of one variable. A formula that is found describes the records that it was "
-        "fitted to, over the range that they cover. It has no physics in it and names no cause."
-    )
     separate_by = "A cause is found by other means; other records over the same range show whether the formula holds."
-    source = (
-        "No law of physics: a fixed grammar. The choice among its structures is priced by a uniform prior over them; "
-        "priors over formulas: R. Guimerà et al., A Bayesian machine scientist to aid in the solution of challenging "
-        "scientific problems, Science Advances 6, 2020."
-    )
 
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:

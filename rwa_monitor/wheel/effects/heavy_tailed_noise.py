@@ -21,23 +21,27 @@ GAUSSIAN_FROM: Final = 100.0  # [-] degrees of freedom from which the law is Gau
 
 
 class HeavyTailedNoise(NoiseEffect):
-    """Student-t noise of unchanged variance."""
+    """Student-t noise of unchanged variance.
+
+    Errors in packets, missed tachometer pulses and current peaks give single samples that are far off. The standard
+    deviation stays, the tails grow.
+
+    See Also
+    --------
+    speed_dependent_noise, cage_instability
+
+    References
+    ----------
+    K. L. Lange, R. J. A. Little, J. M. G. Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989.
+    3 to 10 degrees of freedom are a working assumption.
+    """
 
     name = "heavy_tailed_noise"
     title = "Heavy-tailed noise"
     formula = r"n_k = \sigma \sqrt{(\nu - 2)/\nu}\; t_k, \qquad t_k \sim \text{Student}(\nu)"
-    description = (
-        "Errors in packets, missed tachometer pulses and current peaks give single samples that are far off. The "
-        "standard deviation stays, the tails grow."
-    )
     signature = "A kurtosis of the residual above that of a Gaussian; single samples many standard deviations off."
-    confused_with = ("speed_dependent_noise", "cage_instability")
     separate_by = (
         "The spread of the residual at constant speed: heavy tails stay, noise that depends on speed does not."
-    )
-    source = (
-        "K. L. Lange, R. J. A. Little, J. M. G. Taylor, Robust statistical modeling using the t distribution, JASA "
-        "84, 1989. 3 to 10 degrees of freedom are a working assumption."
     )
     parameters = (Parameter("degrees_of_freedom", "-", 2.05, GAUSSIAN_FROM, 4.0),)
 

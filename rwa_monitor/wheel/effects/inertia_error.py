@@ -9,30 +9,34 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shap
 
 
 class InertiaError(MeanEffect):
-    """A part of J dω/dt that is taken for friction."""
+    """A part of J dω/dt that is taken for friction.
+
+    Friction is K_T I − J dω/dt; where J is too small, a part of the accelerating torque is taken for friction. At a
+    given dω/dt it is the same whichever way the wheel turns; it changes sign with dω/dt, so also when the whole motion
+    is mirrored.
+
+    See Also
+    --------
+    torque_constant_error, load_dependence, lubricant_lag, current_delay
+
+    References
+    ----------
+    Follows from the torque balance of the wheel; J of wheels is usually known to 1–5 % before a calibration in flight
+    (a working assumption).
+    """
 
     name = "inertia_error"
     title = "Wrong inertia"
     follows_acceleration = True
     error_of = "inertia"
     formula = r"\tau = \delta J\, \dot\omega, \qquad \delta J = J_{\mathrm{true}} - J_{\mathrm{assumed}}"
-    description = (
-        "Friction is K_T I − J dω/dt; where J is too small, a part of the accelerating torque is taken for friction. "
-        "At a given dω/dt it is the same whichever way the wheel turns; it changes sign with dω/dt, so also when the "
-        "whole motion is mirrored."
-    )
     signature = (
         "A torque that follows dω/dt, not the direction of rotation: in one direction it changes sign between "
         "speeding up and braking."
     )
-    confused_with = ("torque_constant_error", "load_dependence", "lubricant_lag", "current_delay")
     separate_by = (
         "From current and speed alone never from `torque_constant_error`: `motor_voltage_V` (K_E = K_T), "
         "`drive_power_W` or `body_momentum_Nms` does. From `load_dependence`: brake and accelerate in both directions."
-    )
-    source = (
-        "Follows from the torque balance of the wheel; J of wheels is usually known to 1–5 % before a calibration "
-        "in flight (a working assumption)."
     )
     parameters = (Parameter("strength_kg_m2", "kg m²", -np.inf, np.inf, 2.0e-4, linear=True),)
 

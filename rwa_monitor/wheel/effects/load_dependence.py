@@ -9,22 +9,28 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shap
 
 
 class LoadDependence(MeanEffect):
-    """Drag that grows with the size of the motor torque, whatever its sign."""
+    """Drag that grows with the size of the motor torque, whatever its sign.
+
+    The torque that is transmitted loads the bearings or the gear, and friction grows with load.
+
+    See Also
+    --------
+    inertia_error, torque_constant_error
+
+    References
+    ----------
+    A. Palmgren, Ball and Roller Bearing Engineering, 1959 (load-dependent part of the bearing torque); for geared
+    joints: P. Hamon, M. Gautier, P. Garrec, Dynamic identification of robots with a dry friction model depending on
+    load and velocity, IROS 2010. No verified range for direct-driven wheels.
+    """
 
     name = "load_dependence"
     title = "Load dependence"
     follows_acceleration = True
     formula = r"\tau = c\, |K_T I|\, \operatorname{sign}(\omega)"
-    description = "The torque that is transmitted loads the bearings or the gear, and friction grows with load."
     signature = "Drag that grows with the motor torque, in acceleration and braking alike."
-    confused_with = ("inertia_error", "torque_constant_error")
     separate_by = (
         "Accelerate and brake, in both directions: this drag always opposes the motion, an error of inertia does not."
-    )
-    source = (
-        "A. Palmgren, Ball and Roller Bearing Engineering, 1959 (load-dependent part of the bearing torque); for "
-        "geared joints: P. Hamon, M. Gautier, P. Garrec, Dynamic identification of robots with a dry friction model "
-        "depending on load and velocity, IROS 2010. No verified range for direct-driven wheels."
     )
     needs = frozenset({"motor_torque_Nm"})
     parameters = (Parameter("strength", "-", 0.0, 1.0, 0.02, linear=True),)

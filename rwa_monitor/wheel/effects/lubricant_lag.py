@@ -30,25 +30,29 @@ def _shown_time(channels: Channels) -> tuple[float, float]:
 
 
 class LubricantLag(MeanEffect):
-    """Drag that depends on how long ago the speed changed."""
+    """Drag that depends on how long ago the speed changed.
+
+    After a change of speed the lubricant needs time to redistribute and to reach its new temperature: the drag
+    overshoots (b > 0) or trails (b < 0) and relaxes with a time constant. At constant speed it vanishes.
+
+    See Also
+    --------
+    viscosity_temperature, inertia_error, run_in_drift
+
+    References
+    ----------
+    That lubricant distribution governs the drag of wheels in flight: the paper, section III, and its reference of 2015,
+    taken to be A. Y. Lee, E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in 1997–2013,
+    Journal of Spacecraft and Rockets 52(2), 2015. The first-order form and its range, 10 s to 30 min, are working
+    assumptions; what relaxes within a second is the drive's or a filter's, not a lubricant's.
+    """
 
     name = "lubricant_lag"
     title = "Lubricant lag"
     follows_acceleration = True
     formula = r"\tau = b\, (\omega - \omega_f), \qquad T_f\, \dot\omega_f = \omega - \omega_f"
-    description = (
-        "After a change of speed the lubricant needs time to redistribute and to reach its new temperature: the "
-        "drag overshoots (b > 0) or trails (b < 0) and relaxes with a time constant. At constant speed it vanishes."
-    )
     signature = "An exponential relaxation after each slew, in proportion to the change of speed."
-    confused_with = ("viscosity_temperature", "inertia_error", "run_in_drift")
     separate_by = "Speed steps after dwells of different length."
-    source = (
-        "That lubricant distribution governs the drag of wheels in flight: the paper, section III, and its reference "
-        "of 2015, taken to be A. Y. Lee, E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in "
-        "1997–2013, Journal of Spacecraft and Rockets 52(2), 2015. The first-order form and its range, 10 s to 30 "
-        "min, are working assumptions; what relaxes within a second is the drive's or a filter's, not a lubricant's."
-    )
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),
         Parameter("time_constant_s", "s", 1.0, 1.0e4, 120.0, shown=_shown_time),

@@ -36,7 +36,21 @@ def _shown_angle(channels: Channels) -> tuple[float, float]:
 
 
 class Presliding(MeanEffect):
-    """Drag that lags the sign of the speed by a fixed angle, as an elastic bristle does."""
+    """Drag that lags the sign of the speed by a fixed angle, as an elastic bristle does.
+
+    Contacts are elastic before they slide: after a reversal the Coulomb friction does not change sign at once but while
+    the wheel turns by a few breakaway angles. The base law already holds the sign, so the effect is the difference.
+
+    See Also
+    --------
+    current_delay, stribeck, speed_dead_zone
+
+    References
+    ----------
+    P. R. Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158(3107-18)-1, 1968; C. Canudas de Wit et al., IEEE
+    TAC 40(3), 1995 (LuGre: with `stribeck` on top). The range 1e-3 to 5e-2 rad is a working assumption for preloaded
+    pairs of ball bearings.
+    """
 
     name = "presliding"
     title = "Presliding (Dahl)"
@@ -44,19 +58,8 @@ class Presliding(MeanEffect):
         r"\dot z = \omega - |\omega|\, z / z_c, \qquad \tau = \tau_C \left(z / z_c - "
         r"\operatorname{sign}(\omega)\right)"
     )
-    description = (
-        "Contacts are elastic before they slide: after a reversal the Coulomb friction does not change sign at once "
-        "but while the wheel turns by a few breakaway angles. The base law already holds the sign, so the effect is "
-        "the difference."
-    )
     signature = "After each reversal the drag lags the sign, by a fixed angle whatever the acceleration."
-    confused_with = ("current_delay", "stribeck", "speed_dead_zone")
     separate_by = "Reversals at two accelerations: a fixed angle, a fixed time and a fixed speed then part."
-    source = (
-        "P. R. Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158(3107-18)-1, 1968; C. Canudas de Wit et "
-        "al., IEEE TAC 40(3), 1995 (LuGre: with `stribeck` on top). The range 1e-3 to 5e-2 rad is a working "
-        "assumption for preloaded pairs of ball bearings."
-    )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.6e-3, linear=True),
         Parameter("breakaway_angle_rad", "rad", 1e-6, 10.0, 2.0e-2, shown=_shown_angle),

@@ -14,7 +14,22 @@ def _shown_time(channels: Channels) -> tuple[float, float]:
 
 
 class RunInDrift(MeanEffect):
-    """A slow drift of the dry friction, from a ramp to an exponential."""
+    """A slow drift of the dry friction, from a ramp to an exponential.
+
+    Surfaces run in and lubricant migrates: the level of the dry friction drifts, at first with the rate a. In run-in it
+    falls and settles with a time constant. Wear or loss of lubricant makes it rise and does not settle: that is the
+    plain ramp of a time constant beyond the record. Time starts with the record, not with the bearing's life: a is the
+    rate at the first sample, and records of different age need strengths of their own.
+
+    See Also
+    --------
+    viscosity_temperature, lubricant_lag
+
+    References
+    ----------
+    B. J. Hamrock, S. R. Schmid, B. O. Jacobson, Fundamentals of Fluid Film Lubrication, 2004 (running-in of rolling
+    contacts, qualitative). Hours and longer; the exponential form is a working assumption.
+    """
 
     name = "run_in_drift"
     title = "Run-in drift"
@@ -22,20 +37,8 @@ class RunInDrift(MeanEffect):
         r"\tau = a\, T_d \left(1 - e^{-t / T_d}\right) \operatorname{sign}(\omega) \;\to\; a\, t\, "
         r"\operatorname{sign}(\omega) \text{ for } T_d \to \infty"
     )
-    description = (
-        "Surfaces run in and lubricant migrates: the level of the dry friction drifts, at first with the rate a. In "
-        "run-in it falls and settles with a time constant. Wear or loss of lubricant makes it rise and does not "
-        "settle: that is the plain ramp of a time constant beyond the record. Time starts with the record, not with "
-        "the bearing's life: a is the rate at the first sample, and records of different age need strengths of their "
-        "own."
-    )
     signature = "A slow ramp of the level, which a segmentation otherwise follows by many small jumps."
-    confused_with = ("viscosity_temperature", "lubricant_lag")
     separate_by = "Long records over several windows, at constant temperature."
-    source = (
-        "B. J. Hamrock, S. R. Schmid, B. O. Jacobson, Fundamentals of Fluid Film Lubrication, 2004 (running-in of "
-        "rolling contacts, qualitative). Hours and longer; the exponential form is a working assumption."
-    )
     parameters = (
         Parameter("strength_Nm_s", "N m/s", -np.inf, np.inf, -5.0e-9, linear=True),
         Parameter("time_constant_s", "s", 1.0, 1.0e9, 1.0e5, shown=_shown_time),

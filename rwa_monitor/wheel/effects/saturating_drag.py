@@ -20,29 +20,33 @@ def _shown_speed(channels: Channels) -> tuple[float, float]:
 
 
 class SaturatingDrag(MeanEffect):
-    """Drag in proportion to the speed well below a certain speed, and constant well above it."""
+    """Drag in proportion to the speed well below a certain speed, and constant well above it.
+
+    A lubricant that shears faster thins: Cross's law lets the viscosity fall as 1/(1 + shear rate / critical rate), and
+    the drag of a film of constant thickness then levels off at the strength c, half of which it has at ω_s; Carreau's
+    and Yasuda's law bends more sharply (b > 1; tanh is near b = 2). Greases and polymer-thickened oils do so; so does
+    the friction of motor and gear benches at some tens of rad/s, where the viscous friction is a slope only near zero.
+    What is left of a slope is the base law's. The name means concave drag with an end, not which lubricant: a power of
+    the speed (`sublinear_viscous`) has no end.
+
+    See Also
+    --------
+    sublinear_viscous, stribeck, presliding
+
+    References
+    ----------
+    M. M. Cross, Rheology of non-Newtonian fluids: a new flow equation for pseudoplastic systems, Journal of Colloid
+    Science 20, 1965 (exponent 1); K. Yasuda, R. C. Armstrong, R. E. Cohen, Shear flow properties of concentrated
+    solutions of linear and star branched polystyrenes, Rheologica Acta 20, 1981 (b; power index 0); S. Andersson, A.
+    Söderberg, S. Björklund, Friction models for sliding dry, boundary and mixed lubricated contacts, Tribology
+    International 40, 2007. That a whole bearing follows the law of one film is an assumption.
+    """
 
     name = "saturating_drag"
     title = "Saturating drag"
     formula = r"\tau = c\, \frac{\omega / \omega_s}{\left(1 + |\omega / \omega_s|^b\right)^{1/b}}"
-    description = (
-        "A lubricant that shears faster thins: Cross's law lets the viscosity fall as 1/(1 + shear rate / critical "
-        "rate), and the drag of a film of constant thickness then levels off at the strength c, half of which it has "
-        "at ω_s; Carreau's and Yasuda's law bends more sharply (b > 1; tanh is near b = 2). Greases and "
-        "polymer-thickened oils do so; so does the friction of motor and gear benches at some tens of rad/s, where the "
-        "viscous friction is a slope only near zero. What is left of a slope is the base law's. The name means concave "
-        "drag with an end, not which lubricant: a power of the speed (`sublinear_viscous`) has no end."
-    )
     signature = "A residual that is concave in |ω|: a slope near zero, a plateau above."
-    confused_with = ("sublinear_viscous", "stribeck", "presliding")
     separate_by = "Dwells over the whole speed range, some well above the bend: a plateau, or a power that goes on."
-    source = (
-        "M. M. Cross, Rheology of non-Newtonian fluids: a new flow equation for pseudoplastic systems, Journal of "
-        "Colloid Science 20, 1965 (exponent 1); K. Yasuda, R. C. Armstrong, R. E. Cohen, Shear flow properties of "
-        "concentrated solutions of linear and star branched polystyrenes, Rheologica Acta 20, 1981 (b; power index 0); "
-        "S. Andersson, A. Söderberg, S. Björklund, Friction models for sliding dry, boundary and mixed lubricated "
-        "contacts, Tribology International 40, 2007. That a whole bearing follows the law of one film is an assumption."
-    )
     choice_deviance: ClassVar[float] = 2.0 * float(np.log(RARER))
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),

@@ -22,7 +22,24 @@ BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in
 
 
 class SpeedDependentNoise(NoiseEffect):
-    """Noise whose standard deviation depends on the speed."""
+    """Noise whose standard deviation depends on the speed.
+
+    Imbalance, bearing geometry and structural resonances shake the wheel and its sensors: the noise grows with the
+    speed, or in a band where a harmonic meets a resonance. Forces on the mounting grow with ω² (Masterson); what is
+    modelled here is another quantity, the spread of a sampled torque residual, made of sensor noise, tachometer jitter
+    (a share of the speed) and aliased ripple. A line in |ω| is the simplest growth over a constant floor; where the
+    spread grows with ω², c is the slope of the line that fits best and depends on the range of speeds in the record.
+
+    See Also
+    --------
+    torque_ripple, cage_instability, heavy_tailed_noise
+
+    References
+    ----------
+    R. A. Masterson, D. W. Miller, R. L. Grogan, Development and validation of reaction wheel disturbance models:
+    empirical model, Journal of Sound and Vibration 249(3), 2002 (harmonic disturbances with amplitudes ∝ ω², and
+    resonances). That the spread grows linearly, and its size in telemetry, are working assumptions.
+    """
 
     name = "speed_dependent_noise"
     title = "Noise that depends on the speed"
@@ -30,22 +47,8 @@ class SpeedDependentNoise(NoiseEffect):
         r"\sigma(\omega) = \sigma_0 \left(1 + c |\omega|\right) \left(1 + b\, e^{-\left(|\omega| - \omega_b\right)^2 "
         r"/ 2 w^2}\right)"
     )
-    description = (
-        "Imbalance, bearing geometry and structural resonances shake the wheel and its sensors: the noise grows with "
-        "the speed, or in a band where a harmonic meets a resonance. Forces on the mounting grow with ω² (Masterson); "
-        "what is modelled here is another quantity, the spread of a sampled torque residual, made of sensor noise, "
-        "tachometer jitter (a share of the speed) and aliased ripple. A line in |ω| is the simplest growth over a "
-        "constant floor; where the spread grows with ω², c is the slope of the line that fits best and depends on the "
-        "range of speeds in the record."
-    )
     signature = "The variance of the residual follows |ω|, its mean does not."
-    confused_with = ("torque_ripple", "cage_instability", "heavy_tailed_noise")
     separate_by = "Dwells at several speeds, sampled fast enough to see ripple as ripple."
-    source = (
-        "R. A. Masterson, D. W. Miller, R. L. Grogan, Development and validation of reaction wheel disturbance "
-        "models: empirical model, Journal of Sound and Vibration 249(3), 2002 (harmonic disturbances with amplitudes "
-        "∝ ω², and resonances). That the spread grows linearly, and its size in telemetry, are working assumptions."
-    )
     parameters = (
         Parameter("strength_s_rad", "s/rad", 0.0, np.inf, 3.0e-3, default=0.0),
         Parameter("band_strength", "-", 0.0, 100.0, 0.0, default=0.0),

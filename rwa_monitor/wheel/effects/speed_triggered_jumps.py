@@ -19,22 +19,26 @@ STEEPEST: Final = 20.0  # of the log rate over the range of the speed: beyond, a
 
 
 class SpeedTriggeredJumps(SwitchingEffect):
-    """A rate of jumps that follows speed or temperature, its mean over the record unchanged."""
+    """A rate of jumps that follows speed or temperature, its mean over the record unchanged.
+
+    Centrifugal force and heat move the lubricant: the switching systems run on a clock that goes faster at high speed
+    or temperature. Over a record the clock's mean rate is one.
+
+    See Also
+    --------
+    wrong_duration_law, viscous_jump
+
+    References
+    ----------
+    D. R. Cox, P. A. W. Lewis, The Statistical Analysis of Series of Events, 1966 (log-linear rate). That jumps of
+    wheels follow speed is a working assumption.
+    """
 
     name = "speed_triggered_jumps"
     title = "Jumps triggered by speed or temperature"
     formula = r"\lambda(t) \propto e^{c |\omega| + k T}"
-    description = (
-        "Centrifugal force and heat move the lubricant: the switching systems run on a clock that goes faster at "
-        "high speed or temperature. Over a record the clock's mean rate is one."
-    )
     signature = "Jumps gather at certain speeds or temperatures instead of following time alone."
-    confused_with = ("wrong_duration_law", "viscous_jump")
     separate_by = "Long dwells at two speeds: count the jumps in each."
-    source = (
-        "D. R. Cox, P. A. W. Lewis, The Statistical Analysis of Series of Events, 1966 (log-linear rate). That "
-        "jumps of wheels follow speed is a working assumption."
-    )
     parameters = (
         Parameter("strength_s_rad", "s/rad", -1.0, 1.0, 1.0e-2, default=0.0),
         Parameter("strength_1_K", "1/K", -5.0, 5.0, 0.0, default=0.0),

@@ -19,7 +19,22 @@ SHARE_OF_SCATTER: Final = 0.25  # of the scatter of the readings: less, and it i
 
 
 class TachometerQuantisation(NoiseEffect):
-    """Quantised speed readings; the friction derived from them carries the steps' derivative."""
+    """Quantised speed readings; the friction derived from them carries the steps' derivative.
+
+    A tachometer counts pulses, so that its speed comes in steps. Friction derived from it carries the derivative of the
+    rounding errors, which is not white: with a central difference the autocorrelation at lag 2 is −0.5 and the variance
+    of long means tends to zero.
+
+    See Also
+    --------
+    coloured_noise
+
+    References
+    ----------
+    B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008 (error uniform over a step); lag-2
+    correlation: elementary, Cov(q_{k+1} − q_{k−1}, q_{k+3} − q_{k+1}) = −σ². Steps of 0.01 to 0.1 rad/s are a working
+    assumption.
+    """
 
     name = "tachometer_quantisation"
     title = "Tachometer quantisation"
@@ -28,19 +43,8 @@ class TachometerQuantisation(NoiseEffect):
         r"\omega_{\mathrm{read}} = \Delta \operatorname{round}(\omega/\Delta), \qquad n_k = -J\, \frac{q_{k+1} - "
         r"q_{k-1}}{2 \Delta t}, \quad q = \omega_{\mathrm{read}} - \omega"
     )
-    description = (
-        "A tachometer counts pulses, so that its speed comes in steps. Friction derived from it carries the "
-        "derivative of the rounding errors, which is not white: with a central difference the autocorrelation at "
-        "lag 2 is −0.5 and the variance of long means tends to zero."
-    )
     signature = "Speeds on a grid, and a residual with an autocorrelation of −0.5 at lag 2."
-    confused_with = ("coloured_noise",)
     separate_by = "A histogram of the speed readings; the autocorrelation of the residual at lag 2."
-    source = (
-        "B. Widrow, I. Kollár, Quantization Noise, Cambridge University Press 2008 (error uniform over a step); "
-        "lag-2 correlation: elementary, Cov(q_{k+1} − q_{k−1}, q_{k+3} − q_{k+1}) = −σ². Steps of 0.01 to 0.1 rad/s "
-        "are a working assumption."
-    )
     parameters = (
         Parameter("step_rad_s", "rad/s", 1e-9, 10.0, 1.0e-2),
         Parameter("inertia_kg_m2", "kg m²", 0.0, np.inf, 0.0117, default=0.0117),

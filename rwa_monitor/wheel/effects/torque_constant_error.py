@@ -7,26 +7,29 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shap
 
 
 class TorqueConstantError(MeanEffect):
-    """A part of the motor torque that is taken for friction."""
+    """A part of the motor torque that is taken for friction.
+
+    Friction is K_T I − J dω/dt; where K_T is too large, a part of the motor torque that is not there reads as friction.
+
+    See Also
+    --------
+    inertia_error, load_dependence, torque_constant_temperature
+
+    References
+    ----------
+    Follows from the torque balance of the wheel; motor data sheets state K_T to 5–10 %, calibrated 1–5 % (a working
+    assumption).
+    """
 
     name = "torque_constant_error"
     title = "Wrong torque constant"
     follows_acceleration = True
     error_of = "torque constant"
     formula = r"\tau = \frac{\delta K_T}{K_T}\, K_T I, \qquad \delta K_T = K_{T,\mathrm{assumed}} - K_{T,\mathrm{true}}"
-    description = (
-        "Friction is K_T I − J dω/dt; where K_T is too large, a part of the motor torque that is not there reads as "
-        "friction."
-    )
     signature = "A torque in proportion to the motor current."
-    confused_with = ("inertia_error", "load_dependence", "torque_constant_temperature")
     separate_by = (
         "From current and speed alone it equals `inertia_error` up to a common factor on all friction: "
         "`motor_voltage_V` (K_E = K_T), `drive_power_W` or `body_momentum_Nms` separates them."
-    )
-    source = (
-        "Follows from the torque balance of the wheel; motor data sheets state K_T to 5–10 %, calibrated 1–5 % (a "
-        "working assumption)."
     )
     needs = frozenset({"motor_torque_Nm"})
     parameters = (Parameter("strength", "-", -0.5, 0.5, 0.02, linear=True),)

@@ -11,7 +11,20 @@ REFERENCE_DEGC: Final = 20.0  # [°C] where the torque constant is the assumed o
 
 
 class TorqueConstantTemperature(MeanEffect):
-    """A torque constant that changes with temperature."""
+    """A torque constant that changes with temperature.
+
+    Permanent magnets lose flux as they warm up, so that the true torque constant is below the assumed one and the
+    difference reads as friction: k > 0. The bearing's temperature stands for the magnets'.
+
+    See Also
+    --------
+    viscosity_temperature, torque_constant_error
+
+    References
+    ----------
+    Reversible temperature coefficients of remanence in magnet makers' data sheets: about −0.04 %/K (SmCo) to −0.12 %/K
+    (NdFeB).
+    """
 
     name = "torque_constant_temperature"
     title = "Torque constant falls with temperature"
@@ -20,18 +33,9 @@ class TorqueConstantTemperature(MeanEffect):
         r"\tau = k\, (T - T_0)\, K_T I, \qquad T_0 = 20\,^\circ\mathrm{C}, \quad K_{T,\mathrm{true}} = K_T \left(1 - "
         r"k (T - T_0)\right)"
     )
-    description = (
-        "Permanent magnets lose flux as they warm up, so that the true torque constant is below the assumed one and "
-        "the difference reads as friction: k > 0. The bearing's temperature stands for the magnets'."
-    )
     signature = "A torque in proportion to temperature times current: seen in slews, not at constant speed."
-    confused_with = ("viscosity_temperature", "torque_constant_error")
     separate_by = (
         "Slews at two temperatures; at a steady speed it cannot be distinguished from `viscosity_temperature`."
-    )
-    source = (
-        "Reversible temperature coefficients of remanence in magnet makers' data sheets: about −0.04 %/K (SmCo) to "
-        "−0.12 %/K (NdFeB)."
     )
     needs = frozenset({"motor_torque_Nm", "bearing_temperature_degC"})
     shows_at_one_speed = True

@@ -62,7 +62,29 @@ def orders_shown(channels: Channels) -> tuple[float, float]:
 
 
 class TorqueRipple(MeanEffect):
-    """A torque that is periodic in the wheel's angle: one harmonic and its double."""
+    """A torque that is periodic in the wheel's angle: one harmonic and its double.
+
+    Cogging and commutation repeat with the angle of the wheel, at whole multiples of its turns: six-step commutation
+    gives 6 × pole pairs per turn, cogging whole multiples of the pole pairs. Bearings do not: the cage turns at ½ (1 −
+    D_b cos α / D_p), about 0.4 of the speed where the inner ring turns, and what the balls do repeats with multiples of
+    that and of their own spin, as a rule no whole orders of the wheel. Behind a gear its stages add orders of their
+    own. Whole orders up to 48 are searched, and any other at which the residual of one record has a line over the
+    angle. Over n turns orders nearer than 1/n look alike: in a record of fewer than 50 the order is fitted, and what
+    fits as well is reported. Sampled slowly, the ripple shows as beats at speeds where a multiple of the rotation meets
+    the sampling rate. The angle is an integral of the measured speed and loses its phase as the noise adds up: after n
+    slots of speed noise σ the phase has wandered by h·σ·Δt·√n rad, so fit in blocks where this is below about one.
+
+    See Also
+    --------
+    speed_dependent_noise
+
+    References
+    ----------
+    P. C. Krause, O. Wasynczuk, S. D. Sudhoff, Analysis of Electric Machinery (six-step drive of brushless motors: six
+    pulses per electrical turn); T. A. Harris, M. N. Kotzalas, Rolling Bearing Analysis (cage and ball frequencies); W.
+    Bialke, High fidelity mathematical modeling of reaction wheel performance, AAS 98-063, 1998 (ripple and cogging of
+    wheels). 0.5–2 % of full torque is a working assumption.
+    """
 
     name = "torque_ripple"
     title = "Torque ripple"
@@ -70,27 +92,8 @@ class TorqueRipple(MeanEffect):
         r"\tau = \sum_{m = 1, 2} \left(a_m \cos(m h \theta) + b_m \sin(m h \theta)\right), \qquad \theta = \int "
         r"\omega\, dt"
     )
-    description = (
-        "Cogging and commutation repeat with the angle of the wheel, at whole multiples of its turns: six-step "
-        "commutation gives 6 × pole pairs per turn, cogging whole multiples of the pole pairs. Bearings do not: the "
-        "cage turns at ½ (1 − D_b cos α / D_p), about 0.4 of the speed where the inner ring turns, and what the balls "
-        "do repeats with multiples of that and of their own spin, as a rule no whole orders of the wheel. Behind a "
-        "gear its stages add orders of their own. Whole orders up to 48 are searched, and any other at which the "
-        "residual of one record has a line over the angle. Over n turns orders nearer than 1/n look alike: in a "
-        "record of fewer than 50 the order is fitted, and what fits as well is reported. Sampled slowly, the ripple "
-        "shows as beats at speeds where a multiple of the rotation meets the sampling rate. The angle is an integral "
-        "of the measured speed and loses its phase as the noise adds up: after n slots of speed noise σ the phase has "
-        "wandered by h·σ·Δt·√n rad, so fit in blocks where this is below about one."
-    )
     signature = "Beats at certain speeds; the residual repeats when it is drawn against the angle."
-    confused_with = ("speed_dependent_noise",)
     separate_by = "The residual against the angle, at low speed or with faster sampling."
-    source = (
-        "P. C. Krause, O. Wasynczuk, S. D. Sudhoff, Analysis of Electric Machinery (six-step drive of brushless "
-        "motors: six pulses per electrical turn); T. A. Harris, M. N. Kotzalas, Rolling Bearing Analysis (cage and "
-        "ball frequencies); W. Bialke, High fidelity mathematical modeling of reaction wheel performance, AAS 98-063, "
-        "1998 (ripple and cogging of wheels). 0.5–2 % of full torque is a working assumption."
-    )
     parity = "none"
     of_one_recording = True
     parameters = (

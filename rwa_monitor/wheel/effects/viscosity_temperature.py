@@ -33,7 +33,28 @@ def _where_temperature_swings(channels: Channels) -> float:
 
 
 class ViscosityTemperature(MeanEffect):
-    """A viscous coefficient that falls as the bearing warms up."""
+    """A viscous coefficient that falls as the bearing warms up.
+
+    The lubricant's viscosity falls with temperature, after Andrade's (Arrhenius') law. The strength is the viscous
+    coefficient at 20 °C that scales with it. Drag is taken in proportion to the viscosity. Where a bearing's drag goes
+    with (νn)^0.6 to (νn)^(2/3) (see `sublinear_viscous`) the B found here is 0.6 to 0.67 of the oil's: it is an
+    apparent B, not the one of the oil's data sheet. Over a few kelvin only the product of strength and B shows; over
+    ten kelvin and more the curvature gives both, if the oil is exactly Arrhenius. After Vogel's law B falls as the oil
+    warms: what is found then holds over the temperatures of the record alone, and strength and B are each off by more
+    than their stated errors. Where the sensor sits on the housing, the bearing follows it with a lag of the first
+    order; 0 is a sensor in the bearing. In a wheel file with [nominal] this is a factor on the viscous friction, not a
+    torque beside it: a fault scales the whole.
+
+    See Also
+    --------
+    lubricant_lag, torque_constant_temperature, run_in_drift
+
+    References
+    ----------
+    E. N. da C. Andrade, The viscosity of liquids, Nature 125, 1930; review: C. J. Seeton, Viscosity–temperature
+    correlation for liquids, Tribology Letters 22, 2006. B from 1700 to 6900 K gives −2 to −8 % per kelvin at 20 °C, the
+    range of common space oils as a working assumption.
+    """
 
     name = "viscosity_temperature"
     title = "Viscosity falls with temperature"
@@ -41,25 +62,8 @@ class ViscosityTemperature(MeanEffect):
         r"\tau = f_v\, \omega \left(\frac{\nu(T)}{\nu_0} - 1\right), \qquad \frac{\nu(T)}{\nu_0} = e^{B \left(1/T - "
         r"1/T_0\right)}, \quad T_0 = 293.15\,\mathrm{K}, \qquad T_l \dot T = T_{\mathrm{sensor}} - T"
     )
-    description = (
-        "The lubricant's viscosity falls with temperature, after Andrade's (Arrhenius') law. The strength is the "
-        "viscous coefficient at 20 °C that scales with it. Drag is taken in proportion to the viscosity. Where a "
-        "bearing's drag goes with (νn)^0.6 to (νn)^(2/3) (see `sublinear_viscous`) the B found here is 0.6 to 0.67 of "
-        "the oil's: it is an apparent B, not the one of the oil's data sheet. Over a few kelvin only the product of "
-        "strength and B shows; over ten kelvin and more the curvature gives both, if the oil is exactly Arrhenius. "
-        "After Vogel's law B falls as the oil warms: what is found then holds over the temperatures of the record "
-        "alone, and strength and B are each off by more than their stated errors. Where the sensor sits on the "
-        "housing, the bearing follows it with a lag of the first order; 0 is a sensor in the bearing. In a wheel file "
-        "with [nominal] this is a factor on the viscous friction, not a torque beside it: a fault scales the whole."
-    )
     signature = "A slope that follows the bearing temperature, with its thermal lag."
-    confused_with = ("lubricant_lag", "torque_constant_temperature", "run_in_drift")
     separate_by = "Constant speed for an orbit, at two speeds."
-    source = (
-        "E. N. da C. Andrade, The viscosity of liquids, Nature 125, 1930; review: C. J. Seeton, "
-        "Viscosity–temperature correlation for liquids, Tribology Letters 22, 2006. B from 1700 to 6900 K gives −2 "
-        "to −8 % per kelvin at 20 °C, the range of common space oils as a working assumption."
-    )
     needs = frozenset({"bearing_temperature_degC"})
     shows_at_one_speed = True
     is_part_of_viscous = True

@@ -9,22 +9,26 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shap
 
 
 class ViscousAsymmetry(MeanEffect):
-    """A viscous coefficient that differs between the two directions."""
+    """A viscous coefficient that differs between the two directions.
+
+    Lubricant is pumped and thrown differently in the two directions: the viscous coefficient is f_v + D_v one way and
+    f_v − D_v the other way.
+
+    See Also
+    --------
+    torque_bias, coulomb_asymmetry
+
+    References
+    ----------
+    B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30(7), 1994 (direction-dependent viscous friction).
+    A few per cent is a working assumption.
+    """
 
     name = "viscous_asymmetry"
     title = "Viscous asymmetry"
     formula = r"\tau = D_v\, |\omega|"
-    description = (
-        "Lubricant is pumped and thrown differently in the two directions: the viscous coefficient is f_v + D_v one "
-        "way and f_v − D_v the other way."
-    )
     signature = "Another slope in each direction."
-    confused_with = ("torque_bias", "coulomb_asymmetry")
     separate_by = "Both directions at two speeds each."
-    source = (
-        "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30(7), 1994 (direction-dependent viscous "
-        "friction). A few per cent is a working assumption."
-    )
     parity = "even"
     scales_with_viscous = True
     parameters = (Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 3.0e-7, linear=True),)

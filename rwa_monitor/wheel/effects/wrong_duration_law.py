@@ -17,24 +17,28 @@ FEWEST_SOJOURNS: Final = 5
 
 
 class WrongDurationLaw(SwitchingEffect):
-    """Sojourns that follow a Weibull law with another mean than the known law's."""
+    """Sojourns that follow a Weibull law with another mean than the known law's.
+
+    The sojourns of a switching system are longer or shorter by a factor r than the mean μ of their known law, and
+    spread otherwise (Weibull shape k; 1 is memoryless, large k is regular).
+
+    See Also
+    --------
+    extra_switching_system, speed_triggered_jumps
+
+    References
+    ----------
+    The paper's duration laws (section III-B); W. Weibull, A statistical distribution function of wide applicability, J.
+    Applied Mechanics 18, 1951. Factors are a working assumption.
+    """
 
     name = "wrong_duration_law"
     title = "Durations that do not follow their law"
     formula = r"P(d > t) = e^{-(t / \lambda)^k}, \qquad \lambda = \frac{r\, \mu_q}{\Gamma(1 + 1/k)}"
-    description = (
-        "The sojourns of a switching system are longer or shorter by a factor r than the mean μ of their known law, "
-        "and spread otherwise (Weibull shape k; 1 is memoryless, large k is regular)."
-    )
     signature = (
         "Durations between attributed jumps that do not follow the law in wheel.toml; jumps that look odd in time."
     )
-    confused_with = ("extra_switching_system", "speed_triggered_jumps")
     separate_by = "A longer record, at constant speed and temperature."
-    source = (
-        "The paper's duration laws (section III-B); W. Weibull, A statistical distribution function of wide "
-        "applicability, J. Applied Mechanics 18, 1951. Factors are a working assumption."
-    )
     parameters = (
         Parameter("duration_factor", "-", 0.01, 100.0, 0.4),
         Parameter("weibull_shape", "-", 0.3, 20.0, 1.0),
