@@ -218,7 +218,7 @@ def _healthy(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) 
 
 def _history(seed: int, windows: int, number: int) -> dict[str, int]:
     """Return by policy how many alarms the life of one healthy wheel raises."""
-    recipe = Recipe("healthy", "no anomaly", RECIPES["mild"].wheel, _healthy, windows)
+    recipe = Recipe("healthy", RECIPES["mild"].wheel, _healthy, windows)
     state, raised = CarriedState.empty(), dict.fromkeys(POLICIES, 0)
     alarms: dict[str, dict[str, Alarm]] = {policy: {} for policy in POLICIES}
     for window in wheel_windows(recipe, number, seed):

@@ -88,7 +88,7 @@ class Fate:
 def _life(fate: Fate, number: int, wheel: int, seed: int) -> list[Diagnosis]:
     """Return the diagnoses of one wheel."""
     hit = fate.kind == "shared" or (fate.kind == "alone" and wheel == fate.failing)
-    recipe = Recipe("siblings", "", RECIPES["mild"].wheel, partial(fate.scenario, hit), WINDOWS)
+    recipe = Recipe("siblings", RECIPES["mild"].wheel, partial(fate.scenario, hit), WINDOWS)
     state, found = CarriedState.empty(), []
     for window in wheel_windows(recipe, number * WHEELS + wheel, seed):
         (closed,) = diagnose_samples(window.telemetry.samples, window.wheel, built_in_model(), carried=state)

@@ -109,7 +109,7 @@ def _recipe(course: CourseName) -> Recipe:
         return RECIPES["fleet"]
     mild = RECIPES["mild"]
     if course == "lasting":
-        return Recipe("lasting", COURSES[course], mild.wheel, mild.scenario, windows=LASTING)
+        return Recipe("lasting", mild.wheel, mild.scenario, windows=LASTING)
 
     def sudden(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
         scenario = mild.scenario(wheel, number, windows, rng)
@@ -117,7 +117,7 @@ def _recipe(course: CourseName) -> Recipe:
         late = {name: anomaly.model_copy(update={"onset_s": onset}) for name, anomaly in scenario.anomalies.items()}
         return scenario.model_copy(update={"anomalies": late})
 
-    return Recipe("sudden", COURSES[course], mild.wheel, sudden, windows=EARLIER + 1)
+    return Recipe("sudden", mild.wheel, sudden, windows=EARLIER + 1)
 
 
 def judge_course(course: CourseName, wheels: int, seed: int, workers: int) -> JudgedWindows:

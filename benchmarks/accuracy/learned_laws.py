@@ -75,7 +75,7 @@ class _Task:
         model = built_in_model()
         mild = RECIPES["mild"]
         # The same seed and number draw the same wheel; its recordings and windows then differ by their length.
-        healthy = Recipe("healthy", "", mild.wheel, _healthy, windows=RECORDINGS)
+        healthy = Recipe("healthy", mild.wheel, _healthy, windows=RECORDINGS)
         recordings = list(wheel_windows(healthy, self.number, self.seed))
         wheel = recordings[0].wheel
         none = JumpScore()
@@ -104,7 +104,7 @@ class _Task:
     def _window(self, wheel: Wheel, k: int) -> LabelledWindow:
         """Simulate the k-th window of a wheel; statuses alternate with k."""
         mild = RECIPES["mild"]
-        fixed = Recipe("window", "", lambda _: wheel, mild.scenario)
+        fixed = Recipe("window", lambda _: wheel, mild.scenario)
         return next(wheel_windows(fixed, k, self.seed + 1 + self.number))
 
 

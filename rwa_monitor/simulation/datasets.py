@@ -112,8 +112,8 @@ class Recipe:
 
     Attributes
     ----------
-    name, description
-        What `simulate dataset --recipe` takes, and how it describes it.
+    name
+        What `simulate dataset --recipe` takes.
     wheel
         Draws a wheel.
     scenario
@@ -123,7 +123,6 @@ class Recipe:
     """
 
     name: str
-    description: str
     wheel: Callable[[Generator], Wheel]
     scenario: DrawScenario
     windows: int = 1
@@ -378,49 +377,20 @@ def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 RECIPES: Final[Mapping[str, Recipe]] = {
     recipe.name: recipe
     for recipe in (
-        Recipe(
-            "paper",
-            "the paper's statistics: 26 ± 10 changepoints, at most one anomaly, severities of its figures",
-            _example_wheel,
-            _one_anomaly(PAPER_SEVERITIES),
-        ),
-        Recipe(
-            "mild",
-            "the same with dry +30 %, viscous +15 %, fss_1 ×1.6, fss_2 ×1.4",
-            _example_wheel,
-            _one_anomaly(MILD_SEVERITIES),
-        ),
-        Recipe(
-            "hard",
-            "any combination of anomalies, jumps of 3–6 σ, AR(1) noise, zero crossings, three systems, gaps",
-            _hard_wheel,
-            _hard,
-        ),
-        Recipe(
-            "flown",
-            "noise, quanta and gaps as measured, a slow drift, anomalies of any size",
-            _example_wheel,
-            _flown,
-        ),
-        Recipe(
-            "derived",
-            "as mild, with friction only from noisy speed and current",
-            _example_wheel,
-            _one_anomaly(MILD_SEVERITIES, friction_given=False),
-        ),
-        Recipe(
-            "orbit",
-            "as mild, viscosity −2…−8 %/K, ±3 K an orbit and ±15 K over the year, bearing lagging its sensor",
-            _heated_wheel,
-            _orbit,
-        ),
-        Recipe(
-            "fleet",
-            "many windows of each wheel, an anomaly that grows slowly",
-            _example_wheel,
-            _fleet,
-            windows=FLEET_WINDOWS,
-        ),
+        # The paper's statistics: 26 ± 10 changepoints, at most one anomaly, severities of its figures.
+        Recipe("paper", _example_wheel, _one_anomaly(PAPER_SEVERITIES)),
+        # The same with dry +30 %, viscous +15 %, fss_1 ×1.6, fss_2 ×1.4.
+        Recipe("mild", _example_wheel, _one_anomaly(MILD_SEVERITIES)),
+        # Any combination of anomalies, jumps of 3–6 σ, AR(1) noise, zero crossings, three systems, gaps.
+        Recipe("hard", _hard_wheel, _hard),
+        # Noise, quanta and gaps as measured, a slow drift, anomalies of any size.
+        Recipe("flown", _example_wheel, _flown),
+        # As mild, with friction only from noisy speed and current.
+        Recipe("derived", _example_wheel, _one_anomaly(MILD_SEVERITIES, friction_given=False)),
+        # As mild, viscosity −2…−8 %/K, ±3 K an orbit and ±15 K over the year, bearing lagging its sensor.
+        Recipe("orbit", _heated_wheel, _orbit),
+        # Many windows of each wheel, an anomaly that grows slowly.
+        Recipe("fleet", _example_wheel, _fleet, windows=FLEET_WINDOWS),
     )
 }
 
