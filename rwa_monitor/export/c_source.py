@@ -52,7 +52,7 @@ def base_law(model: FrictionModel, speed_rad_s: FloatArray) -> FloatArray:
 def torque(model: FrictionModel, effects: Sequence[Effect], channels: Channels) -> FloatArray:
     """Return the friction with some effects, as it is simulated, without jumps [N m]."""
     coupled = couple([effect for effect in effects if isinstance(effect, MeanEffect)], channels)
-    return np.asarray(sum(coupled.values(), start=base_law(model, channels.speed_rad_s)))
+    return sum(coupled.values(), start=base_law(model, channels.speed_rad_s))
 
 
 def rms(values: FloatArray) -> float:

@@ -235,7 +235,7 @@ def _durations(problem: Problem, extended: Model) -> tuple[Draw, Expected] | Non
 
     def gaps_s(model: Model) -> FloatArray:
         gaps = np.diff(problem.slot[model.fit.jumps]) * _period_s(problem)
-        return np.asarray(gaps[gaps > 0])
+        return gaps[gaps > 0]
 
     at = np.quantile(gaps_s(extended), np.linspace(0.05, 0.95, 12))
 

@@ -348,8 +348,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
 def _drift(scenario: Scenario, wheel: Wheel, slots: int, rng: Generator) -> FloatArray:
     """Return the random walk of base dry friction, relative to its average, float64 (n,)."""
     step = scenario.base.dry_drift_per_sqrt_h * np.sqrt(wheel.sample_period_s / SECONDS_PER_HOUR)
-    walk: FloatArray = np.cumsum(step * rng.standard_normal(slots)) if step > 0.0 else np.zeros(slots)
-    return walk
+    return np.cumsum(step * rng.standard_normal(slots)) if step > 0.0 else np.zeros(slots)
 
 
 def _systems(
@@ -537,8 +536,7 @@ def measure(true: FloatArray, noise_std: float, quantum: float, rng: Generator) 
 
 def quantised(values: FloatArray, quantum: float) -> FloatArray:
     """Return values rounded to a quantum; as they are where it is zero."""
-    rounded: FloatArray = quantum * np.rint(values / quantum) if quantum > 0.0 else values
-    return rounded
+    return quantum * np.rint(values / quantum) if quantum > 0.0 else values
 
 
 def bearing_temperature(
@@ -570,7 +568,7 @@ def bearing_temperature(
     stay = float(np.exp(-(time_s[1] - time_s[0]) / ROTOR_TIME_CONSTANT_S))
     target = DISSIPATION_K_W * friction_power_W
     warm, _ = signal.lfilter([1.0 - stay], [1.0, -stay], target, zi=[stay * float(np.mean(target))])
-    return np.asarray(housing + warm)
+    return housing + warm
 
 
 def _apply_faults(

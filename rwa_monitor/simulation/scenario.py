@@ -33,6 +33,7 @@ from pydantic import Field, field_validator
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.wheel.effects.coloured_noise import autoregress
 from rwa_monitor.wheel.file_content import Strict, TomlFile
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.wheel.wheel import EffectBlock, NoNegative, Positive, Wheel
@@ -100,14 +101,7 @@ class FrictionNoise(Strict):
             heavy: FloatArray = std_Nm * np.sqrt((nu - 2.0) / nu) * rng.standard_t(nu, size=slots)
             return heavy
         white = std_Nm * rng.standard_normal(slots)
-        if self.law == "white":
-            return white
-        from scipy import signal
-
-        phi = self.ar_coefficient
-        white[1:] *= np.sqrt(1.0 - phi * phi)
-        coloured: FloatArray = signal.lfilter([1.0], [1.0, -phi], white)
-        return coloured
+        return autoregress(white, self.ar_coefficient) if self.law == "ar1" else white
 
     def long_run_std(self, std_Nm: float) -> float:
         """Return the standard deviation of a long mean times the root of its length [N m]: jumps stand against it."""

@@ -113,10 +113,10 @@ def _usual(step: FloatArray, reach: int) -> FloatArray:
     def before(steps: FloatArray) -> FloatArray:
         first = steps[: 2 * reach + 1]
         ahead = np.arange(reach, 0, -1) + 0.5 * (first.size - 1)
-        return np.asarray(np.median(first) - np.median(np.diff(first)) * ahead)
+        return np.median(first) - np.median(np.diff(first)) * ahead
 
     padded = np.concatenate([before(step), step, before(step[::-1])[::-1]])
-    return np.asarray(median_filter(padded, 2 * reach + 1)[reach:-reach])
+    return median_filter(padded, 2 * reach + 1)[reach:-reach]
 
 
 def _is_regular(ratio: FloatArray) -> BoolArray:

@@ -125,8 +125,7 @@ class _RoundedContinuous(_Law):
         return np.where(at <= 1, 1.0, self._tail(np.maximum(at - 0.5, 0.5)))
 
     def sample(self, rng: Generator, size: int) -> IntArray:
-        slots: IntArray = np.clip(np.rint(self._draw(rng, size)), 1, LONGEST).astype(np.int64)
-        return slots
+        return np.clip(np.rint(self._draw(rng, size)), 1, LONGEST).astype(np.int64)
 
 
 class Weibull(_RoundedContinuous):

@@ -40,8 +40,7 @@ class Realisation(NamedTuple):
     @property
     def jump(self) -> FloatArray:
         """float64 (m,), change of friction at each jump, in units of the nominal dry torque."""
-        change: FloatArray = self.friction[self.jump_index] - self.friction[self.jump_index - 1]
-        return change
+        return self.friction[self.jump_index] - self.friction[self.jump_index - 1]
 
 
 def jumping_chain_law(system: SwitchingSystem) -> FloatArray:
