@@ -126,15 +126,18 @@ class Parameter:
 
 
 Quantity = Literal["inertia", "torque constant"]  # of the wheel file, that other channels may show
-# The docstring of an effect: physics, what it is confused with, source.
-EXPLAINED: Final = re.compile(r"[^\n]+\n\n(.+?)\n\n(?:See Also\n-+\n(.+?)\n\n)?References\n-+\n(.+)", re.DOTALL)
+# The docstring of an effect: its physics, what shows it, what it is confused with, its source.
+EXPLAINED: Final = re.compile(
+    r"[^\n]+\n\n(.+?)\n\n(?:What shows it\n-+\n(.+?)\n\n)?(?:See Also\n-+\n(.+?)\n\n)?References\n-+\n(.+)", re.DOTALL
+)
 
 
 class Effect:
     """Base of all effects: metadata of the class, parameter values of the instance.
 
-    The docstring of a class is what people read of the effect: behind its first line the physics, in "See Also" what it
-    is confused with, in "References" the source. It becomes `description`, `confused_with` and `source`.
+    The docstring of a class is what people read of the effect: behind its first line the physics, then in sections
+    "What shows it" in the residual, in "See Also" what it is confused with, in "References" the source. They become
+    `description`, `signature`, `confused_with` and `source`.
 
     Parameters
     ----------
@@ -152,7 +155,7 @@ class Effect:
     title: ClassVar[str]
     formula: ClassVar[str]  # LaTeX, without dollar signs
     description: ClassVar[str] = ""  # the physics
-    signature: ClassVar[str]  # what shows it in the residual
+    signature: ClassVar[str] = ""  # what shows it in the residual
     confused_with: ClassVar[tuple[str, ...]] = ()  # catalogue names
     separate_by: ClassVar[str]  # the manoeuvre or channel that separates it from those
     source: ClassVar[str] = ""
@@ -177,7 +180,8 @@ class Effect:
         """Take out of a docstring what it explains."""
         found = EXPLAINED.fullmatch(inspect.cleandoc(cls.__doc__ or ""))
         if found is not None:
-            cls.description, names, cls.source = (" ".join(part.split()) for part in found.groups(default=""))
+            texts = (" ".join(part.split()) for part in found.groups(default=""))
+            cls.description, cls.signature, names, cls.source = texts
             cls.confused_with = tuple(re.findall(r"\w+", names))
 
     def __init__(self, **values: float) -> None:

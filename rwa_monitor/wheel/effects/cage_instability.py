@@ -31,6 +31,10 @@ class CageInstability(NoiseEffect):
     The ball cage leaves its smooth path and whirls: friction and noise rise together, come in bursts, and do so only in
     a band of speeds (and of lubricant states).
 
+    What shows it
+    -------------
+    Mean and variance of the residual rise together in a band of speeds.
+
     See Also
     --------
     speed_dependent_noise, extra_switching_system, heavy_tailed_noise
@@ -49,7 +53,6 @@ class CageInstability(NoiseEffect):
         r"\tau = g(t)\, m \operatorname{sign}(\omega), \quad \sigma = \sigma_0 \left(1 + g(t)\, b\right), \qquad "
         r"g(t) \in \{0, 1\} \text{ where } \left||\omega| - \omega_c\right| < w, \text{ else } 0"
     )
-    signature = "Mean and variance of the residual rise together in a band of speeds."
     separate_by = "Dwells below, in and above the band, in both directions."
     not_exported = "it comes in bursts at random, with noise; its drag is the strength, in the band and in a burst"
     parameters = (

@@ -16,6 +16,10 @@ class ColouredNoise(NoiseEffect):
     Filters in the drive electronics, slow disturbances and the estimation of friction itself relate neighbouring
     samples. Means over short stretches then scatter more than white noise would let them, which looks like jumps.
 
+    What shows it
+    -------------
+    An autocorrelation of the residual that decays geometrically with the lag.
+
     See Also
     --------
     tachometer_quantisation, heavy_tailed_noise
@@ -29,7 +33,6 @@ class ColouredNoise(NoiseEffect):
     name = "coloured_noise"
     title = "Coloured noise"
     formula = r"n_k = \varphi\, n_{k-1} + \sqrt{1 - \varphi^2}\, e_k"
-    signature = "An autocorrelation of the residual that decays geometrically with the lag."
     separate_by = "The autocorrelation over several lags, on a stretch of constant speed."
     parameters = (Parameter("ar_coefficient", "-", 0.0, 0.99, 0.5),)
 

@@ -15,6 +15,10 @@ class CoulombAsymmetry(MeanEffect):
     rotation. In terms of the base law s·level this is a torque ε·level that does not flip with the sign. At rest it is
     zero.
 
+    What shows it
+    -------------
+    An offset that does not flip with the direction and jumps together with the level.
+
     See Also
     --------
     torque_bias, viscous_asymmetry
@@ -32,7 +36,6 @@ class CoulombAsymmetry(MeanEffect):
     name = "coulomb_asymmetry"
     title = "Coulomb asymmetry"
     formula = r"\tau = \varepsilon \cdot \mathrm{level}(t) \cdot \operatorname{sign}^2(\omega)"
-    signature = "An offset that does not flip with the direction and jumps together with the level."
     separate_by = "Sizes of the same jump in both directions; the current with the motor off (it shows a bias)."
     parity = "even"
     uses_level = True

@@ -26,6 +26,10 @@ class CurrentDelay(MeanEffect):
     Current and speed are sampled, filtered or stamped at different times: the motor torque that enters the balance is
     that of d seconds later (d > 0) or earlier (d < 0), to first order in d.
 
+    What shows it
+    -------------
+    A torque that follows the derivative of the current: spikes at the ends of slews.
+
     See Also
     --------
     presliding, inertia_error
@@ -40,7 +44,6 @@ class CurrentDelay(MeanEffect):
     title = "Current and speed misaligned in time"
     follows_acceleration = True
     formula = r"\tau = d\, K_T\, \dot I, \qquad I_{\mathrm{measured}}(t) = I(t + d)"
-    signature = "A torque that follows the derivative of the current: spikes at the ends of slews."
     separate_by = "Cross-correlation of current and dω/dt around slews; reversals at two accelerations."
     needs = frozenset({"motor_torque_Nm"})
     not_exported = (

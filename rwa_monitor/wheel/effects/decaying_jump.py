@@ -17,6 +17,10 @@ class DecayingJump(SwitchingEffect):
     A pocket of oil that is run over is squeezed out again: the drag jumps and then relaxes by a share of the jump. What
     has relaxed is forgotten at the next jump, so that the level always lies between its two neighbours.
 
+    What shows it
+    -------------
+    An exponential in the residual after each jump, in proportion to the jump, of one time constant.
+
     See Also
     --------
     extra_switching_system, lubricant_lag
@@ -34,7 +38,6 @@ class DecayingJump(SwitchingEffect):
         r"\tau = -\gamma \sum_j \Delta_j \left(1 - e^{-(t - t_j)/T}\right) \operatorname{sign}(\omega), \quad t_j "
         r"\leq t < t_{j+1}"
     )
-    signature = "An exponential in the residual after each jump, in proportion to the jump, of one time constant."
     separate_by = "Constant speed: a lag of the lubricant rests then, jumps still relax."
     not_exported = ""
     parameters = (

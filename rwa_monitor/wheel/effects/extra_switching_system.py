@@ -18,6 +18,10 @@ class ExtraSwitchingSystem(SwitchingEffect):
     A phenomenon that wheel.toml does not list switches between rest and extra friction, such as a cage that sits in two
     positions.
 
+    What shows it
+    -------------
+    Jumps, with their way back, that no known switching system explains.
+
     See Also
     --------
     wrong_duration_law, cage_instability, decaying_jump
@@ -30,7 +34,6 @@ class ExtraSwitchingSystem(SwitchingEffect):
     name = "extra_switching_system"
     title = "A switching system that the model lacks"
     formula = r"\tau = f(t) \operatorname{sign}(\omega), \qquad f \in \{0,\; m\,(1 \pm 0.25)\}"
-    signature = "Jumps, with their way back, that no known switching system explains."
     separate_by = "A longer record: the sizes and durations of the unexplained jumps form groups of their own."
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 4.0e-4),

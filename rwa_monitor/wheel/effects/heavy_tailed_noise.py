@@ -26,6 +26,10 @@ class HeavyTailedNoise(NoiseEffect):
     Errors in packets, missed tachometer pulses and current peaks give single samples that are far off. The standard
     deviation stays, the tails grow.
 
+    What shows it
+    -------------
+    A kurtosis of the residual above that of a Gaussian; single samples many standard deviations off.
+
     See Also
     --------
     speed_dependent_noise, cage_instability
@@ -39,7 +43,6 @@ class HeavyTailedNoise(NoiseEffect):
     name = "heavy_tailed_noise"
     title = "Heavy-tailed noise"
     formula = r"n_k = \sigma \sqrt{(\nu - 2)/\nu}\; t_k, \qquad t_k \sim \text{Student}(\nu)"
-    signature = "A kurtosis of the residual above that of a Gaussian; single samples many standard deviations off."
     separate_by = (
         "The spread of the residual at constant speed: heavy tails stay, noise that depends on speed does not."
     )

@@ -15,6 +15,11 @@ class InertiaError(MeanEffect):
     given dω/dt it is the same whichever way the wheel turns; it changes sign with dω/dt, so also when the whole motion
     is mirrored.
 
+    What shows it
+    -------------
+    A torque that follows dω/dt, not the direction of rotation: in one direction it changes sign between speeding up and
+    braking.
+
     See Also
     --------
     torque_constant_error, load_dependence, lubricant_lag, current_delay
@@ -30,10 +35,6 @@ class InertiaError(MeanEffect):
     follows_acceleration = True
     error_of = "inertia"
     formula = r"\tau = \delta J\, \dot\omega, \qquad \delta J = J_{\mathrm{true}} - J_{\mathrm{assumed}}"
-    signature = (
-        "A torque that follows dω/dt, not the direction of rotation: in one direction it changes sign between "
-        "speeding up and braking."
-    )
     separate_by = (
         "From current and speed alone never from `torque_constant_error`: `motor_voltage_V` (K_E = K_T), "
         "`drive_power_W` or `body_momentum_Nms` does. From `load_dependence`: brake and accelerate in both directions."

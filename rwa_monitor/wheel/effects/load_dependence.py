@@ -13,6 +13,10 @@ class LoadDependence(MeanEffect):
 
     The torque that is transmitted loads the bearings or the gear, and friction grows with load.
 
+    What shows it
+    -------------
+    Drag that grows with the motor torque, in acceleration and braking alike.
+
     See Also
     --------
     inertia_error, torque_constant_error
@@ -28,7 +32,6 @@ class LoadDependence(MeanEffect):
     title = "Load dependence"
     follows_acceleration = True
     formula = r"\tau = c\, |K_T I|\, \operatorname{sign}(\omega)"
-    signature = "Drag that grows with the motor torque, in acceleration and braking alike."
     separate_by = (
         "Accelerate and brake, in both directions: this drag always opposes the motion, an error of inertia does not."
     )

@@ -35,6 +35,10 @@ class LubricantLag(MeanEffect):
     After a change of speed the lubricant needs time to redistribute and to reach its new temperature: the drag
     overshoots (b > 0) or trails (b < 0) and relaxes with a time constant. At constant speed it vanishes.
 
+    What shows it
+    -------------
+    An exponential relaxation after each slew, in proportion to the change of speed.
+
     See Also
     --------
     viscosity_temperature, inertia_error, run_in_drift
@@ -51,7 +55,6 @@ class LubricantLag(MeanEffect):
     title = "Lubricant lag"
     follows_acceleration = True
     formula = r"\tau = b\, (\omega - \omega_f), \qquad T_f\, \dot\omega_f = \omega - \omega_f"
-    signature = "An exponential relaxation after each slew, in proportion to the change of speed."
     separate_by = "Speed steps after dwells of different length."
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),

@@ -41,6 +41,10 @@ class Presliding(MeanEffect):
     Contacts are elastic before they slide: after a reversal the Coulomb friction does not change sign at once but while
     the wheel turns by a few breakaway angles. The base law already holds the sign, so the effect is the difference.
 
+    What shows it
+    -------------
+    After each reversal the drag lags the sign, by a fixed angle whatever the acceleration.
+
     See Also
     --------
     current_delay, stribeck, speed_dead_zone
@@ -58,7 +62,6 @@ class Presliding(MeanEffect):
         r"\dot z = \omega - |\omega|\, z / z_c, \qquad \tau = \tau_C \left(z / z_c - "
         r"\operatorname{sign}(\omega)\right)"
     )
-    signature = "After each reversal the drag lags the sign, by a fixed angle whatever the acceleration."
     separate_by = "Reversals at two accelerations: a fixed angle, a fixed time and a fixed speed then part."
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.6e-3, linear=True),

@@ -19,6 +19,10 @@ class QuadraticDrag(MeanEffect):
     expect it in ground tests in air and in wheels whose sealed housing is filled with gas, which fly too; an evacuated
     or vented housing has none.
 
+    What shows it
+    -------------
+    A residual that is convex in |ω|.
+
     See Also
     --------
     sublinear_viscous
@@ -34,7 +38,6 @@ class QuadraticDrag(MeanEffect):
     name = "quadratic_drag"
     title = "Quadratic drag (windage)"
     formula = r"\tau = c\, \omega |\omega|"
-    signature = "A residual that is convex in |ω|."
     separate_by = "A dwell at top speed, at two bearing temperatures: windage does not follow the bearing's."
     parameters = (Parameter("strength_Nm_s2_rad2", "N m s²/rad²", 0.0, np.inf, 2.0e-9, linear=True),)
 

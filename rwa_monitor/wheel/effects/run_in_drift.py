@@ -21,6 +21,10 @@ class RunInDrift(MeanEffect):
     plain ramp of a time constant beyond the record. Time starts with the record, not with the bearing's life: a is the
     rate at the first sample, and records of different age need strengths of their own.
 
+    What shows it
+    -------------
+    A slow ramp of the level, which a segmentation otherwise follows by many small jumps.
+
     See Also
     --------
     viscosity_temperature, lubricant_lag
@@ -37,7 +41,6 @@ class RunInDrift(MeanEffect):
         r"\tau = a\, T_d \left(1 - e^{-t / T_d}\right) \operatorname{sign}(\omega) \;\to\; a\, t\, "
         r"\operatorname{sign}(\omega) \text{ for } T_d \to \infty"
     )
-    signature = "A slow ramp of the level, which a segmentation otherwise follows by many small jumps."
     separate_by = "Long records over several windows, at constant temperature."
     parameters = (
         Parameter("strength_Nm_s", "N m/s", -np.inf, np.inf, -5.0e-9, linear=True),

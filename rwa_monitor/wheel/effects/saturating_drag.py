@@ -29,6 +29,10 @@ class SaturatingDrag(MeanEffect):
     What is left of a slope is the base law's. The name means concave drag with an end, not which lubricant: a power of
     the speed (`sublinear_viscous`) has no end.
 
+    What shows it
+    -------------
+    A residual that is concave in |ω|: a slope near zero, a plateau above.
+
     See Also
     --------
     sublinear_viscous, stribeck, presliding
@@ -45,7 +49,6 @@ class SaturatingDrag(MeanEffect):
     name = "saturating_drag"
     title = "Saturating drag"
     formula = r"\tau = c\, \frac{\omega / \omega_s}{\left(1 + |\omega / \omega_s|^b\right)^{1/b}}"
-    signature = "A residual that is concave in |ω|: a slope near zero, a plateau above."
     separate_by = "Dwells over the whole speed range, some well above the bend: a plateau, or a power that goes on."
     choice_deviance: ClassVar[float] = 2.0 * float(np.log(RARER))
     parameters = (

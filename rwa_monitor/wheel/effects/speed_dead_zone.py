@@ -28,6 +28,11 @@ class SpeedDeadZone(MeanEffect):
     is added to it, with a pulse of the opposite sign where the reading jumps at the ends. There the zone shows in the
     speed readings, not as this plateau. `read_speed` gives what such a tachometer reads.
 
+    What shows it
+    -------------
+    A plateau around zero speed with sharp ends, in friction that was computed with the speed read; a speed that reads
+    exactly zero while the wheel reverses, in any record.
+
     See Also
     --------
     stribeck, presliding, sublinear_viscous
@@ -42,10 +47,6 @@ class SpeedDeadZone(MeanEffect):
     threshold = "dead_zone_rad_s"
     title = "Dead zone of the speed reading"
     formula = r"\tau = -\tau_0\, \operatorname{sign}(\omega) \text{ where } |\omega| < \omega_{dz}, \text{ else } 0"
-    signature = (
-        "A plateau around zero speed with sharp ends, in friction that was computed with the speed read; a speed that "
-        "reads exactly zero while the wheel reverses, in any record."
-    )
     separate_by = "A slow zero crossing: a plateau has sharp ends, a Stribeck peak fades out and has the other sign."
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.6e-3, linear=True),

@@ -30,6 +30,10 @@ class SpeedDependentNoise(NoiseEffect):
     (a share of the speed) and aliased ripple. A line in |ω| is the simplest growth over a constant floor; where the
     spread grows with ω², c is the slope of the line that fits best and depends on the range of speeds in the record.
 
+    What shows it
+    -------------
+    The variance of the residual follows |ω|, its mean does not.
+
     See Also
     --------
     torque_ripple, cage_instability, heavy_tailed_noise
@@ -47,7 +51,6 @@ class SpeedDependentNoise(NoiseEffect):
         r"\sigma(\omega) = \sigma_0 \left(1 + c |\omega|\right) \left(1 + b\, e^{-\left(|\omega| - \omega_b\right)^2 "
         r"/ 2 w^2}\right)"
     )
-    signature = "The variance of the residual follows |ω|, its mean does not."
     separate_by = "Dwells at several speeds, sampled fast enough to see ripple as ripple."
     parameters = (
         Parameter("strength_s_rad", "s/rad", 0.0, np.inf, 3.0e-3, default=0.0),

@@ -24,6 +24,10 @@ class SpeedTriggeredJumps(SwitchingEffect):
     Centrifugal force and heat move the lubricant: the switching systems run on a clock that goes faster at high speed
     or temperature. Over a record the clock's mean rate is one.
 
+    What shows it
+    -------------
+    Jumps gather at certain speeds or temperatures instead of following time alone.
+
     See Also
     --------
     wrong_duration_law, viscous_jump
@@ -37,7 +41,6 @@ class SpeedTriggeredJumps(SwitchingEffect):
     name = "speed_triggered_jumps"
     title = "Jumps triggered by speed or temperature"
     formula = r"\lambda(t) \propto e^{c |\omega| + k T}"
-    signature = "Jumps gather at certain speeds or temperatures instead of following time alone."
     separate_by = "Long dwells at two speeds: count the jumps in each."
     parameters = (
         Parameter("strength_s_rad", "s/rad", -1.0, 1.0, 1.0e-2, default=0.0),

@@ -28,6 +28,12 @@ class Stribeck(MeanEffect):
     δ = 1 (Tustin) and 2 (Gaussian, as in LuGre) are usual, ½ to 1 was measured by Bo and Pavelescu, 1.4 is in SKF's
     φ_bl. Both usual ones are tried, and any other is fitted where that pays.
 
+    What shows it
+    -------------
+    Extra drag near zero: at three Stribeck speeds 0.01 % of it is left for δ = 2, 5 % for δ = 1 (1 % at five), 18 % for
+    δ = ½. As a formula of the speed alone it is the same for both signs of dω/dt; a real film needs time to build and
+    to drain, so that mixed friction lags the speed (frictional memory) and makes a loop in fast reversals.
+
     See Also
     --------
     presliding, speed_dead_zone, sublinear_viscous
@@ -48,12 +54,6 @@ class Stribeck(MeanEffect):
     name = "stribeck"
     title = "Stribeck effect"
     formula = r"\tau = (\tau_S - \tau_C)\, e^{-|\omega/\omega_s|^{\delta}}\, \operatorname{sign}(\omega)"
-    signature = (
-        "Extra drag near zero: at three Stribeck speeds 0.01 % of it is left for δ = 2, 5 % for δ = 1 (1 % at five), "
-        "18 % for δ = ½. "
-        "As a formula of the speed alone it is the same for both signs of dω/dt; a real film needs time to build and "
-        "to drain, so that mixed friction lags the speed (frictional memory) and makes a loop in fast reversals."
-    )
     separate_by = "A slow zero crossing, and a ladder of dwells up to ten Stribeck speeds."
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 5.0e-4, linear=True),

@@ -31,6 +31,11 @@ class SublinearViscous(MeanEffect):
     varies, the oil's B (Andrade's law, see `viscosity_temperature`) is fitted, too, if that pays; B = 0 is a drag that
     does not follow the temperature.
 
+    What shows it
+    -------------
+    A residual that is concave in |ω|: steep near zero, bent towards the slope at high speed; it shrinks as the bearing
+    warms.
+
     See Also
     --------
     stribeck, quadratic_drag, presliding, speed_dead_zone, viscosity_temperature
@@ -49,10 +54,6 @@ class SublinearViscous(MeanEffect):
         r"\tau = c \left(\frac{\nu(T)}{\nu_0} \left|\frac{\omega}{\omega_1}\right|\right)^{p} "
         r"\operatorname{sign}(\omega), \qquad \frac{\nu(T)}{\nu_0} = e^{B \left(1/T - 1/T_0\right)}, \quad \omega_1 = "
         r"1\,\mathrm{rad/s}, \quad T_0 = 293.15\,\mathrm{K}"
-    )
-    signature = (
-        "A residual that is concave in |ω|: steep near zero, bent towards the slope at high speed; it shrinks as the "
-        "bearing warms."
     )
     separate_by = (
         "Dwells over the whole speed range (the sign of the curvature), at two temperatures of the bearing, recorded: "

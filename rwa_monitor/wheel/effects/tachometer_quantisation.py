@@ -25,6 +25,10 @@ class TachometerQuantisation(NoiseEffect):
     rounding errors, which is not white: with a central difference the autocorrelation at lag 2 is −0.5 and the variance
     of long means tends to zero.
 
+    What shows it
+    -------------
+    Speeds on a grid, and a residual with an autocorrelation of −0.5 at lag 2.
+
     See Also
     --------
     coloured_noise
@@ -43,7 +47,6 @@ class TachometerQuantisation(NoiseEffect):
         r"\omega_{\mathrm{read}} = \Delta \operatorname{round}(\omega/\Delta), \qquad n_k = -J\, \frac{q_{k+1} - "
         r"q_{k-1}}{2 \Delta t}, \quad q = \omega_{\mathrm{read}} - \omega"
     )
-    signature = "Speeds on a grid, and a residual with an autocorrelation of −0.5 at lag 2."
     separate_by = "A histogram of the speed readings; the autocorrelation of the residual at lag 2."
     parameters = (
         Parameter("step_rad_s", "rad/s", 1e-9, 10.0, 1.0e-2),

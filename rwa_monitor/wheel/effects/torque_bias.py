@@ -14,6 +14,11 @@ class TorqueBias(MeanEffect):
     An offset I₀ of the current measurement reads as a constant torque, at every speed and at rest; so does what drives
     the wheel from outside on a test bench: wind, a slope, a load cell that was not tared.
 
+    What shows it
+    -------------
+    A constant that does not flip with the direction, and does not jump. In one direction it is a part of the dry
+    friction, unless that seems to be negative: then by as much at least.
+
     See Also
     --------
     coulomb_asymmetry, viscous_asymmetry
@@ -27,10 +32,6 @@ class TorqueBias(MeanEffect):
     name = "torque_bias"
     title = "Torque bias"
     formula = r"\tau = \tau_0 = K_T I_0, \qquad I_0 = I_{\mathrm{measured}} - I"
-    signature = (
-        "A constant that does not flip with the direction, and does not jump. In one direction it is a part of the dry "
-        "friction, unless that seems to be negative: then by as much at least."
-    )
     separate_by = "Sizes of the same jump in both directions; the current with the motor off."
     parity = "even"
     may_drive = True

@@ -11,6 +11,10 @@ class TorqueConstantError(MeanEffect):
 
     Friction is K_T I − J dω/dt; where K_T is too large, a part of the motor torque that is not there reads as friction.
 
+    What shows it
+    -------------
+    A torque in proportion to the motor current.
+
     See Also
     --------
     inertia_error, load_dependence, torque_constant_temperature
@@ -26,7 +30,6 @@ class TorqueConstantError(MeanEffect):
     follows_acceleration = True
     error_of = "torque constant"
     formula = r"\tau = \frac{\delta K_T}{K_T}\, K_T I, \qquad \delta K_T = K_{T,\mathrm{assumed}} - K_{T,\mathrm{true}}"
-    signature = "A torque in proportion to the motor current."
     separate_by = (
         "From current and speed alone it equals `inertia_error` up to a common factor on all friction: "
         "`motor_voltage_V` (K_E = K_T), `drive_power_W` or `body_momentum_Nms` separates them."

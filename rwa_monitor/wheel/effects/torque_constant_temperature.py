@@ -16,6 +16,10 @@ class TorqueConstantTemperature(MeanEffect):
     Permanent magnets lose flux as they warm up, so that the true torque constant is below the assumed one and the
     difference reads as friction: k > 0. The bearing's temperature stands for the magnets'.
 
+    What shows it
+    -------------
+    A torque in proportion to temperature times current: seen in slews, not at constant speed.
+
     See Also
     --------
     viscosity_temperature, torque_constant_error
@@ -33,7 +37,6 @@ class TorqueConstantTemperature(MeanEffect):
         r"\tau = k\, (T - T_0)\, K_T I, \qquad T_0 = 20\,^\circ\mathrm{C}, \quad K_{T,\mathrm{true}} = K_T \left(1 - "
         r"k (T - T_0)\right)"
     )
-    signature = "A torque in proportion to temperature times current: seen in slews, not at constant speed."
     separate_by = (
         "Slews at two temperatures; at a steady speed it cannot be distinguished from `viscosity_temperature`."
     )

@@ -74,6 +74,10 @@ class TorqueRipple(MeanEffect):
     the sampling rate. The angle is an integral of the measured speed and loses its phase as the noise adds up: after n
     slots of speed noise σ the phase has wandered by h·σ·Δt·√n rad, so fit in blocks where this is below about one.
 
+    What shows it
+    -------------
+    Beats at certain speeds; the residual repeats when it is drawn against the angle.
+
     See Also
     --------
     speed_dependent_noise
@@ -92,7 +96,6 @@ class TorqueRipple(MeanEffect):
         r"\tau = \sum_{m = 1, 2} \left(a_m \cos(m h \theta) + b_m \sin(m h \theta)\right), \qquad \theta = \int "
         r"\omega\, dt"
     )
-    signature = "Beats at certain speeds; the residual repeats when it is drawn against the angle."
     separate_by = "The residual against the angle, at low speed or with faster sampling."
     parity = "none"
     of_one_recording = True

@@ -45,6 +45,10 @@ class ViscosityTemperature(MeanEffect):
     order; 0 is a sensor in the bearing. In a wheel file with [nominal] this is a factor on the viscous friction, not a
     torque beside it: a fault scales the whole.
 
+    What shows it
+    -------------
+    A slope that follows the bearing temperature, with its thermal lag.
+
     See Also
     --------
     lubricant_lag, torque_constant_temperature, run_in_drift
@@ -62,7 +66,6 @@ class ViscosityTemperature(MeanEffect):
         r"\tau = f_v\, \omega \left(\frac{\nu(T)}{\nu_0} - 1\right), \qquad \frac{\nu(T)}{\nu_0} = e^{B \left(1/T - "
         r"1/T_0\right)}, \quad T_0 = 293.15\,\mathrm{K}, \qquad T_l \dot T = T_{\mathrm{sensor}} - T"
     )
-    signature = "A slope that follows the bearing temperature, with its thermal lag."
     separate_by = "Constant speed for an orbit, at two speeds."
     needs = frozenset({"bearing_temperature_degC"})
     shows_at_one_speed = True

@@ -14,6 +14,10 @@ class ViscousAsymmetry(MeanEffect):
     Lubricant is pumped and thrown differently in the two directions: the viscous coefficient is f_v + D_v one way and
     f_v − D_v the other way.
 
+    What shows it
+    -------------
+    Another slope in each direction.
+
     See Also
     --------
     torque_bias, coulomb_asymmetry
@@ -27,7 +31,6 @@ class ViscousAsymmetry(MeanEffect):
     name = "viscous_asymmetry"
     title = "Viscous asymmetry"
     formula = r"\tau = D_v\, |\omega|"
-    signature = "Another slope in each direction."
     separate_by = "Both directions at two speeds each."
     parity = "even"
     scales_with_viscous = True

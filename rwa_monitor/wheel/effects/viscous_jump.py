@@ -15,6 +15,10 @@ class ViscousJump(SwitchingEffect):
     Where lubricant moves in or out of the contact, the viscous coefficient jumps along with the dry friction: the jump
     is larger at high speed by the factor 1 + c|ω|.
 
+    What shows it
+    -------------
+    Another slope after each jump; sizes of the same jump grow with |ω|.
+
     See Also
     --------
     speed_triggered_jumps, sublinear_viscous
@@ -28,7 +32,6 @@ class ViscousJump(SwitchingEffect):
     name = "viscous_jump"
     title = "Jumps of the viscous friction"
     formula = r"\tau = c\, \omega \sum_{t_j \leq t} \Delta_j"
-    signature = "Another slope after each jump; sizes of the same jump grow with |ω|."
     separate_by = "Change the speed between two jumps: the slope of each segment shows by itself."
     not_exported = ""
     parameters = (Parameter("strength_s_rad", "s/rad", -1.0, 1.0, 3.0e-3, linear=True),)

@@ -22,6 +22,10 @@ class WrongDurationLaw(SwitchingEffect):
     The sojourns of a switching system are longer or shorter by a factor r than the mean μ of their known law, and
     spread otherwise (Weibull shape k; 1 is memoryless, large k is regular).
 
+    What shows it
+    -------------
+    Durations between attributed jumps that do not follow the law in wheel.toml; jumps that look odd in time.
+
     See Also
     --------
     extra_switching_system, speed_triggered_jumps
@@ -35,9 +39,6 @@ class WrongDurationLaw(SwitchingEffect):
     name = "wrong_duration_law"
     title = "Durations that do not follow their law"
     formula = r"P(d > t) = e^{-(t / \lambda)^k}, \qquad \lambda = \frac{r\, \mu_q}{\Gamma(1 + 1/k)}"
-    signature = (
-        "Durations between attributed jumps that do not follow the law in wheel.toml; jumps that look odd in time."
-    )
     separate_by = "A longer record, at constant speed and temperature."
     parameters = (
         Parameter("duration_factor", "-", 0.01, 100.0, 0.4),
