@@ -23,7 +23,7 @@ static double rwa_dahl_bristle(double *state, double speed_rad_s, double dt_s, d
 {
     const double before = state[1];
     double bristle = state[0];
-    if (isnan(bristle)) {
+    if (isnan(bristle) != 0) {
         bristle = rwa_sign(speed_rad_s);
     } else if ((before * speed_rad_s) < 0.0) { /* a step in which the speed changes its sign is two */
         const double crossing_s = dt_s * before / (before - speed_rad_s);
@@ -52,7 +52,7 @@ static void rwa_lag_weights(double *weights, double dt_s, double time_constant_s
 /* First-order lag dx/dt = (u - x)/T, exact for u that is linear between samples; state: x and the last u. */
 static double rwa_lag_step(double *state, double value, const double *weights)
 {
-    if (isnan(state[0])) {
+    if (isnan(state[0]) != 0) {
         state[0] = value;
         state[1] = value;
     }

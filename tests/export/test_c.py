@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import json
 import re
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -131,6 +132,24 @@ def test_the_first_step_does_not_count(tmp_path: Path) -> None:
         torques.append([model(state, 10.0 + k, 1.0, 0.1, 20.0, step) for k, step in enumerate([first_s, 0.125, 0.0])])
     assert np.isfinite(torques).all()
     assert torques[0] == torques[1] == torques[2]
+
+
+def test_an_acceleration_that_is_not_known_gives_no_torque_where_the_motor_torque_follows_it(tmp_path: Path) -> None:
+    model = compiled(wheel_with(*blocks("load_dependence")), tmp_path).rwa_friction_torque
+    model.argtypes, model.restype = [ctypes.c_void_p, *[ctypes.c_double] * 5], ctypes.c_double
+    state = ctypes.create_string_buffer(1000)
+    assert np.isnan(model(state, 10.0, float("nan"), 0.1, 20.0, 0.0))
+    assert np.isfinite(model(state, 10.0, 0.5, 0.1, 20.0, 0.1))
+
+
+def test_what_cppcheck_knows_of_misras_rules_holds(tmp_path: Path) -> None:
+    if shutil.which("cppcheck") is None:
+        pytest.skip("no cppcheck: it is in Debian's package of that name")
+    compiled(wheel_with(*blocks(*HELD), to_block(FORMULAS["dry*wave(angle)"].typical())), tmp_path)
+    # Rule 8.7: both functions are used in another file, the simulator's.
+    words = ["cppcheck", "--quiet", "--addon=misra", "--enable=style", "--std=c99", "--suppress=misra-c2012-8.7"]
+    done = subprocess.run([*words, "rwa_friction.c"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
 
 
 def test_errors_and_the_report_stand_in_the_header_and_names_stay_comments(tmp_path: Path) -> None:
