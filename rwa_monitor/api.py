@@ -222,7 +222,8 @@ class Monitor:
         publisher, batch
             Who sent them and as which message, where that is known: gaps are then seen.
         data
-            "stored" for a dump, which may be late and out of order; "live" beside it; None where all come in order.
+            "stored" for a dump, which may be late and out of order; "live" (or "replay") beside it; None where all
+            come in order.
 
         Raises
         ------

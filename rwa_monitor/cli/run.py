@@ -45,7 +45,7 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     cli.Real(min=0.0),
     "S",
     "Age of samples from which they count as stored, not live, by this machine's clock, where their publisher does"
-    " not say, and the wheel's clock agrees with it; 0: never.  [default: 600]",
+    " not state it, and the wheel's clock agrees with it; 0: never.  [default: 600]",
 )
 @cli.option("--alive", cli.FILE, "FILE", "Touched every second, for a container's health check.")
 @cli.bus_options

@@ -41,6 +41,7 @@ from rwa_monitor.messages import (
     Status,
     dump_json,
     health_message,
+    replay_key,
     split_key,
 )
 from rwa_monitor.monitor.bus import BusThread, BusWatch, HealthAnswers
@@ -358,6 +359,9 @@ class Listener(BusThread):
             if kind not in RECEIVED:
                 return
             message = RECEIVED[kind].parse(payload, key)
+            if isinstance(message, SamplesMessage) and message.data == "replay":
+                key = replay_key(key)
+                wheel = split_key(key)[1]
         except InputError:
             return
         if isinstance(message, Health):

@@ -43,8 +43,7 @@ Name = Annotated[str, Field(max_length=200)]
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
 AlarmLevel = Literal["normal", "watch", "warning", "distress", "critical"]
 AlarmPhase = Literal["quiet", "active", "acknowledged", "returned"]
-Stored = Literal["stored"]
-Data = Literal["live", "stored", "replay"]  # telemetry of now, of earlier, or of a recording that is played again
+NotLive = Literal["stored", "replay"]
 
 
 class Message(BaseModel):
@@ -158,6 +157,12 @@ def split_key(key: str) -> tuple[str, str, str]:
     return parts[1], parts[2], parts[3]
 
 
+def replay_key(key: str) -> str:
+    """Return the key, beside that of a wheel, for telemetry that is only played again; raises as `split_key`."""
+    spacecraft, wheel, kind = split_key(key)
+    return f"{KEY_PREFIX}/{spacecraft}/{wheel.removesuffix(REPLAY)}{REPLAY}/{kind}"
+
+
 # ---- samples in ------------------------------------------------------------------------------------------------------
 
 
@@ -171,7 +176,7 @@ class SamplesMessage(Message):
     `publisher` is a random name per start of a publisher and `batch` counts its messages, so that a gap shows; any
     publisher that writes the arrays is served without them. `data` is "stored" where they were kept before they were
     sent, in any order, and "live" from a publisher of a wheel whose stored samples come, too; such messages are
-    numbered apart.
+    numbered apart. It is "replay" for a recording, or a rehearsal, which is served beside the wheel (`replay_key`).
     """
 
     kind: ClassVar[str] = "samples"
@@ -312,7 +317,7 @@ class Diagnosis(Message):
     spacecraft: Name
     wheel: Name
     source: str | None = None
-    data: Stored | None = None
+    data: Literal["stored"] | None = None
     window_start_ns: ClockNs
     window_end_ns: ClockNs
     samples: Count
@@ -380,7 +385,7 @@ class Health(Message):
     window_end_ns: ClockNs
     alarms: list[str]
     alarm_states: dict[str, HealthAlarm] | None = None
-    data: Literal["stored", "replay"] | None = None
+    data: NotLive | None = None
 
 
 MODEL_LACKS: Final = (
@@ -389,7 +394,7 @@ MODEL_LACKS: Final = (
 )
 
 
-def health_message(diagnosis: Diagnosis, data: Literal["stored", "replay"] | None = None) -> Health:
+def health_message(diagnosis: Diagnosis, data: NotLive | None = None) -> Health:
     """Return the wheel's health by its latest diagnosis; `data` names telemetry that is not live, if that does not."""
     data = data or diagnosis.data
     active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
@@ -412,7 +417,8 @@ class Status(Message):
 
     `messages_rejected` and `messages_missed` count this wheel's messages, `messages_dropped` and `queue_depth` those of
     the process. `window_fill` is the share of the running window that has passed, `recording` the file, null without
-    one, `data` what the latest samples were. Times of the monitor's own clock end in `_wall_ns`, durations in `_s`.
+    one, `data` what the latest samples were, `on_wall_clock` whether the wheel's clock has been seen to agree with the
+    monitor's. Times of the monitor's own clock end in `_wall_ns`, durations in `_s`.
     """
 
     kind: ClassVar[str] = "status"
@@ -441,7 +447,8 @@ class Status(Message):
     last_sample_ns: ClockNs | None
     diagnosis_s: Number | None
     now_wall_ns: TimeNs
-    data: Data = "live"
+    data: Timeliness = "live"
+    on_wall_clock: bool = False
 
 
 # ---- discrepancy -----------------------------------------------------------------------------------------------------

@@ -142,7 +142,8 @@ class WheelCore:
             Its number, counted up by one by each publisher; None where it has none.
         data
             "stored" for samples that were kept before they were sent: they may come in any order, late by hours, and
-            leave the live windows as they are. "live" where both come; None where the publisher does not distinguish.
+            leave the live windows as they are. "live" where both come, and "replay" the same; None where the publisher
+            does not distinguish.
 
         Raises
         ------

@@ -16,6 +16,7 @@ from rwa_monitor.messages import (
     Diagnosis,
     EncodedMessage,
     Message,
+    NotLive,
     ProvisionalJump,
     Sojourns,
     health_message,
@@ -106,14 +107,16 @@ class Carried(Message):
     state: dict[str, Any]
 
 
-def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str, *, stored: bool = False) -> list[EncodedMessage]:
+def outputs_of(
+    events: Iterable[Event], spacecraft: str, wheel: str, data: NotLive | None = None
+) -> list[EncodedMessage]:
     """Return the messages for events of a wheel, in order; all but `Carried` are published.
 
-    What a replay gives is, but for its key, what its telemetry gave live. `stored` is whether the samples were
-    old by the clock when they came, of which the health alone gives notice: no diagnosis depends on the clock.
+    What a replay gives is, but for its key, what its telemetry gave live. `data` is what the samples were where that is
+    not live: old by the clock when they came, or a replay. The health alone gives notice of it.
     """
     outputs: list[EncodedMessage] = []
-    name, replayed = wheel.removesuffix(REPLAY), wheel.endswith(REPLAY)
+    name = wheel.removesuffix(REPLAY)
     for event in events:
         if isinstance(event, ProvisionalChangepoint):
             found = Changepoints(
@@ -124,7 +127,6 @@ def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str, *, stored: 
             diagnosis, end_ns = event.message(spacecraft, name), event.end_ns
             state = event.carried.model_dump(mode="json")
             carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
-            data: Literal["stored", "replay"] | None = "replay" if replayed else "stored" if stored else None
             of_window = (diagnosis, carried, health_message(diagnosis, data))
             outputs += [message.encoded(spacecraft, wheel, end_ns) for message in of_window]
     return outputs

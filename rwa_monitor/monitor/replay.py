@@ -10,24 +10,25 @@ import json
 import math
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
-from typing import Any, Final, NamedTuple, TypeGuard
+from typing import Any, Final, NamedTuple
 
 import zenoh
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
     LOG_PERIOD_S,
-    REPLAY,
     Changepoints,
     Diagnosis,
     Discrepancy,
     EncodedMessage,
+    Health,
     SamplesMessage,
-    key_of,
+    Status,
+    replay_key,
     split_key,
 )
 from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
@@ -53,7 +54,8 @@ from rwa_monitor.words import Log, counted, first_few
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
-KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
+REPEATED_SCHEMAS: Final = (Diagnosis.schema_name(), Health.schema_name())
+KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Health.schema_name(), Discrepancy.schema_name())
 
 
 @dataclass(slots=True)
@@ -137,13 +139,13 @@ def run_recording(
 
 def _run_input(path: Path, recorded: EncodedMessage, setup: Setup, run: RecordingRun) -> None:
     """Feed a message of samples to its core."""
-    spacecraft, wheel, _ = split_key(recorded.topic)
+    key = split_key(recorded.topic)[:2]
     message = SamplesMessage.parse(recorded.payload, f"{path}: {recorded.topic}")
-    if (spacecraft, wheel) not in run.cores:
-        run.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
-    events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch, message.data)
+    if key not in run.cores:
+        run.cores[key] = setup.new_core(*key)
+    events = run.cores[key].feed(message.samples(), message.publisher, message.batch, message.data)
     run.inputs += 1
-    run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
+    run.outputs += [output for output in outputs_of(events, *key) if output.schema in COMPARED_SCHEMAS]
 
 
 # ---- from the recordings of a folder ---------------------------------------------------------------------------------
@@ -163,24 +165,23 @@ class RecoveredState:
         The last recording.
     cores
         As they stood after its last input; without those whose wheel file or model is another one now.
+    statuses
+        The last one of each wheel on the disk, by topic.
     unrecorded
         Outputs of its inputs that had not reached the disk.
     diagnoses
-        On the disk, of the last recordings, in order: they may not have reached the bus, and a late subscriber asks.
+        On the disk, of the last recordings, in order, each with its health: they may not have reached the bus, and a
+        late subscriber asks.
     """
 
     predecessor: Predecessor | None = None
     cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
+    statuses: dict[str, EncodedMessage] = field(default_factory=dict)
     unrecorded: list[EncodedMessage] = field(default_factory=list)
     diagnoses: list[EncodedMessage] = field(default_factory=list)
 
 
-def recover_state(
-    folder: Path,
-    setup: Setup,
-    stop: Event,
-    log: Log,
-) -> RecoveredState:
+def recover_state(folder: Path, setup: Setup, stop: Event, log: Log) -> RecoveredState:
     """Recover the cores from the last recording of a folder that can be used; incomplete when stopped.
 
     Parameters
@@ -198,8 +199,10 @@ def recover_state(
     recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
     due_s = time.monotonic() + LOG_PERIOD_S
 
-    def on_part(recording: Recording, _part: object) -> None:
+    def on_part(recording: Recording, part: Attached | EncodedMessage) -> None:
         nonlocal due_s
+        if isinstance(part, EncodedMessage) and part.schema == Status.schema_name():
+            recovered.statuses[part.topic] = part
         if time.monotonic() >= due_s:
             due_s = time.monotonic() + LOG_PERIOD_S
             log(f"recovering the state from {recording.path}: {recording.share:.0%} of it done")
@@ -219,14 +222,13 @@ def recover_state(
             key: core for key, core in cores.items() if setup_then.identity_of(*key) == setup.identity_of(*key)
         }
         if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
-            wheels = first_few(anew)
-            log(f"{path} was made with another wheel file or model of {wheels}: begun anew")
+            log(f"{path} was made with another wheel file or model of {first_few(anew)}: begun anew")
         recovered.diagnoses = _earlier_diagnoses(paths[place + len(runs) :])
         for run in runs:
             for problem in run.recording.problems:
                 log(f"{run.recording.path}: {problem}")
             recovered.unrecorded += _unrecorded(run)
-            recovered.diagnoses += filter(_is_diagnosis, run.recording.messages)
+            recovered.diagnoses += _repeated(run.recording.messages)
         log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
         return recovered
     return recovered
@@ -273,14 +275,14 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[EncodedMessage]:
             size += path.stat().st_size
             if size > REPEATED_BYTES:
                 break
-            found = [*(part for part in Recording(path).parts() if _is_diagnosis(part)), *found]
+            found = [*_repeated(Recording(path).parts()), *found]
         except (OSError, InputError):  # a replay reports a damaged file; here it only repeats less
             break
     return found
 
 
-def _is_diagnosis(part: Attached | EncodedMessage) -> TypeGuard[EncodedMessage]:
-    return isinstance(part, EncodedMessage) and part.schema == Diagnosis.schema_name()
+def _repeated(parts: Iterable[Attached | EncodedMessage]) -> list[EncodedMessage]:
+    return [part for part in parts if isinstance(part, EncodedMessage) and part.schema in REPEATED_SCHEMAS]
 
 
 # ---- comparing -------------------------------------------------------------------------------------------------------
@@ -594,9 +596,7 @@ def replay_to_bus(
         inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
         for topic, payload in paced(inputs, speed, stop):
             if topic not in publishers:
-                spacecraft, wheel, _ = split_key(topic)
-                key = key_of(SamplesMessage, spacecraft, wheel.removesuffix(REPLAY) + REPLAY)
-                publishers[topic] = messages_publisher(session, key)
+                publishers[topic] = messages_publisher(session, replay_key(topic))
             publishers[topic].put(payload)
             sent += 1
         stop.wait(LINGER_S)

@@ -35,7 +35,6 @@ from rwa_monitor.messages import (
     MAX_WHEELS,
     PERIOD_S,
     REPLAY,
-    Data,
     Diagnosis,
     EncodedMessage,
     Health,
@@ -44,6 +43,7 @@ from rwa_monitor.messages import (
     health_message,
     is_json,
     key_of,
+    replay_key,
     split_key,
 )
 from rwa_monitor.monitor.backfill import Inbox
@@ -55,7 +55,7 @@ from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, 
 from rwa_monitor.monitor.replay import RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Timeliness
 from rwa_monitor.telemetry.files import refusing
 from rwa_monitor.words import SOFTWARE, Log, counted, time_text
 
@@ -90,7 +90,7 @@ class RunOptions:
         Wall-clock time from one status message to the next [s].
     stored_after_s
         Age by this machine's clock from which samples of a wheel whose clock agrees with it are stored ones [s], where
-        their publisher does not say; 0 for none. It is for health and status: no diagnosis depends on it.
+        their publisher does not state it; 0 for none. It is for health and status: no diagnosis depends on it.
     log_verdicts
         Whether each change of a verdict is logged, too; not where another view shows the diagnoses.
     """
@@ -123,10 +123,10 @@ class _Served:
     last_sample_ns: int | None = None
     publisher: str = ""
     source: str = ""  # of a replay: who publishes it in Zenoh
-    data: Data = "live"  # what the latest samples were
+    data: Timeliness = "live"  # what the latest samples were
     on_wall_clock: bool = False  # whether some samples were of now by this machine's clock
     health_ns: int = -MAX_CLOCK_NS  # end of the window that the latest health is of
-    verdicts: dict[Data, tuple[str, ...]] = field(default_factory=dict)  # and what is anomalous, as last logged
+    verdicts: dict[Timeliness, tuple[str, ...]] = field(default_factory=dict)  # and what is anomalous, as last logged
     windows: int = 0
     diagnosis_s: float | None = None
     reported: set[str] = field(default_factory=set)  # kinds of trouble, of this window
@@ -137,11 +137,6 @@ class _Served:
     def name(self) -> str:
         """Spacecraft and wheel, as the log has them."""
         return "/".join(self.key)
-
-    @property
-    def is_recorded(self) -> bool:
-        """Whether its state goes into recordings."""
-        return self.core is not None and not self.key[1].endswith(REPLAY)
 
     def checkpoint(self) -> bytes:
         """Return the state of its core."""
@@ -196,19 +191,24 @@ class Monitor:
     def begin(self, recovered: RecoveredState) -> None:
         """Take over what an earlier run left behind, and begin the recording."""
         for key, core in recovered.cores.items():
-            self._served[key] = _Served(key, core)
+            self._served[key] = served = _Served(key, core)
+            with suppress(KeyError, InputError):  # there is none, or it is of another release
+                status = recovered.statuses[key_of(Status, *key)]
+                served.on_wall_clock = Status.parse(status.payload, status.topic).on_wall_clock
         if self.recorder is not None:
             self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
             self._log_recorder()
         health: dict[WheelKey, Health] = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
-            self._publish(output)
-            if output.schema == Diagnosis.schema_name():
-                with suppress(InputError):  # of another release
+            with suppress(InputError):  # no diagnosis, or of another release
+                if output.schema == Health.schema_name():  # only it shows that the samples were old by the clock
+                    found = Health.parse(output.payload, output.topic)
+                else:
+                    self._publish(output)
                     found = health_message(Diagnosis.parse(output.payload, output.topic))
-                    key = found.spacecraft, found.wheel
-                    if not found.data or key not in health or found.window_end_ns >= health[key].window_end_ns:
-                        health[key] = found
+                key = found.spacecraft, found.wheel
+                if not found.data or key not in health or found.window_end_ns >= health[key].window_end_ns:
+                    health[key] = found
         for key, found in health.items():
             self._publish(found.encoded(*key, found.window_end_ns))
             if key in self._served:
@@ -282,32 +282,33 @@ class Monitor:
             Whether the message is dealt with; False where it will come again.
         """
         try:
-            spacecraft, wheel, _ = split_key(key)
-            if not self._is_ours(spacecraft, wheel):
+            if not self._is_ours(*split_key(key)[:2]):
                 return True
             message = SamplesMessage.parse(payload, key)
+            if message.data == "replay":
+                key = replay_key(key)
             samples = message.samples()
-            served = self._serve(spacecraft, wheel)
-            if wheel.endswith(REPLAY) and served.source != source:
+            served = self._serve(key)
+            if served.key[1].endswith(REPLAY) and served.source != source:
                 self._served[served.key] = served = _Served(served.key, source=source)
             core = served.core
             if core is None:
-                core = self._setup.new_core(spacecraft, wheel)
+                core = self._setup.new_core(*served.key)
             core.check(samples)
         except InputError as error:
             if not is_json(payload) and ask_again():
                 return False
             self._refuse(key, payload, error)
             return True
-        if served.core is None and self._setup.own and (spacecraft, wheel) not in self._setup.own:
-            self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
+        if served.core is None and self._setup.own and served.key not in self._setup.own:
+            self.log(f"{served.name}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         self._record(EncodedMessage(key, SamplesMessage.schema_name(), payload, message.time_ns[-1]))
+        served.data = self._data_of(served, message)
         if message.data != "stored":
             served.publisher = message.publisher
-        served.data = self._data_of(served, message)
-        if served.data != "replay" and message.data != "stored":
-            self.searches.take_input(served.key, payload)
+            if served.data != "replay":
+                self.searches.take_input(served.key, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch, message.data)
         served.last_sample_ns = core.last_sample_ns
@@ -316,7 +317,7 @@ class Monitor:
         self._handle(served, events)
         return True
 
-    def _data_of(self, served: _Served, message: SamplesMessage) -> Data:
+    def _data_of(self, served: _Served, message: SamplesMessage) -> Timeliness:
         """Return what samples are: as their publisher states it, or else by this machine's clock."""
         if served.key[1].endswith(REPLAY):
             return "replay"
@@ -336,7 +337,7 @@ class Monitor:
             if event.kind not in served.reported:  # a broken sensor may give thousands in a window
                 served.reported.add(event.kind)
                 self.log(f"{served.name}: {event.text}")
-        outputs = outputs_of(events, *served.key, stored=served.data == "stored")
+        outputs = outputs_of(events, *served.key, None if served.data == "live" else served.data)
         closed = [event for event in events if isinstance(event, WindowDiagnosed)]
         for output in outputs:
             self._record(output)
@@ -365,8 +366,8 @@ class Monitor:
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
         data = event.data or served.data
         if verdict != served.verdicts.get(data) and self.options.log_verdicts:
-            until, label = time_text(event.end_ns), "" if data == "live" else f"{data} data, "
-            self.log(f"{served.name}: {label}window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
+            window = "window to" if data == "live" else f"{data} data, window to"
+            self.log(f"{served.name}: {window} {time_text(event.end_ns)}: {diagnosis.verdict}: {diagnosis.reason}")
         served.verdicts[data] = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
@@ -374,8 +375,7 @@ class Monitor:
         if self.recorder is not None:
             self.recorder.refused(key, payload)
         try:
-            spacecraft, wheel, _ = split_key(key)
-            served = self._serve(spacecraft, wheel)
+            served = self._serve(key)
         except InputError:
             self._log_once(f"a message was refused: {error}")
             return
@@ -391,8 +391,8 @@ class Monitor:
         digest = blake2b(f"{spacecraft}/{wheel}".encode(), digest_size=8).digest()
         return int.from_bytes(digest, "big") % of == share - 1
 
-    def _serve(self, spacecraft: str, wheel: str) -> _Served:
-        key = spacecraft, wheel
+    def _serve(self, topic: str) -> _Served:
+        key = split_key(topic)[:2]
         if key not in self._served:
             if len(self._served) >= MAX_WHEELS:
                 raise InputError("/".join(key), f"is one wheel more than the {MAX_WHEELS} of a process")
@@ -422,8 +422,7 @@ class Monitor:
         if self.recorder is not None and self.recorder.error:
             last_error = self.recorder.error
         elif self.bus.inbox.dropped and last_error is None:
-            dropped = counted(self.bus.inbox.dropped, "message")
-            last_error = f"dropped {dropped}: they come faster than they can be diagnosed"
+            last_error = f"dropped {counted(self.bus.inbox.dropped, 'message')}: they come faster than can be diagnosed"
         counts = core.counts if core else Counts()
         # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
         missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
@@ -449,15 +448,16 @@ class Monitor:
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
             data=served.data,
-        )
-        published = status.encoded(spacecraft, wheel)
+            on_wall_clock=served.on_wall_clock,
+        ).encoded(spacecraft, wheel)
         if record:
-            self._record(published)
-        self._publish(published)
+            self._record(status)
+        self._publish(status)
 
     def _checkpoints(self) -> Checkpoints:
-        """Return what makes the checkpoint of each wheel, as it then stands."""
-        return {served.name: served.checkpoint for served in self._served.values() if served.is_recorded}
+        """Return what makes the checkpoint of each wheel that is recorded, as it then stands."""
+        recorded = [one for one in self._served.values() if one.core is not None and not one.key[1].endswith(REPLAY)]
+        return {served.name: served.checkpoint for served in recorded}
 
     def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:
@@ -510,13 +510,11 @@ def run(
     for key in ("", ""), *setup.own:
         setup.new_core(*key)  # a wheel that cannot be served is refused at once
     with ExitStack() as stack:
-        if options.record is not None:
-            stack.enter_context(locked(options.record))
         clock = Clock()
-
         recorder: Recorder | None = None
         recovered = RecoveredState()
         if options.record is not None:
+            stack.enter_context(locked(options.record))
             recovered = recover_state(options.record, setup, stop, log)
             if stop.is_set():
                 return

@@ -148,8 +148,9 @@ class StoredTelemetry:
         numbers = slots // self.window_slots
         good, fresh = rows.good(), np.zeros(len(rows), dtype=np.bool_)
         late, wild = numbers < self.newest - self.kept, numbers > self.newest + self.kept
+        within = ~(late | wild)
         places = slots - numbers * self.window_slots
-        for number in np.unique(numbers[good & ~late & ~wild]).tolist():
+        for number in np.unique(numbers[good & within]).tolist():
             window = self.windows.get(number) or StoredWindow(
                 {name: np.full(self.window_slots, np.nan) for name in rows.values}
             )
@@ -170,9 +171,9 @@ class StoredTelemetry:
         if counts is not None:
             counts.late += int(late.sum())
             counts.rejected += int(wild.sum())
-            counts.masked += int((~good & ~late & ~wild).sum())
+            counts.masked += int((within & ~good).sum())
             counts.used += int(fresh.sum())
-            counts.duplicate += int((good & ~fresh & ~late & ~wild).sum())
+            counts.duplicate += int((within & good & ~fresh).sum())
             counts.queued -= len(rows)
         return bool(late.any())
 
@@ -194,23 +195,22 @@ class StoredTelemetry:
         to_the_end
             Whether nothing more will come.
         """
-        for number in self._due(to_the_end=to_the_end):
-            window, grid = self.windows[number], self.grid_of(number)
+        earlier_changed = False
+        oldest = (self.newest or 0) - self.kept
+        for number, window in sorted(self.windows.items()):
+            grid = self.grid_of(number)
+            closed = window.diagnosed or self.grid_of(number + 1).origin_ns in self.states
+            left = window.elsewhere >= self.window_slots // LEFT_SHARE or number < oldest
+            fresh = window.due and (to_the_end or left or window.is_full)
+            if not fresh and not (earlier_changed and (closed or window.is_full)):
+                continue
+            earlier_changed = True
             before_ns = max((end_ns for end_ns in self.states if end_ns <= grid.origin_ns), default=None)
             before = CarriedState.empty() if before_ns is None else self.states[before_ns]
             yield grid, window, before, before_ns == grid.origin_ns
             window.due, window.diagnosed = False, True
-        for number in [number for number in self.windows if number < (self.newest or 0) - self.kept]:
+        for number in [number for number in self.windows if number < oldest]:
             del self.windows[number]
-
-    def _due(self, *, to_the_end: bool) -> Iterator[int]:
-        earlier_changed = False
-        for number, window in sorted(self.windows.items()):
-            again = earlier_changed and (window.diagnosed or window.is_full)
-            left = window.elsewhere >= self.window_slots // LEFT_SHARE or number < (self.newest or 0) - self.kept
-            if again or (window.due and (to_the_end or left or window.is_full)):
-                earlier_changed = True
-                yield number
 
     def note(self, end_ns: int, state: CarriedState) -> None:
         """Keep the state after a window, live or stored."""

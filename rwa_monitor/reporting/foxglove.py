@@ -150,12 +150,9 @@ def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[EncodedMessag
     """Give one message for each sample, with what was measured."""
     measured = {name: values for name in CHANNELS if (values := getattr(message, name)) is not None}
     for i, time_ns in enumerate(message.time_ns):
-        values = {name: value for name in measured if _is_finite(value := measured[name][i])}
+        found = {name: values[i] for name, values in measured.items()}
+        values = {name: value for name, value in found.items() if value is not None and math.isfinite(value)}
         yield EncodedMessage(f"{wheel.key}/{TELEMETRY}", "rwa.Telemetry", dump_json(_stamp(time_ns) | values), time_ns)
-
-
-def _is_finite(value: float | None) -> bool:
-    return value is not None and math.isfinite(value)
 
 
 def _alarms(states: dict[str, HealthAlarm], wheel: _Wheel, time_ns: int) -> Iterator[EncodedMessage]:

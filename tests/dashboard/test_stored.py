@@ -5,11 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import Diagnosis, health_message
+from rwa_monitor.monitor.bus import SamplesPublisher
+from rwa_monitor.samples import Samples
 from tests.dashboard.support import ask, expect, reporting, status
 from tests.dashboard.test_health import asked
 from tests.history.support import diagnosis
@@ -88,6 +91,16 @@ def test_a_replay_is_shown_apart_and_leaves_no_trace(session: zenoh.Session, tmp
         assert [(alarm["wheel"], alarm["name"]) for alarm in found] == [("wheel_2", "monitor")]
         assert [one["verdict"] for one in ask(running.address, windows)[1]] == ["nominal"] * 2
         assert "@replay" not in metrics(running.address)
+
+
+def test_a_replay_that_is_stated_is_shown_apart(session: zenoh.Session, dashboard: Running) -> None:
+    publisher = SamplesPublisher(session, "rwa/sat/wheel_1/samples", "replay")
+    publisher.put(Samples(np.arange(3) * 125_000_000, np.full(3, 300.0), np.full(3, 3e-3)))
+    path = "api/wheels/sat/wheel_1"
+    wait_for(lambda: ask(dashboard.address, f"{path}@replay")[0] == 200, "the replay", 20.0)
+    publisher.close()
+    assert len(ask(dashboard.address, f"{path}@replay")[1]["samples"]["time_ns"]) == 3
+    assert ask(dashboard.address, path)[0] == 404
 
 
 def _shown_at_last(address: str, key: str) -> dict[str, Any] | None:

@@ -172,8 +172,9 @@ def message_seeds() -> list[bytes]:
         "publisher": "p",
         "now_wall_ns": 1,
         "data": "live",
+        "on_wall_clock": False,
     }
-    own = [("rwa.Samples", samples_json(small_samples()[:20], "p", 0, data)) for data in (None, "stored")]
+    own = [("rwa.Samples", samples_json(small_samples()[:20], "p", 0, data)) for data in (None, "stored", "replay")]
     own.append(("rwa.Status", dump_json(status)))
     found = [schema_payload for schema_payload in (*said(), *own) if schema_payload[0] in names]
     return [bytes([names.index(schema)]) + payload for schema, payload in found]

@@ -26,6 +26,7 @@ from tests.monitor.support import (
     messages_of,
     model,
     resumed,
+    run_core,
     telemetry,
     wheel,
 )
@@ -119,6 +120,22 @@ def test_the_windows_that_a_dump_completes_are_those_of_the_live_samples(declare
     assert start == first * PERIOD_NS
     assert set(latest(events)) >= {start}
     assert latest(events)[start]["coverage"] == (1.0 if declared else 600 / WINDOW)
+
+
+def test_live_windows_with_gaps_that_had_closed_are_diagnosed_again_with_the_state_after_a_dump() -> None:
+    gap, lost = slice(200, 700), slice(WINDOW + 300, WINDOW + 340)
+    live = [DAY[: gap.start], DAY[gap.stop : lost.start], DAY[lost.stop : 3 * WINDOW]]
+    core = WheelCore(wheel(), model())
+    before = latest(feed(core, [("live", part) for part in live]), None)
+    assert list(before) == [0, WINDOW * PERIOD_NS]
+    events = [event for event in core.feed(DAY[gap], data="stored") if isinstance(event, WindowDiagnosed)]
+    assert [event.start_ns for event in events] == [start * WINDOW * PERIOD_NS for start in range(3)]
+    again = latest(events)
+    assert again[WINDOW * PERIOD_NS]["coverage"] == 1 - 40 / WINDOW
+    priors = [one[WINDOW * PERIOD_NS]["provenance"]["prior_sha256"] for one in (before, again)]
+    assert priors[0] != priors[1]
+    whole = run_core(WheelCore(wheel(), model()), [DAY[: lost.start], DAY[lost.stop : 3 * WINDOW]])
+    assert again[WINDOW * PERIOD_NS]["anomalies"] == latest(whole, None)[WINDOW * PERIOD_NS]["anomalies"]
 
 
 def test_windows_that_come_before_others_are_diagnosed_with_the_state_of_their_time() -> None:

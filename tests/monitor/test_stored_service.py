@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +157,50 @@ def test_a_clock_that_counts_from_another_day_shows_no_age(
     assert "data" not in json.loads(listener.kind("health")[0])
 
 
-def test_data_that_is_neither_live_nor_stored_is_refused() -> None:
-    content = json.loads(samples_json(DAY[:2], "p", 0)) | {"data": "replay"}
+@pytest.mark.parametrize(("age_h", "data"), [(0.1, "stored"), (7, None)])
+def test_a_dump_first_after_a_restart_is_stored_where_the_clocks_had_agreed(
+    session: zenoh.Session, listener: Listener, tmp_path: Path, age_h: float, data: str | None
+) -> None:
+    def put(batch: int, samples: Samples, age_h: float) -> None:  # once: no history has the first samples again
+        begin_ns = time.time_ns() - round(age_h * 3600e9) - int(samples.time_ns[-1])
+        session.put(KEY, samples_json(replace(samples, time_ns=samples.time_ns + begin_ns), "p", batch))
+
+    with monitor(session, options(record=tmp_path)):
+        put(0, DAY[:20], age_h)
+        wait_for(lambda: listener.status().get("samples_received") == 20, "the first samples")
+    for start in range(3):  # the later ones repeat what the first found
+        with monitor(session, options(record=tmp_path)):
+            if start == 0:
+                put(1, telemetry(WINDOW + 100), 6.0)
+            # The clock's step closes the first samples' window, too.
+            wait_for(lambda start=start: len(listener.kind("health")) >= 2 + start, "the health")
+            wait_for(lambda start=start: listener.status().get("windows") == (0 if start else 2), "a status")
+    assert [json.loads(payload).get("data") for payload in listener.kind("health")] == [data] * 4
+    assert listener.status()["on_wall_clock"] == (data is not None)
+    assert "data" not in json.loads(listener.kind("diagnosis")[0])
+
+
+def test_a_replay_that_is_stated_on_the_wheels_own_key_is_kept_apart_too(
+    session: zenoh.Session, listener: Listener, tmp_path: Path
+) -> None:
+    samples = telemetry(WINDOW + 100)
+    key = REPLAY_KEY.format("diagnosis")
+    with monitor(session, options(record=tmp_path)):
+        live = send(session, DAY[4 * WINDOW : 4 * WINDOW + 200], None)
+        wait_for(lambda: of(listener, "rwa/sat/wheel_1/status", "live"), "the live wheel")
+        replayed = send(session, samples, "replay")
+        wait_for(lambda: of(listener, key), "the window")
+        for publisher in (live, replayed):
+            publisher.close()
+    assert [payload for at, payload in listener.received if at == key] == batch_diagnoses(samples, wheel())
+    (health,) = of(listener, REPLAY_KEY.format("health"), "replay")
+    assert health["alarms"] == []
+    status = of(listener, "rwa/sat/wheel_1/status", "live")[-1]
+    assert (status["samples_received"], status["last_error"]) == (200, None)
+    assert len(recorded(tmp_path, "rwa.Samples")) == 1
+
+
+def test_data_that_is_none_of_the_three_is_refused() -> None:
+    content = json.loads(samples_json(DAY[:2], "p", 0)) | {"data": "later"}
     with pytest.raises(InputError, match="data"):
         SamplesMessage.parse(json.dumps(content).encode(), KEY)
