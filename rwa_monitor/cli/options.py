@@ -148,6 +148,8 @@ def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) 
     """
 
     def add(command: Decorated) -> Decorated:
+        """Return a command that takes the options and passes them on as one value."""
+
         @functools.wraps(command)
         def with_one(**given: Any) -> Any:
             return command(**{name: make(**{key: given.pop(key) for key in added})}, **given)

@@ -69,6 +69,7 @@ class SlopeJumps(OwnJumps, wraps=ViscousJump):
 
     @classmethod
     def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
+        """Return the strength of `viscous_jump` whose slopes follow the dry level and come nearest to these."""
         (parameter,) = ViscousJump.parameters
         torque = model.terms[index].columns @ model.strengths(index)
         # Slopes are relative to that of the first stretch: how much all have in common is the base law's.
@@ -83,6 +84,7 @@ class RelaxingJumps(OwnJumps, wraps=DecayingJump):
 
     @classmethod
     def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
+        """Return the share of all jumps that relaxes, and the time in which it does [s]."""
         del problem
         share, seconds = DecayingJump.parameters
         relaxing = float(np.sum(model.strengths(index)))

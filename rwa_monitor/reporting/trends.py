@@ -40,6 +40,7 @@ def window_friction(diagnosis: Diagnosis) -> WindowFriction:
     """Return what is kept of a diagnosis for the trend of its friction."""
 
     def estimate(name: str, found: Quantity) -> FrictionEstimate:
+        """Return the value of one part in this window, with its error and nominal range, in its unit."""
         known = diagnosis.anomalies.get(name)
         return FrictionEstimate(
             window_start_ns=diagnosis.window_start_ns,

@@ -47,7 +47,7 @@ def test_the_plain_method_finds_what_the_truth_holds() -> None:
 
 
 def test_the_fastest_peer_finds_what_the_truth_holds() -> None:
-    pytest.importorskip("skchange")
+    pytest.importorskip("skchange", reason="no skchange: make venv")
     labelled = next(iter(generate("paper", 1, SEED)))
     truth = labelled.telemetry.truth.changepoints
     found = np.asarray(peers.skchange_fpop().search(window_of(labelled).series()))

@@ -91,7 +91,7 @@ def reporting(session: zenoh.Session, *wheels: str, **changes: Any) -> Iterator[
 def browser() -> Iterator[Any]:
     """Start Debian's Chromium; skips where there is none."""
     if not CHROMIUM.exists():
-        pytest.skip(f"no browser: {CHROMIUM} is missing (Debian's package chromium)")
+        pytest.skip(f"no browser at {CHROMIUM}: apt-get install chromium")
     from playwright.sync_api import expect, sync_playwright
 
     with sync_playwright() as playwright:

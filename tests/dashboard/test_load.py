@@ -13,7 +13,7 @@ from tests.dashboard.support import CHROMIUM
 @pytest.mark.processes
 def test_a_small_fleet_is_served_to_several_pages_without_falling_behind() -> None:
     if not CHROMIUM.exists():
-        pytest.skip(f"no browser: {CHROMIUM} is missing (Debian's package chromium)")
+        pytest.skip(f"no browser at {CHROMIUM}: apt-get install chromium")
     # Long enough that one of them who stands still for some seconds on a busy machine moves no median.
     found = measure(wheels=100, clients=8, seconds=12.0, diagnoses_per_s=10.0)
     assert found.browser_rows == 100

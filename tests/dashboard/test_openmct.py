@@ -41,7 +41,7 @@ class Quiet(SimpleHTTPRequestHandler):
 def origin(tmp_path: Path) -> Iterator[str]:
     """Serve the plugin's folder, Open MCT installed in it as `npm install` does there."""
     if not (INSTALLED / "openmct/dist/openmct.js").exists():
-        pytest.skip("no Open MCT in build/openmct: make openmct, which needs npm")
+        pytest.skip("no Open MCT in build/openmct: apt-get install npm, then make openmct")
     folder = tmp_path / "openmct"
     shutil.copytree(PLUGIN, folder)
     (folder / "node_modules").symlink_to(INSTALLED)

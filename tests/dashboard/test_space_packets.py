@@ -336,9 +336,9 @@ def test_only_what_leaves_the_machine_is_warned_of() -> None:
 def yamcs(folder: Path, port: int, udp: int) -> Iterator[str]:
     """Run Yamcs with the definition, configured as the page shows; yields its address."""
     if not list(YAMCS.glob("*/lib/yamcs-core-*.jar")):
-        pytest.skip("no Yamcs in build/yamcs: make yamcs")
+        pytest.skip("no Yamcs in build/yamcs: make yamcs, which runs on java (apt-get install openjdk-17-jre-headless)")
     if shutil.which("java") is None:
-        pytest.skip("no java, which Yamcs runs on")
+        pytest.skip("no java, which Yamcs runs on: apt-get install openjdk-17-jre-headless")
     (shown,) = (one.text for one in blocks_of(ROOT / "docs/integrations.md") if one.mark == "file yamcs.wheels.yaml")
     etc = folder / "etc"
     etc.mkdir()

@@ -168,7 +168,7 @@ def test_grafanas_file_is_valid_by_its_schema(schema: str) -> None:
     if schema == "grafana":
         file = os.environ.get("RWA_GRAFANA_SCHEMA")  # dashboard.jsonschema.json of Grafana's foundation SDK
         if file is None:
-            pytest.skip("RWA_GRAFANA_SCHEMA names no file with Grafana's own schema of dashboards")
+            pytest.skip("RWA_GRAFANA_SCHEMA names no file: it takes Grafana's own schema, dashboard.jsonschema.json")
         wanted = json.loads(Path(file).read_text())
     board = json.loads(GRAFANA.read_text())
     assert [f"{error.json_path}: {error.message}" for error in Draft7Validator(wanted).iter_errors(board)] == []
@@ -180,7 +180,7 @@ def test_grafanas_file_is_valid_by_its_schema(schema: str) -> None:
 def promtool(*words: str, **files: Any) -> None:
     """Run promtool, as rules or tests of rules written to files; skips where there is none."""
     if shutil.which("promtool") is None:
-        pytest.skip("no promtool: it is in Debian's package prometheus")
+        pytest.skip("no promtool: apt-get install prometheus")
     for name, content in files.items():
         Path(name).write_text(json.dumps(content))  # JSON is YAML
     done = subprocess.run(["promtool", *words], capture_output=True, text=True, timeout=60, check=False)

@@ -144,7 +144,7 @@ def test_an_acceleration_that_is_not_known_gives_no_torque_where_the_motor_torqu
 
 def test_what_cppcheck_knows_of_misras_rules_holds(tmp_path: Path) -> None:
     if shutil.which("cppcheck") is None:
-        pytest.skip("no cppcheck: it is in Debian's package of that name")
+        pytest.skip("no cppcheck: apt-get install cppcheck")
     compiled(wheel_with(*blocks(*HELD), to_block(FORMULAS["dry*wave(angle)"].typical())), tmp_path)
     # Rule 8.7: both functions are used in another file, the simulator's.
     words = ["cppcheck", "--quiet", "--addon=misra", "--enable=style", "--std=c99", "--suppress=misra-c2012-8.7"]

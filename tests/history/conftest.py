@@ -56,7 +56,7 @@ def server(bin_folder: Path) -> Iterator[str]:
 def postgresql() -> Iterator[str]:
     found = programs()
     if found is None:
-        pytest.skip("no PostgreSQL: Debian's package postgresql is missing")
+        pytest.skip("no PostgreSQL: apt-get install postgresql")
     with server(found) as address:
         yield address
 
