@@ -60,7 +60,8 @@ def try_seed(seed: int) -> Row:
     if found is None:
         return Row(seed, name, 0, "not searched", (), (), (0, 0), 1.0, (0, 0), 0.0)
     number, event = found
-    inside = (samples.time_ns >= event.start_ns) & (samples.time_ns < event.end_ns)
+    window = event.diagnosis
+    inside = (samples.time_ns >= window.window_start_ns) & (samples.time_ns < window.window_end_ns)
     began = time.perf_counter()
     result = find_discrepancy([(satellite.hiding, samples[inside])], satellite.wheel).result
     seconds = time.perf_counter() - began

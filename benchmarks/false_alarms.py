@@ -228,7 +228,9 @@ def _history(seed: int, windows: int, number: int) -> dict[str, int]:
         for name, policy in POLICIES.items():
             after = {}
             for anomaly, level in levels.items():
-                alarm, events = advance(alarms[name].get(anomaly, Alarm()), level, closed.end_ns, policy)
+                alarm, events = advance(
+                    alarms[name].get(anomaly, Alarm()), level, closed.diagnosis.window_end_ns, policy
+                )
                 after[anomaly] = alarm._replace(phase="quiet") if alarm.phase == "returned" else alarm
                 raised[name] += sum(event.kind in {"raised", "relapsed"} for event in events)
             alarms[name] = alarms[name] | after

@@ -147,7 +147,8 @@ def _seen(samples: Samples, wheel: Wheel, labels: dict[str, bool]) -> Seen:
     (closed,) = diagnose_samples(samples, wheel, model)
     diagnosis = closed.diagnosis
     called = diagnosis.verdict == "anomalous"
-    found = tuple(called and one.active and one.probability >= model.undecided[1] for one in diagnosis.anomalies)
+    judged = diagnosis.anomalies.values()
+    found = tuple(called and one.active and one.probability >= model.undecided[1] for one in judged)
     return Seen(tuple(labels.values()), found, diagnosis.verdict)
 
 

@@ -159,7 +159,7 @@ class Monitor:
 def expected_windows() -> list[Diagnosis]:
     """Return what `diagnose` prints for the full windows."""
     events = diagnose_samples(telemetry(), built_in_wheel(), built_in_model())
-    whole = [event for event in events if not event.partial]
+    whole = [event for event in events if not event.diagnosis.partial]
     return [
         Diagnosis.parse(output.payload, output.topic)
         for output in outputs_of(whole, "fleet", "wheel_0")

@@ -59,7 +59,7 @@ def live(windows: list[LabelledWindow]) -> Life:
     for window in windows:
         (found,) = diagnose_samples(window.telemetry.samples, window.wheel, model, carried=carried)
         carried = found.carried
-        rows.append((found.diagnosis.base_dry, found.diagnosis.viscous))
+        rows.append((found.diagnosis.friction.base_dry, found.diagnosis.friction.viscous))
     scenario, truth = windows[0].scenario, windows[0].telemetry.truth
     name, anomaly = next(iter(scenario.anomalies.items()), ("", None))
     return Life(

@@ -27,7 +27,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
@@ -35,7 +34,7 @@ from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel
-from rwa_monitor.messages import Diagnosis
+from rwa_monitor.messages import Diagnosis, Method
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event, WindowDiagnosed
 from rwa_monitor.monitor.ingest import Trouble

@@ -15,9 +15,9 @@ from benchmarks.accuracy.learned_laws import LawsResult, compare_laws
 from benchmarks.accuracy.outcome import JumpScore, Outcome
 from benchmarks.accuracy.splits import Accuracy, measure
 from benchmarks.target import Target, at_least, at_most
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.messages import Method
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.wheel.wheel import Wheel
 

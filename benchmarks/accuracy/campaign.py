@@ -13,10 +13,10 @@ import numpy as np
 
 from benchmarks.accuracy.outcome import Outcome, evaluate
 from benchmarks.window import window_of
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.classification import classify
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model, models_for
+from rwa_monitor.messages import Method
 from rwa_monitor.paper import assignment as paper_assignment
 from rwa_monitor.paper import classification, detection
 from rwa_monitor.samples import FloatArray

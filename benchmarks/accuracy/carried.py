@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.accuracy.campaign import in_processes
 from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.simulation.datasets import FLEET_WINDOWS, RECIPES, Recipe, wheel_windows
@@ -100,8 +100,8 @@ class _Task:
         return rows
 
 
-def _diagnosed(diagnosis: WindowDiagnosis, least: float) -> list[bool]:
-    return [anomaly.active and anomaly.probability >= least for anomaly in diagnosis.anomalies]
+def _diagnosed(diagnosis: Diagnosis, least: float) -> list[bool]:
+    return [anomaly.active and anomaly.probability >= least for anomaly in diagnosis.anomalies.values()]
 
 
 def _recipe(course: CourseName) -> Recipe:

@@ -133,7 +133,7 @@ def _with_laws(wheel: Wheel, found: Wheel) -> Wheel | None:
 def _diagnose(samples: Samples, wheel: Wheel, model: Model, window: LabelledWindow) -> tuple[list[bool], JumpScore]:
     (event,) = diagnose_samples(samples, wheel, model)
     truth = window.telemetry.truth
-    diagnosed = [one.active and one.probability >= model.undecided[1] for one in event.diagnosis.anomalies]
+    diagnosed = [one.active and one.probability >= model.undecided[1] for one in event.diagnosis.anomalies.values()]
     return diagnosed, score_jumps(event.diagnosis.changepoints, truth.changepoints, window.wheel, truth.used)
 
 

@@ -18,8 +18,9 @@ from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Assignment, Candidates, NoiseEstimate
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
-from rwa_monitor.diagnosis.window_diagnosis import Changepoint, changepoints_of
+from rwa_monitor.diagnosis.window_diagnosis import changepoints_of
 from rwa_monitor.kernels.changepoints import refine_in_colour
+from rwa_monitor.messages import AttributedChangepoint
 from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.simulation.record import Truth
@@ -98,7 +99,7 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
     return features_of(components, assignment, wheel)
 
 
-def jumps_of_ideal_search(window: LabelledWindow) -> tuple[Changepoint, ...]:
+def jumps_of_ideal_search(window: LabelledWindow) -> list[AttributedChangepoint]:
     """Return the changepoints of oracle C: the true jumps, each where the samples show it best, assigned by the laws.
 
     The likelihood of a place is that of AR(1) noise whose coefficient is known.
@@ -130,4 +131,5 @@ def jumps_of_ideal_search(window: LabelledWindow) -> tuple[Changepoint, ...]:
     statistic = np.nan_to_num(jump**2 / (each[:-1] + each[1:]))
     candidates = Candidates(index, np.full(index.size, ORACLE_SCALE), statistic, jump)
     assignment, _ = assign(replace(evidence, candidates=candidates, noise=noise), wheel)
-    return changepoints_of(assignment, wheel)
+    # A place beside which there is no sample shows no jump.
+    return changepoints_of(replace(assignment, jump=np.nan_to_num(assignment.jump)), wheel)

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from benchmarks.accuracy.oracle import features_of_truth, features_with_true_jumps, jumps_of_ideal_search
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.training import LabelledFeatures
-from rwa_monitor.diagnosis.window_diagnosis import Changepoint, WindowDiagnosis
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN, false_changepoints
 from rwa_monitor.errors import InputError
+from rwa_monitor.messages import AttributedChangepoint, Method
 from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.monitor.events import WindowDiagnosed
 from rwa_monitor.samples import BoolArray, IntArray, Samples
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.simulation.record import Changepoints
@@ -99,13 +99,13 @@ def evaluate(window: LabelledWindow, methods: tuple[Method, ...] = ("joint", "pa
     truth, wheel = window.telemetry.truth, window.wheel
     jumps = {"oracle C": score_jumps(jumps_of_ideal_search(window), truth.changepoints, wheel, truth.used)}
     for method in methods:
-        diagnosis = only_window(window.telemetry.samples, wheel, method, window.name)
-        features[method] = diagnosis.features
-        jumps[method] = score_jumps(diagnosis.changepoints, truth.changepoints, wheel, truth.used)
+        closed = only_window(window.telemetry.samples, wheel, method, window.name)
+        features[method] = closed.features
+        jumps[method] = score_jumps(closed.diagnosis.changepoints, truth.changepoints, wheel, truth.used)
     return Outcome(window.status, window.labels, features, jumps)
 
 
-def only_window(samples: Samples, wheel: Wheel, method: Method, source: str) -> WindowDiagnosis:
+def only_window(samples: Samples, wheel: Wheel, method: Method, source: str) -> WindowDiagnosed:
     """Diagnose a record of one window, without a model and without earlier windows.
 
     Raises
@@ -116,11 +116,11 @@ def only_window(samples: Samples, wheel: Wheel, method: Method, source: str) -> 
     windows = list(diagnose_samples(samples, wheel, None, method=method))
     if len(windows) != 1:
         raise InputError(source, f"holds {len(windows)} windows where one is expected")
-    return windows[0].diagnosis
+    return windows[0]
 
 
 def score_jumps(
-    found: tuple[Changepoint, ...], truth: Changepoints, wheel: Wheel, used: BoolArray | None = None
+    found: Sequence[AttributedChangepoint], truth: Changepoints, wheel: Wheel, used: BoolArray | None = None
 ) -> JumpScore:
     """Compare reported changepoints with the true jumps; each counts once, the nearest first.
 

@@ -15,10 +15,10 @@ from scipy import special
 
 from benchmarks.accuracy.outcome import Outcome
 from benchmarks.page import wilson
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.classification import Judged, classify
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.training import train
+from rwa_monitor.messages import Method
 from rwa_monitor.paper.classification import classify as classify_as_paper
 from rwa_monitor.paper.classification import with_classifiers
 from rwa_monitor.samples import BoolArray, FloatArray

@@ -146,8 +146,10 @@ def diagnosis_table(jobs: Sequence[Job], trials: Sequence[Trial]) -> str:
                 for job, trial in zip(jobs, trials, strict=True)
                 if job[3:] == (sigmas, anomaly) and trial.windows
             ]
-            there = [a.probability for w in windows for a in w.anomalies if a.name == anomaly]
-            wrong = [w for w in windows if any(a.probability > SURE for a in w.anomalies if a.name != anomaly)]
+            there = [w.anomalies[anomaly].probability for w in windows if anomaly in w.anomalies]
+            wrong = [
+                w for w in windows if any(a.probability > SURE for name, a in w.anomalies.items() if name != anomaly)
+            ]
             rows.append(
                 [
                     anomaly or "healthy",

@@ -17,8 +17,8 @@ from benchmarks.adequacy.strength import level_columns, strength_for
 from benchmarks.window import Window
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.window import diagnose_window
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import BoolArray
 from rwa_monitor.simulation.datasets import MILD_SEVERITIES, RECIPES
@@ -36,7 +36,7 @@ WINDOW_SLOTS: Final = 80_000  # of the paper
 SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
 
 Job = tuple[str, ProfileKind, int, float, str]  # effect, motion, seed, sigmas, anomaly ("" for none)
-Diagnosed = tuple[str, WindowDiagnosis, frozenset[str]]  # recipe, diagnosis, the window's anomalies
+Diagnosed = tuple[str, Diagnosis, frozenset[str]]  # recipe, diagnosis, the window's anomalies
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Trial:
     effect: str
     motion: ProfileKind
     sigmas: float
-    windows: tuple[WindowDiagnosis, ...]
+    windows: tuple[Diagnosis, ...]
 
     def seen_within(self, count: int) -> bool:
         """Return whether any of the first windows is called inadequate."""
@@ -106,7 +106,7 @@ def hide_and_diagnose(
     return Trial(name, motion, sigmas, tuple(diagnoses))
 
 
-def diagnose_plain(motion: ProfileKind, seed: int, slots: int) -> WindowDiagnosis:
+def diagnose_plain(motion: ProfileKind, seed: int, slots: int) -> Diagnosis:
     """Diagnose one window of `slots` slots of a healthy wheel of recipe `paper` that lacks nothing."""
     rng = np.random.default_rng([seed, MOTIONS.index(motion), slots])
     wheel = RECIPES["paper"].wheel(rng)
@@ -114,11 +114,11 @@ def diagnose_plain(motion: ProfileKind, seed: int, slots: int) -> WindowDiagnosi
     return _diagnose(scenario, wheel, int(rng.integers(2**63)), CarriedState.empty())[0]
 
 
-def _diagnose(
-    scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState
-) -> tuple[WindowDiagnosis, CarriedState]:
+def _diagnose(scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState) -> tuple[Diagnosis, CarriedState]:
     samples = simulate(scenario, wheel, np.random.default_rng(seed)).samples
-    return diagnose_window(Window.of(samples, wheel).evidence(), wheel, built_in_model(), carried)
+    evidence = Window.of(samples, wheel).evidence()
+    diagnosis, _, carried = diagnose_window(evidence, wheel, built_in_model(), carried)
+    return diagnosis, carried
 
 
 def _draw(
@@ -177,7 +177,7 @@ def _draw_shape(effect: type[MeanEffect], channels: Channels, rng: np.random.Gen
     return shape
 
 
-def diagnose_recipe(recipe: str, number: int, seed: int, *, nominal: bool) -> tuple[WindowDiagnosis, frozenset[str]]:
+def diagnose_recipe(recipe: str, number: int, seed: int, *, nominal: bool) -> tuple[Diagnosis, frozenset[str]]:
     """Diagnose one window of a recipe that lacks nothing; also returns the anomalies it has.
 
     Parameters

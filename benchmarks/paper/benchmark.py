@@ -25,9 +25,9 @@ from benchmarks.speed.peers import (
     skchange_moving_window,
 )
 from benchmarks.target import Target, at_most
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.cli.options import track
 from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.messages import Method
 from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.wheel.wheel import built_in_wheel

@@ -17,7 +17,7 @@ import numpy as np
 from benchmarks.accuracy.outcome import JumpScore, only_window, score_jumps
 from benchmarks.page import add_output_option, counted, page, put_out, table
 from benchmarks.target import at_least, at_most, exit_code
-from rwa_monitor.changepoints.stage_results import Method
+from rwa_monitor.messages import Method
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -45,7 +45,7 @@ def main() -> int:
     scores = dict.fromkeys(METHODS, JumpScore())
     for telemetry in windows(options.windows, options.seed):
         for method in METHODS:
-            diagnosis = only_window(telemetry.samples, wheel, method, "examples")
+            diagnosis = only_window(telemetry.samples, wheel, method, "examples").diagnosis
             scores[method] += score_jumps(diagnosis.changepoints, telemetry.truth.changepoints, wheel)
     rows = [
         [

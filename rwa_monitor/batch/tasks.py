@@ -16,11 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 
 from rwa_monitor.api import Monitor
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
-from rwa_monitor.messages import Diagnosis
+from rwa_monitor.messages import Diagnosis, Method
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.monitor.events import WindowDiagnosed
 from rwa_monitor.monitor.telemetry_files import NO_DECODING, read_telemetry
@@ -185,7 +184,7 @@ def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
 def _full_ones(windows: Iterable[WindowDiagnosed]) -> list[WindowDiagnosed]:
     """Return the windows without the partial one at the end, if there are others."""
     found = list(windows)
-    return [window for window in found if not window.partial] or found
+    return [window for window in found if not window.diagnosis.partial] or found
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,10 +206,7 @@ class ReadFeatures:
         joint, paper = (
             _full_ones(diagnose_samples(samples, wheel, None, method=method)) for method in get_args(Method)
         )
-        return [
-            (by_joint.diagnosis.features, by_paper.diagnosis.features)
-            for by_joint, by_paper in zip(joint, paper, strict=True)
-        ]
+        return [(by_joint.features, by_paper.features) for by_joint, by_paper in zip(joint, paper, strict=True)]
 
     def _wheel_of(self, file: Path) -> Wheel:
         own = beside(file, ".wheel.toml")

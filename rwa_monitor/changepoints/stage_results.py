@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import Final, Literal, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,6 @@ from rwa_monitor.changepoints.running_sums import RunningSums, Structure
 from rwa_monitor.kernels import assignment
 from rwa_monitor.samples import FloatArray, IntArray
 
-Method = Literal["joint", "paper"]
 REJECTED: Final = assignment.REJECTED  # in Assignment.system: a candidate that is no changepoint
 UNATTRIBUTED: Final = assignment.UNATTRIBUTED  # in Assignment.system: a changepoint that no switching system explains
 

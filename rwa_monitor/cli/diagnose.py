@@ -15,8 +15,7 @@ from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
     from rwa_monitor.batch.tasks import CarriedStates, Diagnose
-    from rwa_monitor.changepoints.stage_results import Method
-    from rwa_monitor.messages import Diagnosis
+    from rwa_monitor.messages import Diagnosis, Method
     from rwa_monitor.reporting.trends import WindowFriction
 
 

@@ -29,16 +29,13 @@ from rwa_monitor.diagnosis.window_diagnosis import (
     VISCOUS_UNIT,
     DiagnosisInput,
     Findings,
-    Fit,
-    SystemFriction,
-    Verdict,
-    WindowDiagnosis,
     anomalies_of,
     changepoints_of,
     scaled,
     value_of,
     viscous_unit,
 )
+from rwa_monitor.messages import Anomaly, Diagnosis, Friction, Quantity, Residuals, Sojourns, Verdict
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
 from rwa_monitor.switching.components import split
@@ -99,8 +96,8 @@ class Stages:
 
 
 def diagnose_window(
-    evidence: Evidence, wheel: Wheel, model: Model | None, carried: CarriedState
-) -> tuple[WindowDiagnosis, CarriedState]:
+    evidence: Evidence, wheel: Wheel, model: Model | None, carried: CarriedState, start_ns: int = 0
+) -> tuple[Diagnosis, Features, CarriedState]:
     """Diagnose one window.
 
     Parameters
@@ -114,16 +111,18 @@ def diagnose_window(
         hold of this wheel is taken from the wheel file where it is stated (friction of the configurations).
     carried
         What earlier windows showed; `CarriedState.empty()` for the first.
+    start_ns
+        Time of the window's first slot.
 
     Returns
     -------
-    tuple[WindowDiagnosis, CarriedState]
-        The diagnosis, and the state for the next window. A window with too few samples to estimate anything leaves the
-        state as it was.
+    tuple[Diagnosis, Features, CarriedState]
+        The diagnosis, what the classifiers saw, and the state for the next window. A window with too few samples to
+        estimate anything leaves the state as it was.
     """
-    inputs = DiagnosisInput(evidence, wheel, model, carried)
+    inputs = DiagnosisInput(evidence, wheel, model, carried, start_ns=start_ns)
     if evidence.used < MIN_USED:
-        return too_few(inputs), carried
+        return *too_few(inputs), carried
     stages = _run_stages(inputs)
     judgement = _judge(inputs, stages)
     if not all(map(np.array_equal, judgement.configurations, stages.assignment.configurations)):
@@ -143,7 +142,7 @@ def diagnose_window(
         base_known=stages.features.base_known,
         adequate=stages.fits.adequate,
     )
-    return diagnosis, state
+    return diagnosis, stages.features, state
 
 
 def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | None = None) -> Stages:
@@ -266,7 +265,7 @@ def concluded(
     stages: Stages,
     judgement: Judgement,
     rule: Callable[[Findings], tuple[Verdict, str]],
-) -> WindowDiagnosis:
+) -> Diagnosis:
     """Return the diagnosis of a window.
 
     Parameters
@@ -287,37 +286,41 @@ def concluded(
         temperature_uncertainty=stages.of_temperature.reason,
     )
     verdict, reason = rule(findings)
-    return WindowDiagnosis(
+    return Diagnosis(
         verdict=verdict,
         reason=reason,
-        anomalies=findings.anomalies,
-        base_dry=value_of(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
-        viscous=value_of(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
-        fss=tuple(
-            SystemFriction(
-                system.name,
-                tuple(system.configuration.tolist()),
-                tuple((system.friction * torque).tolist()),
-                tuple(starts.tolist()),
-            )
-            for system, starts in zip(features.systems, stages.assignment.starts, strict=True)
+        anomalies=_as_messages(findings),
+        friction=Friction(
+            base_dry=value_of(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
+            viscous=value_of(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
+            fss={
+                system.name: Sojourns(
+                    configuration=system.configuration.tolist(),
+                    friction_Nm=(system.friction * torque).tolist(),
+                    start_index=starts.tolist(),
+                )
+                for system, starts in zip(features.systems, stages.assignment.starts, strict=True)
+            },
         ),
-        changepoints=changepoints_of(stages.assignment, wheel),
-        fit=Fit(
-            scaled(stages.estimate.rmse, torque),
-            scaled(stages.estimate.excess_rmse, torque),
-            scaled(inputs.evidence.noise.std, torque),
+        changepoints=changepoints_of(stages.assignment, wheel, inputs.start_ns),
+        fit=Residuals(
+            rmse_Nm=scaled(stages.estimate.rmse, torque),
+            excess_rmse_Nm=scaled(stages.estimate.excess_rmse, torque),
+            noise_std_Nm=scaled(inputs.evidence.noise.std, torque),
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
         explanation=explain(findings, verdict, reason),
-        features=stages.features,
-        **inputs.provenance(),
+        **inputs.stated(),
     )
 
 
-def too_few(inputs: DiagnosisInput) -> WindowDiagnosis:
-    """Return the diagnosis of a window with less than `MIN_USED` samples: too few to estimate anything."""
+def _as_messages(findings: Findings) -> dict[str, Anomaly]:
+    return {one.name: Anomaly.model_validate(one, from_attributes=True) for one in findings.anomalies}
+
+
+def too_few(inputs: DiagnosisInput) -> tuple[Diagnosis, Features]:
+    """Return diagnosis and features of a window with less than `MIN_USED` samples, too few to estimate anything."""
     systems, evidence = inputs.wheel.fss, inputs.evidence
     no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
@@ -327,12 +330,22 @@ def too_few(inputs: DiagnosisInput) -> WindowDiagnosis:
         whole = inputs.wheel.window.samples
         reason = f"The window holds {evidence.used} samples: too few to measure friction, a whole one has {whole}."
         advice = "Give it a longer recording."
-    return WindowDiagnosis(
+    findings = Findings(inputs, anomalies_of(inputs, unjudged(features, inputs.wheel.anomalies)), base_known=True)
+    none = Sojourns(configuration=[], friction_Nm=[], start_index=[])
+    diagnosis = Diagnosis(
         verdict="inconclusive",
         reason=reason,
-        anomalies=anomalies_of(inputs, unjudged(features, inputs.wheel.anomalies)),
-        fss=tuple(SystemFriction(system.name, (), (), ()) for system in systems),
+        anomalies=_as_messages(findings),
+        friction=Friction(
+            base_dry=Quantity(value=None, std=None, unit=DRY_UNIT),
+            viscous=Quantity(value=None, std=None, unit=VISCOUS_UNIT),
+            fss={system.name: none for system in systems},
+        ),
+        changepoints=[],
+        fit=Residuals(rmse_Nm=None, excess_rmse_Nm=None, noise_std_Nm=None),
+        model_adequate=True,
+        suspected_effect=None,
         explanation=f"{reason} {advice}",
-        features=features,
-        **inputs.provenance(),
+        **inputs.stated(),
     )
+    return diagnosis, features

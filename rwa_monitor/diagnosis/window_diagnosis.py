@@ -1,4 +1,4 @@
-"""The diagnosis of a window and its inputs: plain, immutable, in SI units; the monitor room turns it into a message.
+"""What the diagnosis of a window is a function of, and its parts in SI units: the diagnosis is the message on the bus.
 
 Slots and indices count within the window; nothing here depends on the time of day, the spacecraft or the file.
 """
@@ -7,30 +7,22 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence, Method
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence
 from rwa_monitor.diagnosis.adequacy import FITS, Adequacy
 from rwa_monitor.diagnosis.classification import Judged, Judgement
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
+from rwa_monitor.messages import AttributedChangepoint, Method, Provenance, Quantity
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.words import SOFTWARE
 
-Verdict = Literal["nominal", "anomalous", "inconclusive"]
 DRY_UNIT = "N m"
 VISCOUS_UNIT = "N m s/rad"
-
-
-@dataclass(frozen=True, slots=True)
-class Value:
-    """A value with its standard deviation; None where the window does not show it."""
-
-    value: float | None
-    std: float | None
-    unit: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,133 +55,44 @@ class AnomalyDiagnosis(Judged):
     unmoved: bool
 
 
-@dataclass(frozen=True, slots=True)
-class SystemFriction:
-    """The sojourns of one switching system: configuration, friction [N m] and first slot of each."""
-
-    name: str
-    configuration: tuple[int, ...]
-    friction_Nm: tuple[float, ...]
-    start_index: tuple[int, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Changepoint:
-    """A jump of dry friction.
-
-    Attributes
-    ----------
-    index
-        First slot of the new level.
-    jump_Nm, std_Nm
-        Its size, positive up, and the standard deviation.
-    fss
-        The switching system that made it, or "rejected" or "unattributed".
-    confidence
-        Probability of this attribution.
-    """
-
-    index: int
-    jump_Nm: float
-    std_Nm: float
-    fss: str
-    confidence: float
-
-
-@dataclass(frozen=True, slots=True)
-class Fit:
-    """How well the friction model fits the window [N m]; None with too few samples."""
-
-    rmse_Nm: float | None
-    excess_rmse_Nm: float | None
-    noise_std_Nm: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class WindowDiagnosis:
-    """The diagnosis of one window.
-
-    Attributes
-    ----------
-    slots, good, used
-        Length of the window, slots with a good sample, and good slots outside the dead band.
-    coverage
-        good / slots.
-    verdict, reason
-        The judgement and, in one sentence, why.
-    anomalies
-        One entry per possible anomaly of the wheel, in the wheel's order: dry, viscous, switching systems.
-    base_dry, viscous, fss
-        The friction split into its parts.
-    changepoints
-        All candidates, in order, rejected ones included.
-    fit
-        Residuals.
-    model_adequate, suspected_effect
-        Whether the friction model fits, and if not, which effect of the catalogue may be missing.
-    explanation
-        Two or three plain sentences an operator can act on.
-    method
-        joint or paper.
-    model_sha256
-        Of the model used, "" without one.
-    wheel_sha256, prior_sha256
-        Of the wheel and of the carried state before this window.
-    features
-        What the classifiers saw, for training; it does not leave the program.
-    """
-
-    slots: int
-    good: int
-    used: int
-    coverage: float
-    verdict: Verdict
-    reason: str
-    anomalies: tuple[AnomalyDiagnosis, ...]
-    fss: tuple[SystemFriction, ...]
-    explanation: str
-    method: Method
-    model_sha256: str
-    wheel_sha256: str
-    prior_sha256: str
-    features: Features
-    base_dry: Value = Value(None, None, DRY_UNIT)
-    viscous: Value = Value(None, None, VISCOUS_UNIT)
-    changepoints: tuple[Changepoint, ...] = ()
-    fit: Fit = Fit(None, None, None)
-    model_adequate: bool = True
-    suspected_effect: str | None = None
-
-
 # ---- what it is a function of ----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class DiagnosisInput:
-    """What a diagnosis is a function of."""
+    """What a diagnosis is a function of; `start_ns` is the time of the window's first slot."""
 
     evidence: Evidence
     wheel: Wheel
     model: Model | None
     carried: CarriedState
     method: Method = "joint"
+    start_ns: int = 0
 
     @cached_property
     def models(self) -> list[AnomalyModel | None]:
         """What is known about each anomaly of the wheel, in the wheel's order; None where nothing is."""
         return models_for(self.wheel, self.model)
 
-    def provenance(self) -> dict[str, Any]:
-        """Return the fields of the diagnosis on what it was made from."""
+    def stated(self) -> dict[str, Any]:
+        """Return the fields of the diagnosis on its window and what it was made with, no spacecraft or wheel named."""
+        evidence = self.evidence
+        provenance = Provenance(
+            software=SOFTWARE,
+            method=self.method,
+            model_sha256=self.model.sha256() if self.model else "",
+            wheel_sha256=self.wheel.sha256(),
+            prior_sha256=self.carried.sha256(),
+        )
         return {
-            "slots": self.evidence.slots,
-            "good": self.evidence.good,
-            "used": self.evidence.used,
-            "coverage": self.evidence.good / self.evidence.slots if self.evidence.slots else 0.0,
-            "method": self.method,
-            "model_sha256": self.model.sha256() if self.model else "",
-            "wheel_sha256": self.wheel.sha256(),
-            "prior_sha256": self.carried.sha256(),
+            "spacecraft": "",
+            "wheel": "",
+            "window_start_ns": self.start_ns,
+            "window_end_ns": self.start_ns + evidence.slots * self.wheel.period_ns,
+            "samples": evidence.slots,
+            "coverage": evidence.good / evidence.slots if evidence.slots else 0.0,
+            "partial": evidence.slots < self.wheel.window.samples,
+            "provenance": provenance,
         }
 
 
@@ -248,9 +151,9 @@ def scaled(value: float, unit: float) -> float | None:
     return float(value * unit) if math.isfinite(value * unit) else None
 
 
-def value_of(value: float, std: float, unit: float, name: str) -> Value:
+def value_of(value: float, std: float, unit: float, name: str) -> Quantity:
     """Return a value with its standard deviation in another unit, of that name."""
-    return Value(scaled(value, unit), scaled(std, unit), name)
+    return Quantity(value=scaled(value, unit), std=scaled(std, unit), unit=name)
 
 
 def anomalies_of(inputs: DiagnosisInput, judgement: Judgement) -> tuple[AnomalyDiagnosis, ...]:
@@ -292,7 +195,7 @@ def _anomaly_of(
     )
 
 
-def changepoints_of(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, ...]:
+def changepoints_of(assignment: Assignment, wheel: Wheel, start_ns: int = 0) -> list[AttributedChangepoint]:
     """Return all candidates of an assignment in SI units, sorted by slot."""
     names = {REJECTED: "rejected", UNATTRIBUTED: "unattributed"}
     names |= {s: system.name for s, system in enumerate(wheel.fss)}
@@ -303,7 +206,14 @@ def changepoints_of(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, 
     if open_ended.any():
         std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), std)
     columns = (assignment.index, assignment.jump * torque, std * torque, assignment.system, assignment.confidence)
-    return tuple(
-        Changepoint(index, jump_Nm, std_Nm, names[system], confidence)
+    return [
+        AttributedChangepoint(
+            index=index,
+            time_ns=start_ns + index * wheel.period_ns,
+            jump_Nm=jump_Nm,
+            std_Nm=std_Nm,
+            fss=names[system],
+            confidence=confidence,
+        )
         for index, jump_Nm, std_Nm, system, confidence in zip(*(c[order].tolist() for c in columns), strict=True)
-    )
+    ]

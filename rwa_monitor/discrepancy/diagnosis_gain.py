@@ -12,17 +12,17 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.window_diagnosis import Changepoint, WindowDiagnosis
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.result import DiagnosisGain, Rates
+from rwa_monitor.messages import AttributedChangepoint, Diagnosis
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import Changepoints, Telemetry, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.wheel.wheel import Wheel
 
-Diagnose = Callable[[Samples, Wheel], WindowDiagnosis]
+Diagnose = Callable[[Samples, Wheel], Diagnosis]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 SEED: Final = 41_000  # of the first window; no other part of the project uses 41,000 … 41,999
@@ -70,16 +70,16 @@ def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, diagnose: Dia
     return np.array([_count(telemetry, diagnose(telemetry.samples, used), used, status) for used in (wheel, extended)])
 
 
-def _count(telemetry: Telemetry, diagnosis: WindowDiagnosis, wheel: Wheel, status: str) -> Counts:
+def _count(telemetry: Telemetry, diagnosis: Diagnosis, wheel: Wheel, status: str) -> Counts:
     """Return anomalies present, those detected, anomalies absent, those named all the same, and false changepoints."""
-    active = {entry.name for entry in diagnosis.anomalies if entry.active}
+    active = {name for name, entry in diagnosis.anomalies.items() if entry.active}
     present = {status} - {"nominal"}
     absent = set(wheel.anomalies) - present
     false = false_changepoints(diagnosis.changepoints, telemetry.truth.changepoints)
     return np.array([len(present), len(present & active), len(absent), len(absent & active), false])
 
 
-def false_changepoints(found: Sequence[Changepoint], truth: Changepoints) -> int:
+def false_changepoints(found: Sequence[AttributedChangepoint], truth: Changepoints) -> int:
     """Return how many of the changepoints that are not rejected have no true jump within `PLACED_WITHIN` samples."""
     index = np.array([changepoint.index for changepoint in found if changepoint.fss != "rejected"], dtype=np.int64)
     near = np.abs(index[:, None] - truth.index[None, :]) <= PLACED_WITHIN

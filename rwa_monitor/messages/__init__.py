@@ -20,7 +20,6 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import from_json
 
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, FloatArray, Samples, Timeliness
 
@@ -41,6 +40,7 @@ Number = Annotated[float, Field(allow_inf_nan=False)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Name = Annotated[str, Field(max_length=200)]
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
+Method = Literal["joint", "paper"]
 AlarmLevel = Literal["normal", "watch", "warning", "distress", "critical"]
 AlarmPhase = Literal["quiet", "active", "acknowledged", "returned"]
 NotLive = Literal["stored", "replay"]

@@ -15,11 +15,10 @@ from typing import Any, Final, Literal, NamedTuple, Self
 import numpy as np
 
 from rwa_monitor.changepoints.evidence import ConfirmedCandidate, WindowAccumulator
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import ProvisionalJump
+from rwa_monitor.messages import Method, ProvisionalJump
 from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest import PIECE_SLOTS, Batch, Counts, Rows, Sequencer, SlotAssignment, Trouble
@@ -169,7 +168,7 @@ class WheelCore:
         if self._stored is not None:
             for event in events:
                 if isinstance(event, WindowDiagnosed):
-                    self._stored.note(event.end_ns, event.carried)
+                    self._stored.note(event.diagnosis.window_end_ns, event.carried)
         return events + self._diagnose_stored()
 
     def finish(self) -> list[Event]:
@@ -292,9 +291,10 @@ class WheelCore:
             values = {name: array[slots] for name, array in window.values.items()}
             happened = [*windows.write(slots, values, self.wheel.window.samples), *windows.end_epoch()]
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
-            events.append(diagnosed._replace(data="stored"))
+            stored_one = diagnosed.diagnosis.model_copy(update={"data": "stored"})
+            events.append(diagnosed._replace(diagnosis=stored_one))
             self._windows.go_on_from(diagnosed)
-            stored.note(diagnosed.end_ns, diagnosed.carried)
+            stored.note(stored_one.window_end_ns, diagnosed.carried)
         return events
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------
@@ -470,9 +470,10 @@ class Windows:
     def go_on_from(self, diagnosed: WindowDiagnosed) -> None:
         """Hand the state after a window to the next one to be closed, where it lies between that and the last one."""
         next_ns = self.grid.time_of(self._open[0].start if self._open else self._done)
-        follows = self.carried_ns is None or diagnosed.end_ns >= self.carried_ns
-        if follows and (not self.ring.end or diagnosed.end_ns <= next_ns):
-            self.carried, self.carried_ns = without_positions(diagnosed.carried), diagnosed.end_ns
+        end_ns = diagnosed.diagnosis.window_end_ns
+        follows = self.carried_ns is None or end_ns >= self.carried_ns
+        if follows and (not self.ring.end or end_ns <= next_ns):
+            self.carried, self.carried_ns = without_positions(diagnosed.carried), end_ns
 
     # ---- slots into windows -----------------------------------------------------------------------------------------
 
@@ -571,23 +572,14 @@ class Windows:
 
     def _close(self, window: _OpenWindow) -> WindowDiagnosed:
         """Diagnose a window, full or not."""
-        end = min(window.start + self._samples, self._done)
-        partial = end < window.start + self._samples
         evidence = window.accumulator.close()
         diagnose = paper.diagnose_window if self.method == "paper" else diagnose_window
-        diagnosis, self.carried = diagnose(evidence, self.wheel, self.model, self.carried)
-        if partial:
-            self.carried = without_positions(self.carried)
-        self._last_end = end
-        self.carried_ns = self.grid.time_of(end)
-        return WindowDiagnosed(
-            start_ns=self.grid.time_of(window.start),
-            end_ns=self.grid.time_of(end),
-            period_ns=self.grid.period_ns,
-            partial=partial,
-            diagnosis=diagnosis,
-            carried=self.carried,
-        )
+        start_ns = self.grid.time_of(window.start)
+        diagnosis, features, carried = diagnose(evidence, self.wheel, self.model, self.carried, start_ns)
+        self.carried = without_positions(carried) if diagnosis.partial else carried
+        self._last_end = window.start + evidence.slots
+        self.carried_ns = diagnosis.window_end_ns
+        return WindowDiagnosed(diagnosis, features, self.carried)
 
     # ---- checkpoints ------------------------------------------------------------------------------------------------
 

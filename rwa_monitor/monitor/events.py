@@ -6,10 +6,9 @@ Live monitor and replay share both.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict
-from typing import Any, ClassVar, Final, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.messages import (
     REPLAY,
     Changepoints,
@@ -18,16 +17,10 @@ from rwa_monitor.messages import (
     Message,
     NotLive,
     ProvisionalJump,
-    Sojourns,
     health_message,
 )
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.words import SOFTWARE
-
-# Fields of a `WindowDiagnosis` that the message, and its provenance, have as they are.
-UNCHANGED: Final = ("coverage", "verdict", "reason", "fit", "model_adequate", "suspected_effect", "explanation")
-MADE_WITH: Final = ("method", "model_sha256", "wheel_sha256", "prior_sha256")
 
 
 class ProvisionalChangepoint(NamedTuple):
@@ -42,53 +35,21 @@ class WindowDiagnosed(NamedTuple):
 
     Attributes
     ----------
-    start_ns, end_ns, period_ns
-        The window is [start, end): `end_ns` is the time of the first slot after it.
-    partial
-        True where samples or an epoch ended before the window was full.
     diagnosis
-        Of the window.
+        Of the window; no spacecraft, wheel or file is named in it.
+    features
+        What the classifiers saw, for training; they do not leave the program.
     carried
         The wheel's state after it.
-    data
-        "stored" where stored telemetry, or what it changed, was diagnosed; None where it was live.
     """
 
-    start_ns: int
-    end_ns: int
-    period_ns: int
-    partial: bool
-    diagnosis: WindowDiagnosis
+    diagnosis: Diagnosis
+    features: Features
     carried: CarriedState
-    data: Literal["stored"] | None = None
 
     def message(self, spacecraft: str, wheel: str, source: str | None = None) -> Diagnosis:
         """Return the diagnosis as a message; of a table `spacecraft` is "" and `source` its file."""
-        found = self.diagnosis
-        content = {name: getattr(found, name) for name in UNCHANGED} | {
-            "spacecraft": spacecraft,
-            "wheel": wheel,
-            "source": source,
-            "data": self.data,
-            "window_start_ns": self.start_ns,
-            "window_end_ns": self.end_ns,
-            "samples": found.slots,
-            "partial": self.partial,
-            "anomalies": {anomaly.name: anomaly for anomaly in found.anomalies},
-            "friction": {
-                "base_dry": found.base_dry,
-                "viscous": found.viscous,
-                "fss": {
-                    system.name: {name: [*getattr(system, name)] for name in Sojourns.model_fields}
-                    for system in found.fss
-                },
-            },
-            "changepoints": [
-                {**asdict(one), "time_ns": self.start_ns + one.index * self.period_ns} for one in found.changepoints
-            ],
-            "provenance": {"software": SOFTWARE, **{name: getattr(found, name) for name in MADE_WITH}},
-        }
-        return Diagnosis.model_validate(content, from_attributes=True)
+        return self.diagnosis.model_copy(update={"spacecraft": spacecraft, "wheel": wheel, "source": source})
 
 
 Event = ProvisionalChangepoint | WindowDiagnosed | Trouble
@@ -124,7 +85,7 @@ def outputs_of(
             )
             outputs.append(found.encoded(spacecraft, wheel, event.jump.time_ns))
         elif isinstance(event, WindowDiagnosed):
-            diagnosis, end_ns = event.message(spacecraft, name), event.end_ns
+            diagnosis, end_ns = event.message(spacecraft, name), event.diagnosis.window_end_ns
             state = event.carried.model_dump(mode="json")
             carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
             of_window = (diagnosis, carried, health_message(diagnosis, data))

@@ -343,7 +343,7 @@ class Monitor:
             self._record(output)
         if closed and self.recorder is not None:
             self.recorder.sync(self.clock.monotonic_s())
-        dumped = {event.end_ns for event in closed if event.data}
+        dumped = {event.diagnosis.window_end_ns for event in closed if event.diagnosis.data}
         # The health comes first: it shows of what data the window is to whoever then takes the diagnosis in.
         for output in sorted(outputs, key=lambda output: output.schema != Health.schema_name()):
             if output.schema == Health.schema_name():
@@ -357,17 +357,19 @@ class Monitor:
             self._status(served, record=True)
         for event in closed:
             self._log_verdict(served, event)
-            if not event.partial and event.data is None and served.data != "replay":
-                self.searches.take_diagnosis(served.key, adequate=event.diagnosis.model_adequate)
+            window = event.diagnosis
+            if not window.partial and window.data is None and served.data != "replay":
+                self.searches.take_diagnosis(served.key, adequate=window.model_adequate)
 
     def _log_verdict(self, served: _Served, event: WindowDiagnosed) -> None:
         """Log what a window amounts to where the verdict changes; a line for each window of a fleet would hide it."""
         diagnosis = event.diagnosis
-        verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
-        data = event.data or served.data
+        verdict = (diagnosis.verdict, *(name for name, anomaly in diagnosis.anomalies.items() if anomaly.active))
+        data = diagnosis.data or served.data
         if verdict != served.verdicts.get(data) and self.options.log_verdicts:
             window = "window to" if data == "live" else f"{data} data, window to"
-            self.log(f"{served.name}: {window} {time_text(event.end_ns)}: {diagnosis.verdict}: {diagnosis.reason}")
+            until = time_text(diagnosis.window_end_ns)
+            self.log(f"{served.name}: {window} {until}: {diagnosis.verdict}: {diagnosis.reason}")
         served.verdicts[data] = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:

@@ -7,11 +7,12 @@ explanations) is that of the default method. What earlier windows show is not us
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.adequacy import check
 from rwa_monitor.diagnosis.classification import unjudged
-from rwa_monitor.diagnosis.features import features_of
+from rwa_monitor.diagnosis.features import Features, features_of
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.verdict import covered, nothing_to_judge, reason_anomalous, without_anomaly
 from rwa_monitor.diagnosis.window import MIN_USED, Stages, concluded, too_few
-from rwa_monitor.diagnosis.window_diagnosis import DiagnosisInput, Findings, Verdict, WindowDiagnosis
+from rwa_monitor.diagnosis.window_diagnosis import DiagnosisInput, Findings
+from rwa_monitor.messages import Diagnosis, Verdict
 from rwa_monitor.paper.assignment import assign, split
 from rwa_monitor.paper.classification import classify
 from rwa_monitor.paper.detection import Signal, detect
@@ -37,8 +38,8 @@ def split_friction(evidence: Evidence, wheel: Wheel, *, hard: bool = False) -> t
 
 
 def diagnose_window(
-    evidence: Evidence, wheel: Wheel, model: Model | None, carried: CarriedState
-) -> tuple[WindowDiagnosis, CarriedState]:
+    evidence: Evidence, wheel: Wheel, model: Model | None, carried: CarriedState, start_ns: int = 0
+) -> tuple[Diagnosis, Features, CarriedState]:
     """Diagnose one window by the paper's method.
 
     Parameters
@@ -48,12 +49,12 @@ def diagnose_window(
 
     Returns
     -------
-    tuple[WindowDiagnosis, CarriedState]
+    tuple[Diagnosis, Features, CarriedState]
         The diagnosis, and the carried state as it was given.
     """
-    inputs = DiagnosisInput(evidence, wheel, model, carried, method="paper")
+    inputs = DiagnosisInput(evidence, wheel, model, carried, "paper", start_ns)
     if evidence.used < MIN_USED:
-        return too_few(inputs), carried
+        return *too_few(inputs), carried
     assignment, levels, components = split_friction(evidence, wheel)
     features = features_of(components, assignment, wheel)
     fits = check(evidence, levels, assignment, wheel.fss)
@@ -62,7 +63,7 @@ def diagnose_window(
     else:
         judgement = unjudged(features, wheel.anomalies)
     stages = Stages(assignment, levels, components, features, features, fits)
-    return concluded(inputs, stages, judgement, verdict_of), carried
+    return concluded(inputs, stages, judgement, verdict_of), features, carried
 
 
 def verdict_of(findings: Findings) -> tuple[Verdict, str]:

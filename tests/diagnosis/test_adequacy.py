@@ -16,7 +16,6 @@ from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, FrictionNoise, Scenario, Sensors
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.diagnosis.test_window import named
 
 # Each effect on one motion that shows it, in turn; benchmarks/adequacy runs all of them on many seeds.
 EITHER_WAY = ("crossings", "rich", "orbit")
@@ -133,16 +132,17 @@ UNCERTAINTIES = st.floats(0.0, 10.0)
 def test_what_the_effect_moved_is_not_near_certain(name: str, motion: ProfileKind, taken_for: str) -> None:
     (diagnosis,) = hide_and_diagnose(name, motion, 500, windows=1).windows
     assert not diagnosis.model_adequate
-    assert max(anomaly.probability for anomaly in diagnosis.anomalies) < 0.9
+    assert max(anomaly.probability for anomaly in diagnosis.anomalies.values()) < 0.9
     if taken_for:
         assert diagnosis.verdict == "inconclusive"
         assert "while the friction model lacks something" in diagnosis.reason
-        assert getattr(diagnosis, taken_for).std > 0.02 * getattr(diagnosis, taken_for).value  # else far below 1 %
+        moved = getattr(diagnosis.friction, taken_for)
+        assert moved.std > 0.02 * moved.value  # else far below 1 %
 
 
 def test_model_error_uncertainty_does_not_add_up_to_certainty() -> None:
     trial = hide_and_diagnose("quadratic_drag", "orbit", 500, windows=3)
-    assert [named(window)["viscous"].probability < 0.9 for window in trial.windows] == [True] * 3
+    assert [window.anomalies["viscous"].probability < 0.9 for window in trial.windows] == [True] * 3
 
 
 @pytest.mark.parametrize(("anomaly", "factor"), [("viscous", 1.15), ("fss_1", 1.6)])
@@ -151,7 +151,7 @@ def test_a_failing_wheel_is_found_where_the_missing_effect_does_not_touch_it(ano
     (diagnosis,) = trial.windows
     assert not diagnosis.model_adequate
     assert diagnosis.verdict == "anomalous"
-    assert [found.name for found in diagnosis.anomalies if found.active] == [anomaly]
+    assert [name for name, found in diagnosis.anomalies.items() if found.active] == [anomaly]
     assert "extend the wheel file" in diagnosis.explanation
 
 
@@ -172,7 +172,7 @@ def test_model_error_uncertainty_only_adds(base: float, viscous: float, systems:
 def test_a_drag_that_hardly_bends_may_be_most_of_the_viscous_slope(seed: int, motion: ProfileKind) -> None:
     # Two to four times the nominal slope, all of it a drag of a power below one that the model lacks.
     (diagnosis,) = hide_and_diagnose("sublinear_viscous", motion, seed, windows=1).windows
-    viscous = named(diagnosis)["viscous"]
+    viscous = diagnosis.anomalies["viscous"]
     assert not diagnosis.model_adequate
     assert viscous.estimate > 2.0 * viscous.nominal_high
     assert viscous.probability < 0.9

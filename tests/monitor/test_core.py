@@ -89,8 +89,9 @@ def test_a_window_closes_when_a_sample_beyond_it_comes() -> None:
     core = WheelCore(wheel(), model())
     assert closed(core.feed(samples[:WINDOW])) == []
     (event,) = closed(core.feed(samples[WINDOW:]))
-    assert (event.start_ns, event.end_ns, event.partial) == (0, WINDOW * 125_000_000, False)
-    assert event.diagnosis.slots == WINDOW
+    window = event.diagnosis
+    assert (window.window_start_ns, window.window_end_ns, window.partial) == (0, WINDOW * 125_000_000, False)
+    assert event.diagnosis.samples == WINDOW
 
 
 def test_a_window_of_derived_friction_waits_for_the_stencil() -> None:
@@ -100,22 +101,22 @@ def test_a_window_of_derived_friction_waits_for_the_stencil() -> None:
     assert closed(core.feed(samples[: WINDOW + 8])) == []
     (event,) = closed(core.feed(samples[WINDOW + 8 : WINDOW + 9]))
     # The first slots have too few samples before them: a parabola through two less than 17 is still enough.
-    assert event.diagnosis.good == WINDOW - 6
+    assert event.diagnosis.coverage == (WINDOW - 6) / WINDOW
 
 
 def test_the_last_window_is_partial_unless_it_is_full() -> None:
     for rows, expected in ((WINDOW, [False]), (WINDOW + 7, [False, True]), (90, [True])):
         events = list(diagnose_samples(telemetry(rows), wheel(), model()))
-        assert [event.partial for event in events] == expected
-        assert sum(event.diagnosis.slots for event in events) == rows
+        assert [event.diagnosis.partial for event in events] == expected
+        assert sum(event.diagnosis.samples for event in events) == rows
 
 
 def test_of_overlapping_windows_the_last_partial_one_holds_all_that_is_left() -> None:
     events = list(diagnose_samples(telemetry(2 * WINDOW + 100), wheel(WINDOW, WINDOW // 2), model()))
-    starts = [event.start_ns // 125_000_000 for event in events]
+    starts = [event.diagnosis.window_start_ns // 125_000_000 for event in events]
     assert starts == [0, WINDOW // 2, WINDOW, 3 * WINDOW // 2]
-    assert [event.partial for event in events] == [False, False, False, True]
-    assert events[-1].diagnosis.slots == 2 * WINDOW + 100 - 3 * WINDOW // 2
+    assert [event.diagnosis.partial for event in events] == [False, False, False, True]
+    assert events[-1].diagnosis.samples == 2 * WINDOW + 100 - 3 * WINDOW // 2
 
 
 def test_jitter_of_less_than_half_a_slot_does_not_matter() -> None:

@@ -141,8 +141,9 @@ def test_live_windows_with_gaps_that_had_closed_are_diagnosed_again_with_the_sta
 def test_windows_that_come_before_others_are_diagnosed_with_the_state_of_their_time() -> None:
     late = [*dumps(DAY[2 * WINDOW :]), *dumps(DAY[: 2 * WINDOW])]
     _, events = run(late)
-    of_third = [one for one in events if isinstance(one, WindowDiagnosed) and one.start_ns == 2 * WINDOW * PERIOD_NS]
-    priors = [one.diagnosis.prior_sha256 for one in of_third]
+    closed = [one.diagnosis for one in events if isinstance(one, WindowDiagnosed)]
+    of_third = [one for one in closed if one.window_start_ns == 2 * WINDOW * PERIOD_NS]
+    priors = [one.provenance.prior_sha256 for one in of_third]
     assert len(priors) == 3  # alone, after the second window had come, and after the first
     assert len(set(priors)) == 3
     assert latest(events) == in_order()
@@ -155,7 +156,7 @@ def test_the_live_window_goes_on_from_the_state_of_a_dump(live_first: int) -> No
     feed(core, [("live", live[:live_first]), *dumps(dump)])
     events = core.feed(live[live_first:], "live publisher", 1, "live")
     (window,) = (one for one in events if isinstance(one, WindowDiagnosed))
-    assert window.data is None
+    assert window.diagnosis.data is None
     assert window.carried.windows == 4
 
 

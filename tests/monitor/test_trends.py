@@ -33,7 +33,7 @@ def fleet() -> list[Course]:
     courses = []
     for start in range(0, 3 * LIFE, LIFE):
         part = windows[start : start + LIFE]
-        found = [next(iter(diagnose_samples(w.telemetry.samples, w.wheel, None))).diagnosis for w in part]
+        found = [next(iter(diagnose_samples(w.telemetry.samples, w.wheel, None))).diagnosis.friction for w in part]
         length_ns = part[0].wheel.window.samples * part[0].wheel.period_ns
         estimates = {
             name: [
