@@ -12,11 +12,9 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
-from rwa_monitor.errors import InputError
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
-from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS, Source
 from rwa_monitor.wheel.wheel import Wheel
 
 # Of a step: of the difference of two errors, each uniform over it (Widrow & Kollár, Quantization Noise, 2008).
@@ -55,38 +53,28 @@ class DerivedFriction:
     corners: int
 
 
-def derived_friction(
-    speed: FloatArray, torque: FloatArray | None, wheel: Wheel, source: str, torque_step: float
-) -> DerivedFriction:
+def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque_step: float) -> DerivedFriction:
     """Derive friction from speed and motor torque.
 
     Parameters
     ----------
     speed, torque
-        float64 (n,) on slots [rad/s, N m], NaN where unknown; torque None where none was measured.
+        float64 (n,) on slots [rad/s, N m], NaN where unknown.
     wheel
         Its inertia and derivative filter.
-    source
-        Name of the record, for messages.
     torque_step
         Step in which the torque was read [N m], 0 for none.
 
     Raises
     ------
     InputError
-        If torque or inertia is missing.
+        If the inertia is missing.
     """
-    if torque is None or wheel.inertia_kg_m2 is None:
-        raise InputError(
-            source,
-            "holds no friction_torque_Nm, and deriving it needs motor_current_A or motor_torque_Nm "
-            "with torque_constant_Nm_A and inertia_kg_m2 in the wheel file; "
-            "a run down with the motor off needs inertia_kg_m2 there and --motor-off",
-        )
     friction = torque_balance.derive_friction(speed, torque, wheel)
     hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
-    bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
-    uncertainty = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
+    inertia = torque_balance.inertia_of(wheel)
+    bias = inertia * _derivative_bias(speed, wheel, BIAS_REACH)
+    uncertainty = np.abs(bias - inertia * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
     friction = friction + bias
     sigma = spread_of_differences(friction, 2 * hole + 1, torque_step) / np.sqrt(2.0)
     # What a step of torque makes of it is no bend that a polynomial follows.
@@ -178,25 +166,15 @@ class Steps:
     torque_Nm: float
 
 
-def source_of_friction(samples: Samples) -> FloatArray:
-    """Return the channel that friction comes from, float64 (n,); NaN where none is there."""
-    name = _source(samples)
-    return np.full(len(samples), np.nan) if name is None else getattr(samples, name)
-
-
-def _source(samples: Samples) -> Source | None:
-    return next((name for name in FRICTION_CHANNELS if getattr(samples, name) is not None), None)
-
-
-def steps_of(samples: Samples, wheel: Wheel) -> Steps | None:
-    """Return the steps of the channel that friction comes from; None where its readings are not quantised.
+def steps_of(samples: Samples, wheel: Wheel, name: torque_balance.Source) -> Steps | None:
+    """Return the steps of the channel `name` that friction comes from; None where its readings are not quantised.
 
     A table written with seven digits is quantised too: whether a step is of any consequence is for the caller to
     see.
     """
-    name, values = _source(samples), source_of_friction(samples)
+    values: FloatArray = getattr(samples, name)
     readings = np.unique(values[np.isfinite(values)])
-    if name is None or not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
+    if not FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size:
         return None
     # A converter's zero need not be zero: differences are on the grid.
     step = quantisation_step(readings - readings[0])

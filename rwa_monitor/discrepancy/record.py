@@ -21,7 +21,7 @@ from scipy.ndimage import correlate1d
 
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
-from rwa_monitor.discrepancy.derived_friction import Steps, derived_friction, source_of_friction, steps_of
+from rwa_monitor.discrepancy.derived_friction import Steps, derived_friction, steps_of
 from rwa_monitor.discrepancy.motor_constants import ShownConstant, shown_constants
 from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, without_end_stops
 from rwa_monitor.errors import InputError
@@ -32,7 +32,7 @@ from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.effects.speed_dead_zone import ReadZone, read_zone
 from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
-from rwa_monitor.wheel.torque_balance import half_width, motor_torque
+from rwa_monitor.wheel.torque_balance import Source, half_width, motor_torque, source_of
 from rwa_monitor.wheel.wheel import TemperatureRange, Wheel
 
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
@@ -149,7 +149,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     measured, samples = samples, with_turns(without_end_stops(samples, source), source)
     slot = _slots_of(samples, wheel, source)
     count = int(slot[-1]) + 1
-    motion = _motion(samples, wheel, slot)
+    read = source_of(samples, wheel, source)
+    motion = _motion(samples, wheel, slot, read)
     if motion.torque_Nm is not None:
         of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
         check_inertia(motion.speed_rad_s, motion.torque_Nm, wheel, source, of_torque)
@@ -159,7 +160,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     derived = friction is None
     bent: BoolArray | None = None
     if friction is None:
-        known = derived_friction(speed, torque, wheel, source, motion.torque_step_Nm)
+        assert torque is not None, "there is a source"
+        known = derived_friction(speed, torque, wheel, motion.torque_step_Nm)
         friction, bent, corners = known.friction_Nm, known.bent, known.corners
         hole = half_width(wheel.friction.derivative, wheel.sample_period_s)
     else:
@@ -182,7 +184,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
-        left_out=_left_out(measured, samples, motion.zone, corners, good & ~moving, moving & averaged, used),
+        left_out=_left_out(measured, samples, read, motion.zone, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
         shown=shown_constants(samples, wheel),
         zone=motion.zone,
@@ -269,16 +271,19 @@ def left_out_in_words(records: Sequence[Record]) -> str:
 def _left_out(
     measured: Samples,
     without_stops: Samples,
+    read: Source,
     zone: ReadZone | None,
     corners: int,
     at_rest: BoolArray,
     averaged: BoolArray,
     used: BoolArray,
 ) -> dict[str, int]:
-    """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
+    """Count the samples that are not used, by reason; what no other reason explains lacks its derivative.
+
+    `read` is the channel that friction comes from.
+    """
     before, after = (
-        np.isfinite(samples.speed_rad_s) & np.isfinite(source_of_friction(samples))
-        for samples in (measured, without_stops)
+        np.isfinite(samples.speed_rad_s) & np.isfinite(getattr(samples, read)) for samples in (measured, without_stops)
     )
     known_why = {
         "in the dead zone of the speed reading": 0 if zone is None else _count(zone.inside),
@@ -312,11 +317,11 @@ def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignme
     for source, samples in recordings:
         check_plausible(samples, wheel, source)
         kept = without_end_stops(samples, source)
-        motions.append(_motion(kept, wheel, _slots_of(kept, wheel, source)))
+        motions.append(_motion(kept, wheel, _slots_of(kept, wheel, source), source_of(kept, wheel, source)))
     return alignment.find_delay(motions, wheel)
 
 
-def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
+def _motion(samples: Samples, wheel: Wheel, slot: IntArray, read: Source) -> alignment.Motion:
     """Return speed, motor torque and given friction on the slots; no speed where its reading rests in a dead zone."""
     speed = _on_grid(samples.speed_rad_s, slot)
     assert speed is not None
@@ -324,7 +329,8 @@ def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
     if zone is not None:
         speed = np.where(zone.inside, np.nan, speed)
     torque = _on_grid(motor_torque(samples, wheel), slot)
-    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel), zone)
+    steps = steps_of(samples, wheel, read)
+    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps, zone)
 
 
 def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:

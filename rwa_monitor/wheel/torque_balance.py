@@ -29,8 +29,10 @@ def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray
     return motor_torque_Nm - inertia_kg_m2 * acceleration_rad_s2
 
 
-def source_of(samples: Samples, wheel: Wheel) -> Source:
+def source_of(samples: Samples, wheel: Wheel, source: str = "") -> Source:
     """Return the channel that friction comes from: itself, or the motor torque, or the motor current.
+
+    `source` is what the samples are called in an error; "" for the wheel's name.
 
     Raises
     ------
@@ -45,9 +47,10 @@ def source_of(samples: Samples, wheel: Wheel) -> Source:
     if None not in constants and samples.motor_current_A is not None:
         return "motor_current_A"
     raise InputError(
-        f"wheel {wheel.name}",
+        source or f"wheel {wheel.name}",
         "friction_torque_Nm is missing, and friction cannot be derived: that takes motor_current_A with "
-        "torque_constant_Nm_A and inertia_kg_m2 of the wheel, or motor_torque_Nm with inertia_kg_m2",
+        "torque_constant_Nm_A and inertia_kg_m2 of the wheel, or motor_torque_Nm with inertia_kg_m2, or with the motor "
+        "off inertia_kg_m2 and motor_off",
     )
 
 

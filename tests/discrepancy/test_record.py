@@ -33,7 +33,7 @@ def test_friction_is_derived_from_current_and_speed() -> None:
 
 def test_without_friction_and_current_a_record_is_refused() -> None:
     samples, _ = record(swing())
-    with pytest.raises(InputError, match="friction_torque_Nm"):
+    with pytest.raises(InputError, match=r"^poor: friction_torque_Nm is missing.*motor_off$"):
         make_record(replace(samples, friction_torque_Nm=None), WHEEL, "poor")
 
 
