@@ -467,10 +467,8 @@ def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
     return model is not None and model.knows_friction
 
 
-def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bool, bool]:
+def _quality(features: Features, model: AnomalyModel, a: int) -> tuple[bool, bool]:
     """Return whether the window can show an anomaly, and whether what it shows is unlike everything learned."""
-    if not _is_known(model):
-        return False, False
     if a < 2:
         q, value, std = features.measured(a)
         found = np.array([q]), np.array([value]), np.array([std])
