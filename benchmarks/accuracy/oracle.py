@@ -18,7 +18,7 @@ from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Assignment, Candidates, NoiseEstimate
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
-from rwa_monitor.diagnosis.window_diagnosis import changepoints_of
+from rwa_monitor.diagnosis.findings import changepoints_of
 from rwa_monitor.kernels.changepoints import refine_in_colour
 from rwa_monitor.messages import AttributedChangepoint
 from rwa_monitor.samples import IntArray

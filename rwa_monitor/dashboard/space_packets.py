@@ -17,8 +17,8 @@ from typing import Any, Final, NamedTuple, Self, get_args
 
 import zenoh
 
+from rwa_monitor.diagnosis.findings import DRY_UNIT, VISCOUS_UNIT
 from rwa_monitor.diagnosis.model import Model, models_for
-from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, VISCOUS_UNIT
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import BOUNDS, MODEL_ALARM, MONITOR_ALARM, WINDOW_POLICY, Level
 from rwa_monitor.messages import AlarmLevel, AlarmPhase, Diagnosis, Health, Verdict, split_key

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, DiagnosisInput, Findings
+from rwa_monitor.diagnosis.findings import DRY_UNIT, AnomalyDiagnosis, DiagnosisInput, Findings
 from rwa_monitor.messages import Verdict
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted

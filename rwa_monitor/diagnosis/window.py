@@ -22,9 +22,7 @@ from rwa_monitor.diagnosis.features import (
     features_of,
     without_prior,
 )
-from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, verdict_of
-from rwa_monitor.diagnosis.window_diagnosis import (
+from rwa_monitor.diagnosis.findings import (
     DRY_UNIT,
     VISCOUS_UNIT,
     DiagnosisInput,
@@ -35,6 +33,8 @@ from rwa_monitor.diagnosis.window_diagnosis import (
     value_of,
     viscous_unit,
 )
+from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, verdict_of
 from rwa_monitor.messages import Anomaly, Diagnosis, Friction, Quantity, Residuals, Sojourns, Verdict
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state

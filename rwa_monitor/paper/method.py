@@ -8,10 +8,10 @@ from rwa_monitor.changepoints.stage_results import Assignment, Components, Estim
 from rwa_monitor.diagnosis.adequacy import check
 from rwa_monitor.diagnosis.classification import unjudged
 from rwa_monitor.diagnosis.features import Features, features_of
+from rwa_monitor.diagnosis.findings import DiagnosisInput, Findings
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.verdict import covered, nothing_to_judge, reason_anomalous, without_anomaly
 from rwa_monitor.diagnosis.window import MIN_USED, Stages, concluded, too_few
-from rwa_monitor.diagnosis.window_diagnosis import DiagnosisInput, Findings
 from rwa_monitor.messages import Diagnosis, Verdict
 from rwa_monitor.paper.assignment import assign, split
 from rwa_monitor.paper.classification import classify
