@@ -161,7 +161,7 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
     rates = diagnosis_gain(found, lambda samples, wheel: next(diagnose_samples(samples, wheel, model)).diagnosis)
     if rates is None or found.result.gain is None:
         return found
-    gain = replace(found.result.gain, diagnosis=rates)
+    gain = found.result.gain.model_copy(update={"diagnosis": rates})
     return replace(found, result=replace(found.result, gain=gain))
 
 

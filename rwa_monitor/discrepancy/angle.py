@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.torque_ripple import (
     LOWEST_ORDER,
@@ -74,8 +74,8 @@ class AngleLine:
         order = f"{self.order:.{digits}f} ± {self.order_std:.1g}"
         why = "no whole number: the cage, or balls that pass"
         return Unexplained(
-            f"a drag that is periodic in the wheel's angle at order {order} of its turns ({why})",
-            self.size_Nm,
+            signature=f"a drag that is periodic in the wheel's angle at order {order} of its turns ({why})",
+            size_Nm=self.size_Nm,
         )
 
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.result import DiagnosisGain, Rates
-from rwa_monitor.messages import AttributedChangepoint, Diagnosis
+from rwa_monitor.messages import AttributedChangepoint, Diagnosis, DiagnosisGain, DiagnosisQuality
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import Changepoints, Telemetry, simulate
@@ -57,7 +56,7 @@ def diagnosis_gain(search: Search, diagnose: Diagnose) -> DiagnosisGain | None:
     tries = [(statuses[i % len(statuses)], SEED + i) for i in range(WINDOWS)]
     diagnosed = partial(_diagnosed, wheel, extended, speed, diagnose)
     counts = np.sum(search.problem.each(diagnosed, tries), axis=0)
-    return DiagnosisGain(_rates(counts[0]), _rates(counts[1]), WINDOWS)
+    return DiagnosisGain(before=_rates(counts[0]), after=_rates(counts[1]))
 
 
 def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, diagnose: Diagnose, one: tuple[str, int]) -> Counts:
@@ -86,5 +85,9 @@ def false_changepoints(found: Sequence[AttributedChangepoint], truth: Changepoin
     return int(index.size - near.any(axis=1).sum())
 
 
-def _rates(count: Counts) -> Rates:
-    return Rates(float(count[1] / max(count[0], 1)), float(count[3] / max(count[2], 1)), float(count[4] / WINDOWS))
+def _rates(count: Counts) -> DiagnosisQuality:
+    return DiagnosisQuality(
+        detection=float(count[1] / max(count[0], 1)),
+        false_positive=float(count[3] / max(count[2], 1)),
+        false_changepoints=float(count[4] / WINDOWS),
+    )

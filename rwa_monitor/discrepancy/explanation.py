@@ -22,7 +22,6 @@ from rwa_monitor.discrepancy.own_jumps import with_own_jumps
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import drawn_again
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
 from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult, law_of
@@ -34,6 +33,7 @@ from rwa_monitor.discrepancy.unexplained import (
     without_unnamed,
 )
 from rwa_monitor.discrepancy.unnamed import UNNAMED
+from rwa_monitor.messages import Unexplained
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.effects.formula import Formula

@@ -20,9 +20,10 @@ from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import temperature_range
-from rwa_monitor.discrepancy.result import SimulatedGain
+from rwa_monitor.discrepancy.result import simulated_gain
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.discrepancy.uncertainty import spread
+from rwa_monitor.messages import SimulatedGain
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect
 from rwa_monitor.wheel.effects.catalogue import build, effect_class, mean_effects, to_block
@@ -152,7 +153,7 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         treatment,
         before,
         after,
-        SimulatedGain(_rmse(search, search.wheel, before), _rmse(search, wheel, after)),
+        simulated_gain(_rmse(search, search.wheel, before), _rmse(search, wheel, after)),
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
         search.result.gain is not None and search.result.gain.is_a_loss,
     )

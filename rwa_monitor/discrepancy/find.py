@@ -24,12 +24,13 @@ from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
 from rwa_monitor.discrepancy.record import Record, delay_of, make_record, without_known_effects
-from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain, SearchedAgain, Unexplained, Verdict
+from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Verdict
 from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.discrepancy.unexplained import wandering
 from rwa_monitor.discrepancy.untested import untested
+from rwa_monitor.messages import Gain, SearchedAgain, Unexplained
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
 from rwa_monitor.wheel.wheel import Wheel
@@ -98,7 +99,7 @@ def find_discrepancy(
         base = prepare(_records_of(bench.recordings, wheel, None), wheel)
         at_base = scored(base, Model((), fit(base)))
         scores = (held_out(base, at_base), *scores)
-    gain = _gain(problem, at_base, found.nested[-1], scores, tuple(name for name, _ in bench.held_out))
+    gain = _gain(problem, at_base, found.nested[-1], scores, [name for name, _ in bench.held_out])
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
     if verdict == "adequate" and len(problem.noise.autocovariance) and speed_is_constant(problem):
         verdict = "untestable"  # speed that does not vary lets no law of it be tested
@@ -139,16 +140,22 @@ def with_search_again(
     def again(seen: Sequence[tuple[str, Samples]], aside: tuple[str, Samples]) -> SearchedAgain | None:
         """Search a part of the data, and judge on the rest."""
         found = find_discrepancy(seen, search.wheel, progress, each, [aside]).result
-        names = tuple("formula" if one.formula else one.name for one in found.effects if one.family != "noise")
+        names = ["formula" if one.formula else one.name for one in found.effects if one.family != "noise"]
         there = found.gain
         if there is None:
             return None
-        before, after = (there.rmse_base_Nm, there.rmse_extended_Nm), (there.log_score_base, there.log_score_extended)
-        return SearchedAgain(names, (aside[0],), *before, *after)
+        return SearchedAgain(
+            effects=names,
+            held_out=[aside[0]],
+            rmse_base_Nm=there.rmse_base_Nm,
+            rmse_extended_Nm=there.rmse_extended_Nm,
+            log_score_base=there.log_score_base,
+            log_score_extended=there.log_score_extended,
+        )
 
     *seen, (name, samples) = recordings
     if seen:
-        gain = replace(gain, searched_again=again(seen, (name, samples)))
+        gain = gain.model_copy(update={"searched_again": again(seen, (name, samples))})
     else:
         place, rank = np.arange(len(samples)), np.argsort(np.argsort(np.abs(samples.speed_rad_s)))
         of_time, of_speed = place * BLOCKS // place.size % 2 == 0, rank * SPEED_BLOCKS // rank.size % 2 == 0
@@ -159,7 +166,7 @@ def with_search_again(
                 (of_speed, "speeds 1, 3, …", f"speeds 2, 4, … of {SPEED_BLOCKS}"),
             )
         )
-        gain = replace(gain, searched_again=by_time, searched_again_by_speed=by_speed)
+        gain = gain.model_copy(update={"searched_again": by_time, "searched_again_by_speed": by_speed})
     return replace(search, result=replace(search.result, gain=gain))
 
 
@@ -220,21 +227,22 @@ def _with_simulated(search: Search) -> Search:
     gain = search.result.gain
     if gain is None or not search.extended.terms:
         return search
-    gain = replace(gain, simulated=extend(search).simulated)
+    gain = gain.model_copy(update={"simulated": extend(search).simulated})
     return replace(search, result=replace(search.result, gain=gain))
 
 
 def _gain(
-    problem: Problem, at_base: Model, at_end: Model, scores: Sequence[HeldOut], held_out_names: tuple[str, ...]
+    problem: Problem, at_base: Model, at_end: Model, scores: Sequence[HeldOut], held_out_names: list[str]
 ) -> Gain:
     base, extended = scores[0], scores[-1]
     return Gain(
-        base.rmse_Nm,
-        extended.rmse_Nm,
-        base.log_score,
-        extended.log_score,
-        problem.noise.std,
-        int(at_base.fit.jumps.size),
-        int(at_end.fit.jumps.size),
+        rmse_base_Nm=base.rmse_Nm,
+        rmse_extended_Nm=extended.rmse_Nm,
+        log_score_base=base.log_score,
+        log_score_extended=extended.log_score,
+        noise_std_Nm=problem.noise.std,
+        changepoints_base=int(at_base.fit.jumps.size),
+        changepoints_extended=int(at_end.fit.jumps.size),
+        diagnosis=None,
         held_out=held_out_names,
     )

@@ -1,4 +1,4 @@
-"""Results of the search for discrepancies: plain and immutable; the command and the monitor room turn it into JSON."""
+"""Results of the search for discrepancies: plain and immutable, their parts as they stand in its message."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
+from rwa_monitor.messages import TOLERATED_RISE, Gain, SimulatedGain, Unexplained
 from rwa_monitor.wheel.effects.base import Family
 
 Verdict = Literal["adequate", "inadequate", "untestable"]
 
 AT_A_BOUND: Final = 1e-3  # of a parameter's range: where a bounded fit stops
 INDISTINGUISHABLE: Final = 2.0  # standard deviations from a bound: 95 %
-TOLERATED_RISE: Final = 0.01  # of the held-out RMSE: a base model's false jumps may take so much of the noise with them
 
 
 def _with_lists(fields: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -100,114 +100,15 @@ class FoundEffect:
         return fields | {"name": name, "parameters": parameters, "formula": self.formula or None}
 
 
-@dataclass(frozen=True, slots=True)
-class Unexplained:
-    """Something that no known effect explains: where it shows, and its RMS beside levels and slope [N m]."""
-
-    signature: str
-    size_Nm: float
-
-    def beside(self, signature: str, size_Nm: float) -> Unexplained:
-        """Return this and something else, which is named first."""
-        return Unexplained(f"{signature}; and {self.signature}", math.hypot(size_Nm, self.size_Nm))
-
-
-@dataclass(frozen=True, slots=True)
-class Rates:
-    """Detection and false-positive rate of the diagnosis, and false changepoints per window."""
-
-    detection: float
-    false_positive: float
-    false_changepoints: float
-
-
-@dataclass(frozen=True, slots=True)
-class DiagnosisGain:
-    """Rates of the diagnosis on labelled windows without and with the extension."""
-
-    before: Rates
-    after: Rates
-    windows: int
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatedGain:
-    """RMSE [N m] of the wheel file simulated on the searched records, without the effects found and with them."""
-
-    rmse_base_Nm: float
-    rmse_extended_Nm: float
-
-    @property
-    def is_a_loss(self) -> bool:
-        """Return whether the simulation is worse with the effects."""
-        return self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
-
-    def in_words(self) -> str:
-        """Return in words what does not hold, in plain words; nothing where it does."""
-        if not self.is_a_loss:
-            return ""
-        return (
-            f"does not hold when simulated: on these records the RMSE of the wheel file goes from"
-            f" {self.rmse_base_Nm:.4g} to {self.rmse_extended_Nm:.4g} N m with it; do not extend the wheel file by it"
+def simulated_gain(base_Nm: float, extended_Nm: float) -> SimulatedGain:
+    """Return the RMSE [N m] of a simulated wheel file without the effects found and with them, noted if it is worse."""
+    note = ""
+    if extended_Nm > (1.0 + TOLERATED_RISE) * base_Nm:
+        note = (
+            f"does not hold when simulated: on these records the RMSE of the wheel file goes from {base_Nm:.4g} to"
+            f" {extended_Nm:.4g} N m with it; do not extend the wheel file by it"
         )
-
-
-@dataclass(frozen=True, slots=True)
-class SearchedAgain:
-    """What a search of a part of the data finds, and gains on the rest, of which it saw nothing.
-
-    `effects` are the mean effects of that search, `held_out` what it did not see.
-    """
-
-    effects: tuple[str, ...]
-    held_out: tuple[str, ...]
-    rmse_base_Nm: float
-    rmse_extended_Nm: float
-    log_score_base: float
-    log_score_extended: float
-
-    def in_words(self) -> str:
-        """Return both in one sentence."""
-        return (
-            f"searched again without {', '.join(self.held_out)}: {' + '.join(self.effects) or 'nothing'} found; there"
-            f" RMSE {self.rmse_base_Nm:.4g} → {self.rmse_extended_Nm:.4g} N m, log score {self.log_score_base:.4f} →"
-            f" {self.log_score_extended:.4f} per sample"
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class Gain:
-    """What the extension gains; RMSE and log score on held-out data, equal where the base model is adequate.
-
-    `held_out` names the recordings that RMSE and log score are of; where it is empty, held-out blocks of the searched
-    recordings. `simulated` is of the wheel file with the effects, simulated on the searched records; None without any.
-    `searched_again` is what the search finds and gains without the data that it is judged on, other recordings or
-    stretches of time, and `searched_again_by_speed` the same without ranges of speed; None where not asked for.
-    """
-
-    rmse_base_Nm: float
-    rmse_extended_Nm: float
-    log_score_base: float
-    log_score_extended: float
-    noise_std_Nm: float
-    changepoints_base: int
-    changepoints_extended: int
-    diagnosis: DiagnosisGain | None = None
-    simulated: SimulatedGain | None = None
-    held_out: tuple[str, ...] = ()
-    searched_again: SearchedAgain | None = None
-    searched_again_by_speed: SearchedAgain | None = None
-
-    @property
-    def is_a_loss(self) -> bool:
-        """Return whether the extension does worse than the base model on held-out data, by either figure."""
-        worse = self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
-        return worse or self.log_score_extended < self.log_score_base
-
-    @property
-    def only_by_fewer_jumps(self) -> bool:
-        """Return whether all that it gains there are jumps: it leaves no less error."""
-        return not self.is_a_loss and self.rmse_extended_Nm > self.rmse_base_Nm
+    return SimulatedGain(rmse_base_Nm=base_Nm, rmse_extended_Nm=extended_Nm, note=note)
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,11 +123,10 @@ class DiscrepancyResult:
 
     def to_json(self) -> dict[str, Any]:
         """Return the report with the fields of the message `rwa.Discrepancy`."""
-        report = asdict(self, dict_factory=_with_lists)
-        report["effects"] = [effect.to_json() for effect in self.effects]
-        report["untested"] = [{"effect": name, "missing": missing} for name, missing in self.untested]
-        if self.gain is not None and self.gain.simulated is not None:
-            report["gain"]["simulated"]["note"] = self.gain.simulated.in_words()
-        if self.gain is not None and self.gain.diagnosis is not None:
-            del report["gain"]["diagnosis"]["windows"]
-        return report
+        return {
+            "verdict": self.verdict,
+            "effects": [effect.to_json() for effect in self.effects],
+            "unexplained": self.unexplained and self.unexplained.model_dump(),
+            "untested": [{"effect": name, "missing": missing} for name, missing in self.untested],
+            "gain": self.gain and self.gain.model_dump(),
+        }

@@ -18,9 +18,9 @@ from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, stro
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term
 from rwa_monitor.discrepancy.unnamed import CURVES, UNNAMED, Periodic, PeriodicDrag, PeriodicRub, UnnamedEffect
+from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
@@ -53,7 +53,8 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
         return found, None, model
     curve = best.terms[-1]
     kept = [i for i in range(len(model.terms)) if fitting.without(best, i).score - best.score >= ACCEPT_GAIN]
-    unexplained = Unexplained(curve.effect.signature, _size(problem, best, len(best.terms) - 1))
+    size = _size(problem, best, len(best.terms) - 1)
+    unexplained = Unexplained(signature=curve.effect.signature, size_Nm=size)
     if issubclass(curve.effect, Periodic):
         unexplained = _folded(problem, model, curve)
     if len(kept) == len(model.terms):
@@ -90,7 +91,7 @@ def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:
     short = f", {lasting * period:.2g} s long" if lasting < SHORT_SHARE else ""
     noise = float(np.var(residual)) * FOLD_BINS / residual.size
     size = float(np.sqrt(max(power - noise, 0.0)))
-    return Unexplained(f"{curve.effect.signature}, every {period:.3g} s{short}", size)
+    return Unexplained(signature=f"{curve.effect.signature}, every {period:.3g} s{short}", size_Nm=size)
 
 
 def _repeated(
@@ -141,7 +142,7 @@ def wandering(problem: Problem, model: Model) -> Unexplained | None:
     if not steps and not persists:
         return None
     size = float(np.sqrt(np.var(creeping) * steps + lasting * persists))
-    return Unexplained("a drag that wanders with time", size)
+    return Unexplained(signature="a drag that wanders with time", size_Nm=size)
 
 
 def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
@@ -215,7 +216,7 @@ def without_unnamed(
         others = [other for other in entry.equivalent if other != term.effect.named_with_channel]
         in_words = term.effect.in_words(term.shape) + "".join(f", or {other} as well" for other in others)
         size = _size(fitting.problem, model, index)
-        left = Unexplained(in_words, size) if left is None else left.beside(in_words, size)
+        left = Unexplained(signature=in_words, size_Nm=size) if left is None else left.beside(in_words, size)
         found = replace(found, nested=(*shorter(found.nested, reduced), reduced), found=named)
     return found, left
 

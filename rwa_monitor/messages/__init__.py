@@ -13,6 +13,7 @@ closes it; a discrepancy report is what a search found.
 from __future__ import annotations
 
 import json
+import math
 import re
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Self
 
@@ -454,6 +455,9 @@ class Status(Message):
 # ---- discrepancy -----------------------------------------------------------------------------------------------------
 
 
+TOLERATED_RISE: Final = 0.01  # of the held-out RMSE: a base model's false jumps may take so much of the noise with them
+
+
 class Uncertain(Message):
     """A parameter of an effect; `note` is why it is not determined, where it is not (at its bound, …)."""
 
@@ -481,6 +485,10 @@ class Unexplained(Message):
 
     signature: str
     size_Nm: Number
+
+    def beside(self, signature: str, size_Nm: float) -> Unexplained:
+        """Return this and something else, which is named first."""
+        return Unexplained(signature=f"{signature}; and {self.signature}", size_Nm=math.hypot(size_Nm, self.size_Nm))
 
 
 class Untested(Message):
@@ -512,6 +520,11 @@ class SimulatedGain(Message):
     rmse_extended_Nm: Number
     note: str = ""
 
+    @property
+    def is_a_loss(self) -> bool:
+        """Whether the simulation is worse with the effects."""
+        return bool(self.note)
+
 
 class SearchedAgain(Message):
     """What a search of a part of the data finds, and gains on the rest (`held_out`), of which it saw nothing."""
@@ -522,6 +535,14 @@ class SearchedAgain(Message):
     rmse_extended_Nm: Number
     log_score_base: Number
     log_score_extended: Number
+
+    def in_words(self) -> str:
+        """Return both in one sentence."""
+        return (
+            f"searched again without {', '.join(self.held_out)}: {' + '.join(self.effects) or 'nothing'} found; there"
+            f" RMSE {self.rmse_base_Nm:.4g} → {self.rmse_extended_Nm:.4g} N m, log score {self.log_score_base:.4f} →"
+            f" {self.log_score_extended:.4f} per sample"
+        )
 
 
 class Gain(Message):
@@ -537,8 +558,21 @@ class Gain(Message):
     diagnosis: DiagnosisGain | None
     simulated: SimulatedGain | None = None
     held_out: list[str] = Field(default=[])
+    # What the search finds and gains without the data that it is judged on: other recordings or stretches of time, and
+    # ranges of speed; None where not asked for.
     searched_again: SearchedAgain | None = None
     searched_again_by_speed: SearchedAgain | None = None
+
+    @property
+    def is_a_loss(self) -> bool:
+        """Whether the extension does worse than the base model on held-out data, by either figure."""
+        worse = self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
+        return worse or self.log_score_extended < self.log_score_base
+
+    @property
+    def only_by_fewer_jumps(self) -> bool:
+        """Whether all that it gains there are jumps: it leaves no less error."""
+        return not self.is_a_loss and self.rmse_extended_Nm > self.rmse_base_Nm
 
 
 class Discrepancy(Message):

@@ -13,6 +13,7 @@ from rich.console import RenderableType
 from rich.table import Table
 
 from rwa_monitor.discrepancy.bench import SCALED_ONLY
+from rwa_monitor.discrepancy.diagnosis_gain import WINDOWS
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
@@ -21,8 +22,9 @@ from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.plan import Plan, plan
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words
-from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
+from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect
 from rwa_monitor.discrepancy.untested import Detectable, as_a_part, detectable_strengths, not_testable
+from rwa_monitor.messages import Gain
 from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.wheel.effects.catalogue import effect_class
 from rwa_monitor.words import SOFTWARE
@@ -48,7 +50,7 @@ def sentence(result: DiscrepancyResult) -> str:
     lacks = f"The simulation lacks {'; and '.join(parts)}."
     simulated = result.gain.simulated if result.gain is not None else None
     if simulated is not None and simulated.is_a_loss:
-        lacks += f" What was found {simulated.in_words()}."
+        lacks += f" What was found {simulated.note}."
     if result.gain is not None and result.gain.is_a_loss:
         return f"{_loss_in_words(result, result.gain)} {lacks}"
     if result.gain is not None and result.gain.only_by_fewer_jumps:
@@ -180,7 +182,7 @@ def _environment() -> jinja2.Environment:
     }
     environment.globals |= {used.__name__: used for used in (noise_gains, p_in_words, plan, sentence, steps_in_words)}
     environment.globals |= {"picture": _picture, "KINDS": KINDS, "SURE_P": SURE_P, "asked_gain": asked_gain}
-    environment.globals |= {"as_a_part": as_a_part, "SCALED_ONLY": SCALED_ONLY}
+    environment.globals |= {"as_a_part": as_a_part, "SCALED_ONLY": SCALED_ONLY, "WINDOWS": WINDOWS}
     return environment
 
 

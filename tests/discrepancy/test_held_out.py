@@ -60,7 +60,7 @@ def score(found: Search, *recordings: Samples) -> tuple[HeldOut, HeldOut]:
 
 def test_what_is_true_of_one_recording_gains_on_another(found: Search) -> None:
     gain = found.result.gain
-    assert gain.held_out == ("aside",)
+    assert gain.held_out == ["aside"]
     # Levels cost a few of 6000 degrees of freedom; the strength is known to a few per cent.
     assert gain.rmse_extended_Nm == pytest.approx(NOISE_NM, rel=5 / np.sqrt(2 * 6000))
     assert gain.log_score_extended - gain.log_score_base > 0.01
@@ -75,7 +75,7 @@ def test_nothing_is_fitted_there(found: Search) -> None:
 def test_the_search_does_not_look_at_them(searched: Samples, found: Search) -> None:
     alone = find_discrepancy([("searched", searched)], WHEEL)
     assert found.result.effects == alone.result.effects
-    assert alone.result.gain.held_out == ()
+    assert alone.result.gain.held_out == []
 
 
 def test_several_recordings_are_one_score(found: Search) -> None:
@@ -122,15 +122,15 @@ def test_an_extension_that_does_worse_elsewhere_is_no_gain(searched: Samples, fo
 def test_what_is_hidden_is_found_again_in_half_of_a_recording_and_gains_on_the_rest(searched: Samples) -> None:
     found = with_search_again(find_discrepancy([("searched", searched)], WHEEL), [("searched", searched)])
     again = found.result.gain.searched_again
-    assert again.effects == ("stribeck",)
+    assert again.effects == ["stribeck"]
     assert again.rmse_extended_Nm < again.rmse_base_Nm
     assert again.log_score_extended > again.log_score_base + 0.02  # nats a sample, of 4,000
     in_message = found.result.to_json()["gain"]["searched_again"]
     assert SearchedAgainMessage.model_validate(in_message).effects == ["stribeck"]
     by_speed = found.result.gain.searched_again_by_speed
     assert by_speed is not None
-    assert by_speed.effects == ("stribeck",)
-    assert by_speed.held_out == ("searched, speeds 2, 4, … of 5",)
+    assert by_speed.effects == ["stribeck"]
+    assert by_speed.held_out == ["searched, speeds 2, 4, … of 5"]
     page = " ".join(html(found, ["searched"]).split())
     assert again.in_words()[1:] in page
     assert by_speed.in_words()[1:] in page
@@ -141,6 +141,6 @@ def test_of_two_recordings_the_last_is_not_searched_again(searched: Samples) -> 
     found = with_search_again(find_discrepancy(recordings, WHEEL), recordings)
     again = found.result.gain.searched_again
     assert found.result.gain.searched_again_by_speed is None
-    assert again.held_out == ("last",)
-    assert again.effects == ("stribeck",)
+    assert again.held_out == ["last"]
+    assert again.effects == ["stribeck"]
     assert again.rmse_extended_Nm > again.rmse_base_Nm  # it is not there: that is what shows

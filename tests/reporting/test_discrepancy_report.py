@@ -17,8 +17,8 @@ from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.p_values import with_bootstrap
 from rwa_monitor.discrepancy.plan import plan, rank_manoeuvres
-from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import make_term
+from rwa_monitor.messages import Unexplained
 from rwa_monitor.reporting import discrepancy_report as report
 from rwa_monitor.reporting import figures
 from rwa_monitor.reporting.residual_views import all_views
@@ -220,7 +220,7 @@ def test_what_no_manoeuvre_tells_is_said_with_what_would(found: Search) -> None:
 
 
 def test_what_is_unexplained_asks_for_the_manoeuvre_that_shows_its_shape(nothing: Search) -> None:
-    left = Unexplained("a drag that is periodic in time, every 120 s", 1e-5)
+    left = Unexplained(signature="a drag that is periodic in time, every 120 s", size_Nm=1e-5)
     search = replace(nothing, result=replace(nothing.result, verdict="inadequate", unexplained=left))
     assert any("dwell at one speed" in line for line in plan(search).advice)
 
