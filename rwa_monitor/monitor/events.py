@@ -6,7 +6,7 @@ Live monitor and replay share both.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.messages import (
