@@ -19,6 +19,7 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.signal import butter, filtfilt, find_peaks
 
+from benchmarks.recordings.fifth_validation import amplitudes, loss
 from benchmarks.recordings.ninth_validation import RPM
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.validation import means, save
@@ -202,7 +203,41 @@ def robot_motors(mirrors: Path, out: Path) -> None:
         save(out, f"robot_{name}", table, {"inertia_kg_m2": round(inertia, 5)})
 
 
-ALL = (ball_screw, thruster, torsion_wheel, stand, tribometer, rods, robot_motors)
+def torque_rig(mirrors: Path, out: Path) -> None:
+    """From Brojowski/uas (no licence): aircraft propellers of three blades on a rig with a torque cell (RCbenchmark).
+
+    Motors KDE4215XF and "T", commands in stairs up, 45 Hz: torque (lbf ft, sign turned) less what the cell reads before
+    the start, optical speed, means of 25 rows (0.56 s) above 1500 rpm.
+    """
+    for name, file in (("rig_kde", "KDE4215XF_Red_Tri_2019-11-25_124441"), ("rig_t", "T_Red Tri_2019-11-18_111145")):
+        rows = fetch(mirrors, "Brojowski/uas", f"AIAA_DBF/{file}.csv").decode("utf8").splitlines()[1:]
+        log = np.array([[float(row.split(",")[k] or "nan") for k in (0, 7, 3)] for row in rows])
+        log = log[np.isfinite(log).all(1)]
+        start = int(np.flatnonzero(log[:, 1] > 500.0)[0])
+        torque = -1.35582 * (log[:, 2] - np.median(log[: start - 10, 2]))
+        t, turns, f = means(25, log[:, 0], log[:, 1], torque)
+        on = turns > 1500.0
+        save(out, name, {"time_s": t[on], "speed_rad_s": turns[on] * RPM, "friction_torque_Nm": f[on]})
+
+
+def foucault(mirrors: Path, out: Path) -> None:
+    """From FrancescoScandiffio/Foucault-pendulum-tracking-system (no licence): a bob on a long wire, filmed at 9 Hz.
+
+    Pixels along the direction of the swing, which turns by 0.3 degrees a minute (that of the most motion within 400
+    rows); windows of eight periods from 60 s on. Loss of a²/2 over the way, in terms of the restoring force a pixel.
+    """
+    repo, file = "FrancescoScandiffio/Foucault-pendulum-tracking-system", "2021_09_17_14_57_N.csv"
+    log = git_table(mirrors, repo, file, delimiter=";", skip_header=1)
+    place, along = log[:, 1:] - np.median(log[:, 1:], axis=0), np.empty(len(log))
+    for k in range(0, len(log), 200):
+        axis = np.linalg.eigh(np.cov(place[max(k - 100, 0) : k + 300].T))[1][:, 1]
+        along[k : k + 200] = place[k : k + 200] @ axis * np.sign(axis[0])
+    late = log[:, 0] > 60.0
+    table = amplitudes(log[late, 0], along[late], 8, 2.8, 20.0)
+    save(out, "foucault_bob", loss(table, table[:, 1] ** 2 / 2))
+
+
+ALL = (ball_screw, thruster, torsion_wheel, stand, tribometer, rods, robot_motors, torque_rig, foucault)
 
 if __name__ == "__main__":
     for one in ALL:

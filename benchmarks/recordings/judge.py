@@ -657,9 +657,11 @@ SCREW_SWUNG = Expected(
 # Propellers in water both ways, the motor's losses in it: v² alone −81, −79, −78 %, with its dry friction negative −87,
 # −86, −83 % (gain 73, 29, 22), v³ −88, −87, −75 %; then asymmetry −37 %, or time (no real one) −32, −50 %.
 THRUSTER = Expected(("quadratic_drag formula",), f"viscous_asymmetry run_in_drift stribeck formula {CONCAVE} {OFFSET}")
-# Propellers in air: v² alone −76, −76, −72 % (gain 24, 38, 24), v³ −77, −79, −73 % (32, 62, 31); then nothing.
+# Propellers in air. Stand (the motor's losses in it): v² alone −76, −76, −72 % (gain 24, 38, 24), v³ −77, −79, −73 %
+# (32, 62, 31); then nothing. Rig with a torque cell: v² alone −86, −79 % (43, 41), with a torque that drives −89, −84 %
+# (63, 66), v³ beside a viscous part −91, −93 % (121, 1397); then a lag or a drift −10, −2 %.
 AIR_PROPELLER = Expected(
-    ("quadratic_drag formula",), f"torque_bias stribeck lubricant_lag inertia_error formula {CONCAVE}"
+    ("quadratic_drag formula",), f"torque_bias stribeck lubricant_lag inertia_error run_in_drift formula {CONCAVE}"
 )
 # Strokes of one speed: the force turns over 0.1 of 0.23 mm; presliding −58, −58 % (gain 15, 15), a lag −74, −74 % (28,
 # 30), the inertia −24, −24 % (28, 27); laws of the speed −12 … −17 %, as rows where it starts and stops have them.
@@ -696,6 +698,8 @@ ELEVENTH: dict[str, Expected] = {
     **dict.fromkeys(("tribometer_early", "tribometer_late"), TURNING_PIN),
     **dict.fromkeys(("rod_old", "rod_old_less", "rod_new", "rod_new_less"), ROD),
     **dict.fromkeys(("robot_24", "robot_30"), STEPPED),
+    **dict.fromkeys(("rig_kde", "rig_t"), AIR_PROPELLER),
+    "foucault_bob": FILM,  # not negative: v² −13 % (gain 10), a viscous part that falls with time −10 % (7)
     # recordings of one machine
     "screw_axis_out screw_axis_back": SCREW_AXIS,  # bent −16 % (gain 480); then cogging −4 %
     "stand_robbe_11V stand_robbe_12V": AIR_PROPELLER,  # v² −51 % (gain 45)
