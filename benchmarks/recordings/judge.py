@@ -644,7 +644,8 @@ TENTH: dict[str, Expected] = {
 # ---- the eleventh set ------------------------------------------------------------------------------------------------
 # Numbers: change of the RMSE of dry and viscous friction by one law more, by ordinary least squares ("not negative":
 # dry, viscous and the law); "gain": twice the log-likelihood less ln n a parameter, n corrected for the residual's
-# autocorrelation. A law is required from 30 % of the squares (−16 %) with a gain of about 20 and the right sign.
+# autocorrelation. A law is required from 30 % of the squares (−16 %), or where physics has it, with a gain of about
+# 20 and the right sign.
 
 # A table on a ball screw at 13 speeds, slowest first: bent −20, −14 % (a root −19, −13 %; gain 290, 195), windage and a
 # rise at rest have the wrong sign; time goes with the speed, a slope in it −16, −14 %; then cogging −4, −7 %.
@@ -656,7 +657,10 @@ SCREW_SWUNG = Expected(
 )
 # Propellers in water both ways, the motor's losses in it: v² alone −81, −79, −78 %, with its dry friction negative −87,
 # −86, −83 % (gain 73, 29, 22), v³ −88, −87, −75 %; then asymmetry −37 %, or time (no real one) −32, −50 %.
-THRUSTER = Expected(("quadratic_drag formula",), f"viscous_asymmetry run_in_drift stribeck formula {CONCAVE} {OFFSET}")
+THRUSTER = Expected(
+    ("quadratic_drag formula",),
+    f"viscous_asymmetry run_in_drift lubricant_lag stribeck formula {CONCAVE} {OFFSET}",
+)
 # Propellers in air. Stand (the motor's losses in it): v² alone −76, −76, −72 % (gain 24, 38, 24), v³ −77, −79, −73 %
 # (32, 62, 31); then nothing. Rig with a torque cell: v² alone −86, −79 % (43, 41), with a torque that drives −89, −84 %
 # (63, 66), v³ beside a viscous part −91, −93 % (121, 1397); then a lag or a drift −10, −2 %.
