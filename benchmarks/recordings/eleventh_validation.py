@@ -237,7 +237,27 @@ def foucault(mirrors: Path, out: Path) -> None:
     save(out, "foucault_bob", loss(table, table[:, 1] ** 2 / 2))
 
 
-ALL = (ball_screw, thruster, torsion_wheel, stand, tribometer, rods, robot_motors, torque_rig, foucault)
+def cogging_motor(mirrors: Path, out: Path) -> None:
+    """From gchenfc/ODrive (MIT; commit 5461155): a bare motor turned slowly by its controller, without compensation.
+
+    Current in A stands for the torque (the rotor's inertia is not taken off), angle of 8192 steps a turn, low-pass
+    filtered at 20 Hz for the speed. One turn at 0.1 and at 0.03 turns/s, 430 Hz, means of 4 and 8 rows.
+    """
+    for name, file, count in (
+        ("cogging_slow_turn", "slow2/nocomp_0", 4),
+        ("cogging_slower_turn", "slow2_slower/nocomp_0", 8),
+    ):
+        data = fetch(mirrors, "gchenfc/ODrive", f"analysis/cogging_torque/{file}.npy", "54611550")
+        clock, place, current = np.load(io.BytesIO(data), allow_pickle=False)
+        step = float(np.median(np.diff(clock)))
+        even = np.arange(clock[0], clock[-1], step)
+        angle = filtfilt(*butter(2, 20.0 * 2 * step), np.interp(even, clock, place * 2 * np.pi / 8192))
+        t, v, i = means(count, even, np.gradient(angle, step), np.interp(even, clock, current))
+        columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": i}
+        save(out, name, {key: x[10:-10] for key, x in columns.items()}, dead_band=0.01)
+
+
+ALL = (ball_screw, thruster, torsion_wheel, stand, tribometer, rods, robot_motors, torque_rig, foucault, cogging_motor)
 
 if __name__ == "__main__":
     for one in ALL:

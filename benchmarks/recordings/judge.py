@@ -704,11 +704,14 @@ ELEVENTH: dict[str, Expected] = {
     **dict.fromkeys(("robot_24", "robot_30"), STEPPED),
     **dict.fromkeys(("rig_kde", "rig_t"), AIR_PROPELLER),
     "foucault_bob": FILM,  # not negative: v² −13 % (gain 10), a viscous part that falls with time −10 % (7)
+    # a bare motor turned slowly: seven waves a turn −56, −42 % (gain 34, 42), then 28 −20 % (6); else at most −1, −2 %
+    **dict.fromkeys(("cogging_slow_turn", "cogging_slower_turn"), COGGING),
     # recordings of one machine
     "screw_axis_out screw_axis_back": SCREW_AXIS,  # bent −16 % (gain 480); then cogging −4 %
     "stand_robbe_11V stand_robbe_12V": AIR_PROPELLER,  # v² −51 % (gain 45)
     "tribometer_early tribometer_late": TURNING_PIN,  # presliding −66 % (gain 41), a lag −75 % (60)
     "rod_new rod_new_less": ROD,  # at most −5 % (gain below 0)
+    "cogging_slow_turn cogging_slower_turn": COGGING,  # seven waves, a phase for each, −45 %
 }
 
 
