@@ -90,9 +90,9 @@ def thruster(mirrors: Path, out: Path) -> None:
 def torsion_wheel(mirrors: Path, out: Path) -> None:
     """From GuenterQuast/PhyPraKit (GPL-3): a wheel on a spiral spring (Pohl's wheel) swinging, CASSY at 100 Hz.
 
-    Arc in mm over 91.9 mm. Loss of K θ²/2 between two turning points over the way, in terms of K; the turning points
-    are vertices of parabolas over 41 rows, their middle a median of three at a time. `half_swings`; `swings`: means of
-    two.
+    Arc in steps of 1 mm over 91.9 mm. Loss of K θ²/2 between two turning points over the way, in terms of K; the
+    turning points are vertices of parabolas over 41 rows, their middle a median of three at a time. `half_swings`;
+    `swings`: means of two.
     """
     text = fetch(mirrors, "GuenterQuast/PhyPraKit", "examples/Drehpendel.labx").decode()
     channels = re.findall(r"<channel [^>]*>(.*?)</channel>", text, re.DOTALL)
@@ -221,9 +221,9 @@ def torque_rig(mirrors: Path, out: Path) -> None:
 
 
 def foucault(mirrors: Path, out: Path) -> None:
-    """From FrancescoScandiffio/Foucault-pendulum-tracking-system (no licence): a bob on a long wire, filmed at 9 Hz.
+    """From FrancescoScandiffio/Foucault-pendulum-tracking-system (no licence): a bob on a wire, filmed at about 9 Hz.
 
-    Pixels along the direction of the swing, which turns by 0.3 degrees a minute (that of the most motion within 400
+    Pixels along the direction of the swing, which turns by 0.1 degrees a minute (that of the most motion within 400
     rows); windows of eight periods from 60 s on. Loss of a²/2 over the way, in terms of the restoring force a pixel.
     """
     repo, file = "FrancescoScandiffio/Foucault-pendulum-tracking-system", "2021_09_17_14_57_N.csv"

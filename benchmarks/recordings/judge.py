@@ -711,7 +711,7 @@ ELEVENTH: dict[str, Expected] = {
     "stand_robbe_11V stand_robbe_12V": AIR_PROPELLER,  # v² −51 % (gain 45)
     "tribometer_early tribometer_late": TURNING_PIN,  # presliding −66 % (gain 41), a lag −75 % (60)
     "rod_new rod_new_less": ROD,  # at most −5 % (gain below 0)
-    "cogging_slow_turn cogging_slower_turn": COGGING,  # seven waves, a phase for each, −45 %
+    "cogging_slow_turn cogging_slower_turn": COGGING,  # seven waves a turn −42 %
 }
 
 
