@@ -308,15 +308,18 @@ def _is_possible(model: Model) -> bool:
 
 
 def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
-    """Return whether a model leaves less than a simpler one on blocks that it is not fitted to, or has fewer jumps.
+    """Return whether a model does better than a simpler one on blocks that it is not fitted to, or has fewer jumps.
 
-    Beside noise of long correlation, only what neighbouring samples differ by is likely or not: a law may fit that
-    and predict a slow friction that is not there.
+    Better is a smaller error or a greater likelihood: a few samples at changes of direction may decide the one, the law
+    of the noise the other. Beside noise of long correlation, only what neighbouring samples differ by is likely or not:
+    a law may fit that and predict a slow friction that is not there.
     """
     if model.fit.jumps.size < simpler.fit.jumps.size:
         return True
-    leaves_more = model.fit.rss > WORSE * simpler.fit.rss
-    return not leaves_more and held_out(problem, model).rmse_Nm < held_out(problem, simpler).rmse_Nm
+    if model.fit.rss > WORSE * simpler.fit.rss:
+        return False
+    with_it, without = held_out(problem, model), held_out(problem, simpler)
+    return with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
 
 
 def _off_steps(term: Term, jumps: IntArray) -> IntArray:

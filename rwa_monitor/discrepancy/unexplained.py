@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, strong_jumps, strong_level
-from rwa_monitor.discrepancy.fitting import Fitting, predicts
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term
@@ -79,10 +79,8 @@ def does_nearly_all(simpler: Model, law: Model, other: Model) -> bool:
 
 
 def with_free_curves(fitting: Fitting, model: Model) -> list[Model]:
-    """Return a model extended by each of the free curves that predicts something."""
-    problem, terms = fitting.problem, _free_terms(fitting, model)
-    extended = problem.each(lambda term: fitting.refitted((*model.terms, term), model), terms)
-    return [one for one in extended if predicts(problem, one, model)]
+    """Return a model extended by each of the free curves."""
+    return fitting.problem.each(lambda term: fitting.refitted((*model.terms, term), model), _free_terms(fitting, model))
 
 
 def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:
