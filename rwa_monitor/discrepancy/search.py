@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress, predicts
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress
 from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult, law_of
 
@@ -58,14 +58,14 @@ def grow(
         nested[-1] = fitting.settled(nested[-1])
         current = nested[-1]
         progress(" + ".join((*current.names, f"one of {len(testable)} effects")))
-        alternatives = fitting.extensions(current, testable, all_of_them=True)
+        alternatives = fitting.extensions(current, testable, minor=True)
         if not alternatives:
             break
         if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
             simpler = fitting.without(alternatives[0], len(current.terms))
             current = nested[-1] = min(current, simpler, key=lambda model: model.score)
-        named = len(current.terms)  # levels apart name nothing more
-        alternatives = [one for one in alternatives if len(one.terms) == named or fitting.counts(one, current)]
+        named, sign = len(current.terms), fitting.problem.sign  # levels apart name nothing more
+        alternatives = [one for one in alternatives if len(one.terms) == named or not one.is_minor(-1, sign)]
         if not alternatives:
             break
         gain, least = current.score - alternatives[0].score, asked(named)
@@ -122,11 +122,10 @@ def _swap(
 
 
 def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
-    """Leave out effects that later ones have made superfluous or predict nothing, and parameters that do not pay."""
+    """Leave out effects that later ones have made superfluous, and parameters that do not pay."""
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
-        minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
         plainer = None if keep_last or minor else fitting.plainer(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)

@@ -33,7 +33,6 @@ LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has for
 LASTING_SHARE: Final = 0.2  # of the residual's variance
 FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is seen
 FEWEST_PERIODS: Final = 3  # in a record
-REPEATED_SHARE: Final = 0.9  # of the motion's variance: where it repeats, it does so but for noise and drift
 FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
@@ -103,8 +102,11 @@ def _repeated(
     The largest peak of a periodogram may be a harmonic, as of a short rub in a long period: the residual is folded at
     multiples of the peak's period, and the shortest that holds nearly all there is to fold is the period.
     """
-    residual = _of_time(problem, model, flips=flips)
-    time_s = problem.records[0].channels.time_s[problem.slot[: residual.size]]
+    end = int(problem.starts[1])
+    time_s = problem.records[0].channels.time_s[problem.slot[:end]]
+    residual = model.fit.residual[:end]
+    if not flips:
+        residual = residual * problem.sign[:end]
     longest = max(int(frequency_Hz * float(np.ptp(time_s)) / FEWEST_PERIODS), 1)
     periods = [k / frequency_Hz for k in range(1, min(longest, PeriodicRub.harmonics) + 1)]
     folds = [_fold(time_s, residual, period) for period in periods]
@@ -147,7 +149,7 @@ def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     """Return the mean autocovariance of a residual over LASTING_LAGS, within records, where it is positive [N² m²]."""
     products, pairs = 0.0, 0
     for begin, end in pairwise(problem.starts):
-        piece = residual[begin:end] - residual[begin:end].sum() / max(end - begin, 1)
+        piece = residual[begin:end] - residual[begin:end].mean() if end > begin else residual[begin:end]
         for lag in LASTING_LAGS:
             if piece.size > lag:
                 products += float(piece[lag:] @ piece[:-lag])
@@ -163,42 +165,27 @@ def _free_terms(fitting: Fitting, model: Model) -> list[Term]:
     terms = [make_term(problem, curve, {}, None) for curve in shown]
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
-        terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
-    period, *_ = _repeated(problem, model, terms[-1].shape["frequency_Hz"], flips=True)
-    terms.append(make_term(problem, PeriodicRub, {"frequency_Hz": 1.0 / period}, None))
+        if frequency is not None:
+            terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
+            if effect is PeriodicDrag:
+                period, *_ = _repeated(problem, model, frequency, flips=effect.flips)
+                terms.append(make_term(problem, PeriodicRub, {"frequency_Hz": 1.0 / period}, None))
     return [term for term in terms if term.columns.shape[1] * FEWEST_SAMPLES <= problem.size]
 
 
-def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float:
+def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | None:
     """Return the frequency of the largest peak of the residual's periodogram, first record [Hz]."""
-    record, residual = problem.records[0], _of_time(problem, model, flips=flips)
-    values = np.zeros(record.used.size)
-    values[problem.slot[: residual.size]] = residual
-    power = np.abs(np.fft.rfft(values, 4 * values.size))
-    frequency = np.fft.rfftfreq(4 * values.size, record.channels.sample_period_s)
-    slowest = 4 * FEWEST_PERIODS  # slower is a trend, which levels absorb
-    return float(frequency[slowest + np.argmax(power[slowest:])])
-
-
-def _of_time(problem: Problem, model: Model, *, flips: bool) -> FloatArray:
-    """Return the residual of the first record, without what repeats with its motion: that follows the motion."""
+    record = problem.records[0]
     end = int(problem.starts[1])
-    residual = model.fit.residual[:end] * (1.0 if flips else problem.sign[:end])
-    period = _repeats_after(np.nan_to_num(problem.records[0].channels.speed_rad_s))
-    if period is None:
-        return residual
-    phase = problem.slot[:end] % period
-    return residual - (np.bincount(phase, residual) / np.maximum(np.bincount(phase), 1))[phase]
-
-
-def _repeats_after(speed: FloatArray) -> int | None:
-    """Return after how many slots a motion repeats, by its autocorrelation; None where it does not, float64 (n,)."""
-    n, speed = speed.size, speed - speed.mean()
-    lags = np.arange(n // FEWEST_PERIODS)
-    covariance = np.fft.irfft(np.abs(np.fft.rfft(speed, 2 * n)) ** 2)[lags] / (n - lags)
-    first = int(np.argmax(covariance < 0.0))  # before that it is the motion of a moment ago
-    best = first + int(np.argmax(covariance[first:]))
-    return best if first and covariance[best] >= REPEATED_SHARE * covariance[0] else None
+    values = np.zeros(record.used.size)
+    residual = model.fit.residual[:end]
+    values[problem.slot[:end]] = residual if flips else residual * problem.sign[:end]
+    spectrum = np.abs(np.fft.rfft(values, 4 * values.size)) ** 2
+    frequency = np.fft.rfftfreq(4 * values.size, record.channels.sample_period_s)
+    # Slower than three periods a record is a trend, which levels absorb.
+    spectrum[frequency < 3.0 / (values.size * record.channels.sample_period_s)] = 0.0
+    at = int(np.argmax(spectrum))
+    return float(frequency[at]) if spectrum[at] > 0 else None
 
 
 # ---- hypotheses without a name that won ------------------------------------------------------------------------------

@@ -41,13 +41,6 @@ def test_two_records_end_to_end() -> None:
     assert "| torque_bias | 1 | 1 |" in to_markdown(judged, wanted, 3, SAMPLES)
 
 
-def test_a_delay_of_parts_of_a_slot_is_named_once_and_what_it_hid_beside_it() -> None:
-    hidden = ("torque_bias", "current_delay")
-    found = judge(draw_record(hidden, 20_000, np.random.default_rng([7, 4])), 4)
-    assert found.inside
-    assert [name for names in found.sets for name in names].count("current_delay") == 1
-
-
 def test_the_files_are_those_of_the_program(tmp_path: Path) -> None:
     record = draw_record(("stribeck",), 2000, np.random.default_rng(7))
     samples, wheel = (rwa_monitor.read(write(record, tmp_path)[0]), rwa_monitor.read_wheel(tmp_path / "wheel.toml"))

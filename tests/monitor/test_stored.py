@@ -129,7 +129,7 @@ def test_live_windows_with_gaps_that_had_closed_are_diagnosed_again_with_the_sta
     before = latest(feed(core, [("live", part) for part in live]), None)
     assert list(before) == [0, WINDOW * PERIOD_NS]
     events = [event for event in core.feed(DAY[gap], data="stored") if isinstance(event, WindowDiagnosed)]
-    assert [event.start_ns for event in events] == [start * WINDOW * PERIOD_NS for start in range(3)]
+    assert [event.diagnosis.window_start_ns for event in events] == [start * WINDOW * PERIOD_NS for start in range(3)]
     again = latest(events)
     assert again[WINDOW * PERIOD_NS]["coverage"] == 1 - 40 / WINDOW
     priors = [one[WINDOW * PERIOD_NS]["provenance"]["prior_sha256"] for one in (before, again)]
