@@ -7,7 +7,7 @@ model and the carried state, of nothing else.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
@@ -25,6 +25,7 @@ from rwa_monitor.diagnosis.features import (
 from rwa_monitor.diagnosis.findings import (
     DRY_UNIT,
     VISCOUS_UNIT,
+    AnomalyDiagnosis,
     DiagnosisInput,
     Findings,
     anomalies_of,
@@ -289,7 +290,7 @@ def concluded(
     return Diagnosis(
         verdict=verdict,
         reason=reason,
-        anomalies=_as_messages(findings),
+        anomalies=_as_messages(findings.anomalies),
         friction=Friction(
             base_dry=value_of(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
             viscous=value_of(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
@@ -315,8 +316,8 @@ def concluded(
     )
 
 
-def _as_messages(findings: Findings) -> dict[str, Anomaly]:
-    return {one.name: Anomaly.model_validate(one, from_attributes=True) for one in findings.anomalies}
+def _as_messages(anomalies: Iterable[AnomalyDiagnosis]) -> dict[str, Anomaly]:
+    return {one.name: Anomaly.model_validate(one, from_attributes=True) for one in anomalies}
 
 
 def too_few(inputs: DiagnosisInput) -> tuple[Diagnosis, Features]:
@@ -330,12 +331,11 @@ def too_few(inputs: DiagnosisInput) -> tuple[Diagnosis, Features]:
         whole = inputs.wheel.window.samples
         reason = f"The window holds {evidence.used} samples: too few to measure friction, a whole one has {whole}."
         advice = "Give it a longer recording."
-    findings = Findings(inputs, anomalies_of(inputs, unjudged(features, inputs.wheel.anomalies)), base_known=True)
     none = Sojourns(configuration=[], friction_Nm=[], start_index=[])
     diagnosis = Diagnosis(
         verdict="inconclusive",
         reason=reason,
-        anomalies=_as_messages(findings),
+        anomalies=_as_messages(anomalies_of(inputs, unjudged(features, inputs.wheel.anomalies))),
         friction=Friction(
             base_dry=Quantity(value=None, std=None, unit=DRY_UNIT),
             viscous=Quantity(value=None, std=None, unit=VISCOUS_UNIT),

@@ -6,18 +6,13 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
-from rwa_monitor.messages import TOLERATED_RISE, Gain, SimulatedGain, Unexplained
+from rwa_monitor.messages import Gain, SimulatedGain, Unexplained
 from rwa_monitor.wheel.effects.base import Family
 
 Verdict = Literal["adequate", "inadequate", "untestable"]
 
 AT_A_BOUND: Final = 1e-3  # of a parameter's range: where a bounded fit stops
 INDISTINGUISHABLE: Final = 2.0  # standard deviations from a bound: 95 %
-
-
-def _with_lists(fields: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return the fields of a dataclass as JSON has them."""
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in fields}
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,20 +90,18 @@ class FoundEffect:
     def to_json(self) -> dict[str, Any]:
         """Return the fields of the message `rwa.Discrepancy`; what has a formula has no name of the catalogue."""
         parameters = {name: value.to_json() for name, value in self.parameters.items()}
-        name = "formula" if self.formula else self.name
-        fields = asdict(self, dict_factory=_with_lists)
-        return fields | {"name": name, "parameters": parameters, "formula": self.formula or None}
+        changed = {"equivalent": list(self.equivalent), "parameters": parameters, "formula": self.formula or None}
+        return asdict(self) | changed | {"name": "formula" if self.formula else self.name}
 
 
 def simulated_gain(base_Nm: float, extended_Nm: float) -> SimulatedGain:
     """Return the RMSE [N m] of a simulated wheel file without the effects found and with them, noted if it is worse."""
-    note = ""
-    if extended_Nm > (1.0 + TOLERATED_RISE) * base_Nm:
-        note = (
-            f"does not hold when simulated: on these records the RMSE of the wheel file goes from {base_Nm:.4g} to"
-            f" {extended_Nm:.4g} N m with it; do not extend the wheel file by it"
-        )
-    return SimulatedGain(rmse_base_Nm=base_Nm, rmse_extended_Nm=extended_Nm, note=note)
+    gain = SimulatedGain(rmse_base_Nm=base_Nm, rmse_extended_Nm=extended_Nm)
+    note = (
+        f"does not hold when simulated: on these records the RMSE of the wheel file goes from {base_Nm:.4g} to"
+        f" {extended_Nm:.4g} N m with it; do not extend the wheel file by it"
+    )
+    return gain.model_copy(update={"note": note}) if gain.is_a_loss else gain
 
 
 @dataclass(frozen=True, slots=True)

@@ -523,7 +523,7 @@ class SimulatedGain(Message):
     @property
     def is_a_loss(self) -> bool:
         """Whether the simulation is worse with the effects."""
-        return bool(self.note)
+        return self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
 
 
 class SearchedAgain(Message):

@@ -52,7 +52,7 @@ from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest import Counts, Trouble
 from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
-from rwa_monitor.monitor.replay import RecoveredState, recover_state
+from rwa_monitor.monitor.replay import REPEATED_SCHEMAS, RecoveredState, recover_state
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.setup import Setup, WheelKey
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Timeliness
@@ -200,12 +200,12 @@ class Monitor:
             self._log_recorder()
         health: dict[WheelKey, Health] = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
-            with suppress(InputError):  # no diagnosis, or of another release
-                if output.schema == Health.schema_name():  # only it shows that the samples were old by the clock
-                    found = Health.parse(output.payload, output.topic)
-                else:
-                    self._publish(output)
-                    found = health_message(Diagnosis.parse(output.payload, output.topic))
+            if output.schema != Health.schema_name():  # that is published once, below
+                self._publish(output)
+            if output.schema not in REPEATED_SCHEMAS:
+                continue
+            with suppress(InputError):  # of another release
+                found = _health_of(output)
                 key = found.spacecraft, found.wheel
                 if not found.data or key not in health or found.window_end_ns >= health[key].window_end_ns:
                     health[key] = found
@@ -473,6 +473,13 @@ class Monitor:
 
 
 # ---- from the start to the stop --------------------------------------------------------------------------------------
+
+
+def _health_of(recorded: EncodedMessage) -> Health:
+    """Return the health that is recorded, or that follows from a diagnosis; raises InputError of another release."""
+    if recorded.schema == Health.schema_name():  # only it shows that the samples were old by the clock
+        return Health.parse(recorded.payload, recorded.topic)
+    return health_message(Diagnosis.parse(recorded.payload, recorded.topic))
 
 
 def run(
