@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, exp
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Progress
-from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone
+from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone, joined
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
@@ -71,8 +71,8 @@ def find_discrepancy(
     wheel, delay = bench.wheel, _delay(bench)
     problem = prepare(_records_of(bench.recordings, wheel, delay), wheel, each)
     aside = prepare(_records_of(bench.held_out, wheel, delay), wheel) if bench.held_out else None
-    # What is left of a delay that is taken out is less than a part of a slot.
-    missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
+    # A sample's place within its slot passes for a delay; of a delay that is taken out, a part of a slot may be left.
+    missing = [effect for effect in candidates(wheel) if effect is not DelayTerm or delay is None or delay.slots]
     silent = not_shown_without_motor(missing, wheel, problem.records[0].channels)
     tried = [effect for effect in missing if effect.name not in silent and can_show(problem, effect)]
     no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_made else None
@@ -87,7 +87,7 @@ def find_discrepancy(
     shown = [found_delay(problem, named)] if named is not None else []
     if (zone := found_zone(problem, wheel)) is not None:
         shown.append(zone)
-    mean = [*(found_effect(problem, found.nested[-1], entry) for entry in found.found), *shown]
+    mean = joined([*shown, *(found_effect(problem, found.nested[-1], entry) for entry in found.found)])
     effects = tuple(one for of in (mean, others) for one in sorted(of, key=lambda effect: -effect.delta_deviance))
     not_shown = [effect for effect in missing if effect not in tried]
     lacking = untested(problem, found, mean, wheel, tried, not_shown) | silent

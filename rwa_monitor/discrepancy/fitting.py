@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_records,
     with_noise_of,
 )
+from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.hypotheses import sort_out
 from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
@@ -98,16 +99,20 @@ class Fitting:
             self.problem, self._known = calmer, {}
         return model
 
-    def extensions(self, current: Model, effects: Effects, *, minor: bool = False) -> list[Model]:
+    def extensions(self, current: Model, effects: Effects, *, all_of_them: bool = False) -> list[Model]:
         """Return a model with one effect more, for each of the most promising, best first.
 
-        Or with levels of the recordings that differ: a hypothesis like any other. `minor`: those with an effect that is
-        within what another is not exact by, too.
+        Or with levels of the recordings that differ: a hypothesis like any other. `all_of_them`: those with an effect
+        that does not count, too.
         """
-        models = self._extended(current, effects, minor=minor)
+        models = self._extended(current, effects, all_of_them=all_of_them)
         if not self.jumps and self.several and law_of(current).level_spread == 0.0:
             models.append(self.refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
         return _in_order(models, effects)
+
+    def counts(self, model: Model, current: Model) -> bool:
+        """Return whether the last effect of a model is more than another is not exact by, and predicts something."""
+        return not model.is_minor(-1, self.problem.sign) and predicts(self.problem, model, current)
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
         """Return the model with another effect in the place of term `index`, of those that come near, best first."""
@@ -172,7 +177,7 @@ class Fitting:
         return jump_sets(self.problem, model.fit)
 
     def _extended(
-        self, current: Model, effects: Effects, instead: Term | None = None, *, minor: bool = False
+        self, current: Model, effects: Effects, instead: Term | None = None, *, all_of_them: bool = False
     ) -> list[Model]:
         """Return the model with each of the most promising effects added; `instead` of a term, those that come near."""
         law, missing = law_of(current), [effect for effect in effects if effect.name not in current.names]
@@ -197,7 +202,7 @@ class Fitting:
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
         possible = [one for one in refined if _is_possible(one) and _explains(one, current)]
-        return _best_of_each([one for one in possible if minor or not one.is_minor(-1, self.problem.sign)])
+        return _best_of_each([one for one in possible if all_of_them or self.counts(one, current)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
         """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.
@@ -309,6 +314,18 @@ def _explains(model: Model, current: Model) -> bool:
     and predict a slow friction that is not there.
     """
     return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= WORSE * current.fit.rss
+
+
+def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
+    """Return whether a model does better than a simpler one on blocks that it is not fitted to, or has fewer jumps.
+
+    Better is a smaller error or a greater likelihood: a few samples at changes of direction may decide the one, the law
+    of the noise the other.
+    """
+    if model.fit.jumps.size < simpler.fit.jumps.size:
+        return True
+    with_it, without = held_out(problem, model), held_out(problem, simpler)
+    return with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
 
 
 def _off_steps(term: Term, jumps: IntArray) -> IntArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
@@ -106,6 +107,22 @@ def found_zone(problem: Problem, wheel: Wheel) -> FoundEffect | None:
         edge.name: ParameterValue(width, std, edge.unit),
     }
     return as_found(problem, SpeedDeadZone, parameters, sum(zone.deviance for zone in zones), "mean")
+
+
+def joined(effects: Sequence[FoundEffect]) -> list[FoundEffect]:
+    """Return effects, each once: what the search finds of one that was taken out before is added to it."""
+    of_name: dict[str, FoundEffect] = {}
+    for effect in effects:
+        before = of_name.get(effect.name)
+        if before is not None:
+            values = dict(effect.parameters)
+            for strength in effect_class(effect.name).strength_parameters():
+                at = values[strength.name]
+                values[strength.name] = replace(at, value=before.parameters[strength.name].value + at.value)
+            gain = before.delta_deviance + effect.delta_deviance
+            effect = replace(effect, parameters=values, delta_deviance=gain)
+        of_name[effect.name] = effect
+    return list(of_name.values())
 
 
 # ---- Orders that a record of few turns cannot distinguish from the order of a ripple that was found ------------------

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress, predicts
 from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult, law_of
 
@@ -58,7 +58,7 @@ def grow(
         nested[-1] = fitting.settled(nested[-1])
         current = nested[-1]
         progress(" + ".join((*current.names, f"one of {len(testable)} effects")))
-        alternatives = fitting.extensions(current, testable, minor=True)
+        alternatives = fitting.extensions(current, testable, all_of_them=True)
         if not alternatives:
             break
         if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
@@ -78,7 +78,12 @@ def grow(
         if gain < least:
             best_rejected, rejected = gain, (alternatives[0].names or ("",))[-1]
             break
-        swapped, of_last = _swap(fitting, alternatives[0], testable, progress)
+        alternatives = [one for one in alternatives if current.score - one.score >= least]
+        counted = (one for one in alternatives if len(one.terms) == named or predicts(fitting.problem, one, current))
+        accepted = next(counted, None)
+        if accepted is None:
+            break
+        swapped, of_last = _swap(fitting, accepted, testable, progress)
         pruned = prune(fitting, swapped, keep_last=True)
         known = (pruned, of_last) if of_last is not None and pruned is swapped else None
         nested.append(pruned)
@@ -122,10 +127,11 @@ def _swap(
 
 
 def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
-    """Leave out effects that later ones have made superfluous, and parameters that do not pay."""
+    """Leave out effects that later ones have made superfluous or predict nothing, and parameters that do not pay."""
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
+        minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
         plainer = None if keep_last or minor else fitting.plainer(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)

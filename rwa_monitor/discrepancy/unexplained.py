@@ -32,7 +32,8 @@ STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
 LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
 LASTING_SHARE: Final = 0.2  # of the residual's variance
 FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is seen
-FEWEST_PERIODS: Final = 3  # in a record
+FEWEST_PERIODS: Final = 5  # in a record: a drag that wanders looks like fewer
+REPEATED_SHARE: Final = 0.9  # of the motion's variance: where it repeats, it does so but for noise and drift
 FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
@@ -102,11 +103,8 @@ def _repeated(
     The largest peak of a periodogram may be a harmonic, as of a short rub in a long period: the residual is folded at
     multiples of the peak's period, and the shortest that holds nearly all there is to fold is the period.
     """
-    end = int(problem.starts[1])
-    time_s = problem.records[0].channels.time_s[problem.slot[:end]]
-    residual = model.fit.residual[:end]
-    if not flips:
-        residual = residual * problem.sign[:end]
+    residual = _of_time(problem, model, flips=flips)
+    time_s = problem.records[0].channels.time_s[problem.slot[: residual.size]]
     longest = max(int(frequency_Hz * float(np.ptp(time_s)) / FEWEST_PERIODS), 1)
     periods = [k / frequency_Hz for k in range(1, min(longest, PeriodicRub.harmonics) + 1)]
     folds = [_fold(time_s, residual, period) for period in periods]
@@ -149,7 +147,7 @@ def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     """Return the mean autocovariance of a residual over LASTING_LAGS, within records, where it is positive [N² m²]."""
     products, pairs = 0.0, 0
     for begin, end in pairwise(problem.starts):
-        piece = residual[begin:end] - residual[begin:end].mean() if end > begin else residual[begin:end]
+        piece = residual[begin:end] - residual[begin:end].sum() / max(end - begin, 1)
         for lag in LASTING_LAGS:
             if piece.size > lag:
                 products += float(piece[lag:] @ piece[:-lag])
@@ -165,27 +163,42 @@ def _free_terms(fitting: Fitting, model: Model) -> list[Term]:
     terms = [make_term(problem, curve, {}, None) for curve in shown]
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
-        if frequency is not None:
-            terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
-            if effect is PeriodicDrag:
-                period, *_ = _repeated(problem, model, frequency, flips=effect.flips)
-                terms.append(make_term(problem, PeriodicRub, {"frequency_Hz": 1.0 / period}, None))
+        terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
+    period, *_ = _repeated(problem, model, terms[-1].shape["frequency_Hz"], flips=True)
+    terms.append(make_term(problem, PeriodicRub, {"frequency_Hz": 1.0 / period}, None))
     return [term for term in terms if term.columns.shape[1] * FEWEST_SAMPLES <= problem.size]
 
 
-def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | None:
+def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float:
     """Return the frequency of the largest peak of the residual's periodogram, first record [Hz]."""
-    record = problem.records[0]
-    end = int(problem.starts[1])
+    record, residual = problem.records[0], _of_time(problem, model, flips=flips)
     values = np.zeros(record.used.size)
-    residual = model.fit.residual[:end]
-    values[problem.slot[:end]] = residual if flips else residual * problem.sign[:end]
-    spectrum = np.abs(np.fft.rfft(values, 4 * values.size)) ** 2
+    values[problem.slot[: residual.size]] = residual
+    power = np.abs(np.fft.rfft(values, 4 * values.size))
     frequency = np.fft.rfftfreq(4 * values.size, record.channels.sample_period_s)
-    # Slower than three periods a record is a trend, which levels absorb.
-    spectrum[frequency < 3.0 / (values.size * record.channels.sample_period_s)] = 0.0
-    at = int(np.argmax(spectrum))
-    return float(frequency[at]) if spectrum[at] > 0 else None
+    slowest = 4 * FEWEST_PERIODS  # slower is a trend, which levels absorb
+    return float(frequency[slowest + np.argmax(power[slowest:])])
+
+
+def _of_time(problem: Problem, model: Model, *, flips: bool) -> FloatArray:
+    """Return the residual of the first record, without what repeats with its motion: that follows the motion."""
+    end = int(problem.starts[1])
+    residual = model.fit.residual[:end] * (1.0 if flips else problem.sign[:end])
+    period = _repeats_after(np.nan_to_num(problem.records[0].channels.speed_rad_s))
+    if period is None:
+        return residual
+    phase = problem.slot[:end] % period
+    return residual - (np.bincount(phase, residual) / np.maximum(np.bincount(phase), 1))[phase]
+
+
+def _repeats_after(speed: FloatArray) -> int | None:
+    """Return after how many slots a motion repeats, by its autocorrelation; None where it does not, float64 (n,)."""
+    n, speed = speed.size, speed - speed.mean()
+    lags = np.arange(n // FEWEST_PERIODS)
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(speed, 2 * n)) ** 2)[lags] / (n - lags)
+    first = int(np.argmax(covariance < 0.0))  # before that it is the motion of a moment ago
+    best = first + int(np.argmax(covariance[first:]))
+    return best if first and covariance[best] >= REPEATED_SHARE * covariance[0] else None
 
 
 # ---- hypotheses without a name that won ------------------------------------------------------------------------------

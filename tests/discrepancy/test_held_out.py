@@ -11,11 +11,16 @@ from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.fitting import Fitting, predicts
 from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.messages import SearchedAgain as SearchedAgainMessage
 from rwa_monitor.reporting.discrepancy_report import html, sentence
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.stribeck import Stribeck
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
 
 STRIBECK_NM, WIDTH_RAD_S = 6e-4, 15.0
@@ -64,6 +69,23 @@ def test_what_is_true_of_one_recording_gains_on_another(found: Search) -> None:
     # Levels cost a few of 6000 degrees of freedom; the strength is known to a few per cent.
     assert gain.rmse_extended_Nm == pytest.approx(NOISE_NM, rel=5 / np.sqrt(2 * 6000))
     assert gain.log_score_extended - gain.log_score_base > 0.01
+
+
+def predicted(samples: Samples, effect: type[MeanEffect], *shapes: dict[str, float]) -> list[bool]:
+    """Return whether an effect of each shape predicts beside the base model, without jumps."""
+    problem = prepare([make_record(samples, WHEEL, "smooth")], WHEEL)
+    fitting = Fitting(problem, jumps=False)
+    base = fitting.base()
+    terms = [make_term(problem, effect, shape, None) for shape in shapes]
+    return [predicts(problem, fitting.refitted((term,), base), base) for term in terms]
+
+
+def test_a_term_predicts_where_it_is_true_and_not_where_it_follows_the_noise() -> None:
+    true, _ = record(swing(), (), stribeck)
+    assert predicted(true, Stribeck, {"stribeck_speed_rad_s": WIDTH_RAD_S, "exponent": 2.0}) == [True]
+    nothing, _ = record(swing(), ())
+    # Four strengths gain more by chance than they cost elsewhere where chi-square of four is above eight: in 9 %.
+    assert sum(predicted(nothing, TorqueRipple, *({"harmonic": float(order)} for order in range(1, 21)))) <= 4
 
 
 def test_nothing_is_fitted_there(found: Search) -> None:

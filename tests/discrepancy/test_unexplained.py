@@ -61,8 +61,17 @@ def test_a_drift_that_grows_ever_faster_is_not_explained_away_by_jumps() -> None
 
 def test_the_period_of_a_short_rub_is_told_not_that_of_a_harmonic() -> None:
     count = 20_000
-    rub = 2 * NOISE_NM * (np.mod(np.arange(count) * PERIOD_S, 120.0) < 6.0)
+    rub = 2 * NOISE_NM * (np.mod(np.arange(count) * PERIOD_S, 130.0) < 6.0)
     samples, _ = record(swing(count), effect=lambda speed, level: rub * np.sign(speed))
     result = find_discrepancy([("rub", samples)], WHEEL).result
-    assert "periodic in time, every 120 s" in result.unexplained.signature
+    assert "periodic in time, every 130 s" in result.unexplained.signature
     assert 0.6 * rub.std() < result.unexplained.size_Nm < 1.5 * rub.std()
+
+
+def test_what_repeats_with_the_motion_is_not_called_periodic_in_time() -> None:
+    speed = swing(period_s=170.0)
+    bend = 3 * NOISE_NM * np.sin(speed / 10.0)  # no law of the catalogue
+    samples, _ = record(speed, jumps=(), effect=lambda speed, level: bend * np.sign(speed))
+    result = find_discrepancy([("bend", samples)], WHEEL).result
+    assert result.verdict == "inadequate"
+    assert "periodic in time" not in (result.unexplained.signature if result.unexplained else "")
