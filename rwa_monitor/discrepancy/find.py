@@ -210,7 +210,9 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     if any(effect.follows_acceleration for effect in classes):  # a curve over it shows what is named already
         return others, replace(explained, found=without_rounding(problem, explained.found), leftover=None)
     if not any(effect.comes_and_goes for effect in classes):
-        explained = replace(explained, leftover=explained.leftover or wanders)
+        left = explained.leftover
+        both = wanders.beside(left.signature, left.size_Nm) if wanders and left else left or wanders
+        explained = replace(explained, leftover=both)
     return others, explained
 
 

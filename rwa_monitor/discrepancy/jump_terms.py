@@ -5,7 +5,6 @@ Otherwise smooth mean effects would take their place: an exponential after each 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 from typing import ClassVar, Final
 
@@ -18,6 +17,7 @@ from rwa_monitor.wheel.effects.base import (
     MeanEffect,
     Memory,
     Parameter,
+    Shape,
     duration,
     known_or_nan,
     narrowed,
@@ -51,9 +51,7 @@ class JumpTerm(MeanEffect):
             setattr(cls, name, getattr(wraps, name))
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         del memory
         level = known_or_nan(channels.dry_level_Nm, channels)
         change = np.nan_to_num(np.diff(level))
@@ -99,9 +97,7 @@ class DelayTerm(CurrentDelay):
     parameters = (*CurrentDelay.parameters, Parameter(LEAD, "slot", -0.5, 0.5, 0.0, choices=(0.0, -0.5, 0.5)))
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return the pulses beside the jumps of the dry level and the slope of what else the torque is, over time."""
         del memory
         dry = channels.direction * known_or_nan(channels.dry_level_Nm, channels)

@@ -10,7 +10,7 @@ size and a sign.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar, Final
@@ -29,7 +29,7 @@ from rwa_monitor.discrepancy.shape_profile import shape_limits
 from rwa_monitor.discrepancy.terms import TINY, Model, Term
 from rwa_monitor.kernels.segmentation import optimal_curves
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.effects.base import Channels, Memory, Parameter
+from rwa_monitor.wheel.effects.base import Channels, Memory, Parameter, Shape
 from rwa_monitor.wheel.effects.decaying_jump import DecayingJump
 from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
 
@@ -51,9 +51,7 @@ class OwnJumps(JumpTerm):
     seconds: ClassVar[float]  # time constant with which it relaxes, if it does
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return zeros: the multiples are known only where they were found."""
         del shape, memory
         return np.zeros((len(channels), len(cls.parameters))), None

@@ -5,7 +5,7 @@ Which shape is the best is found in `shape_profile`, which terms make the best m
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Shape
 from rwa_monitor.wheel.effects.formula import Formula
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 
@@ -51,7 +51,7 @@ class Term:
     """
 
     effect: type[MeanEffect]
-    shape: Mapping[str, float]
+    shape: Shape
     columns: FloatArray
     low: FloatArray
     high: FloatArray
@@ -72,7 +72,7 @@ class Term:
 def make_term(
     problem: Problem,
     effect: type[MeanEffect],
-    shape: Mapping[str, float],
+    shape: Shape,
     level: FloatArray | None,
     beside: FloatArray | None = None,
 ) -> Term:
@@ -140,7 +140,7 @@ class FollowedLevel:
             per_record.append(channels)
         return per_record
 
-    def columns(self, effect: type[MeanEffect], shape: Mapping[str, float]) -> FloatArray:
+    def columns(self, effect: type[MeanEffect], shape: Shape) -> FloatArray:
         """Evaluate the columns of an effect with this level, float64 (n, p), multiplied by s."""
         return _evaluate(self.problem, effect, shape, self.channels)
 
@@ -180,7 +180,7 @@ def followed_level(
 def make_term_with(
     problem: Problem,
     effect: type[MeanEffect],
-    shape: Mapping[str, float],
+    shape: Shape,
     followed: FollowedLevel | None,
     *,
     keep: bool = False,
@@ -216,7 +216,7 @@ def make_term_with(
     return Term(effect, dict(shape), columns, low, high, price=_price(problem, effect, shape))
 
 
-def _price(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float]) -> float:
+def _price(problem: Problem, effect: type[MeanEffect], shape: Shape) -> float:
     """Return what parameters cost in units of log N: one each, and that an effect was chosen among many of its kind.
 
     A choice is what physics expects: off it costs a parameter more. What has one choice alone costs nothing there.
@@ -227,9 +227,7 @@ def _price(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float
     return len(effect.parameters) - sum(len(p.choices) == 1 for p in between) + off + choice
 
 
-def _evaluate(
-    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], channels: Sequence[Channels]
-) -> FloatArray:
+def _evaluate(problem: Problem, effect: type[MeanEffect], shape: Shape, channels: Sequence[Channels]) -> FloatArray:
     """Evaluate the columns on the channels of each record, joined and multiplied by s, zero where unknown, (n, p)."""
     per_record = [effect.columns(of_one, shape)[0] for of_one in channels]
     columns = problem.gather(per_record)
@@ -239,7 +237,7 @@ def _evaluate(
     return columns
 
 
-def _name(effect: type[MeanEffect], shape: Mapping[str, float]) -> Hashable:
+def _name(effect: type[MeanEffect], shape: Shape) -> Hashable:
     return effect.name, tuple(shape.items())
 
 
@@ -248,7 +246,7 @@ def depends_on_level(effect: type[MeanEffect]) -> bool:
     return effect.uses_level or "motor_torque_Nm" in effect.needs
 
 
-def _columns_with_level(effect: type[MeanEffect], shape: Mapping[str, float], followed: FollowedLevel) -> FloatArray:
+def _columns_with_level(effect: type[MeanEffect], shape: Shape, followed: FollowedLevel) -> FloatArray:
     """Evaluate the columns with a dry level, and with the motor torque that accelerates and overcomes that level.
 
     The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it

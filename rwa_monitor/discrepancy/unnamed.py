@@ -14,7 +14,7 @@ that lags.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from itertools import pairwise
 from typing import ClassVar, Final
 
@@ -23,7 +23,16 @@ from scipy.signal import lfilter
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, duration, narrowed, used_speed
+from rwa_monitor.wheel.effects.base import (
+    Channels,
+    MeanEffect,
+    Memory,
+    Parameter,
+    Shape,
+    duration,
+    narrowed,
+    used_speed,
+)
 from rwa_monitor.wheel.effects.torque_ripple import angle_range_turns, angle_turned
 from rwa_monitor.wheel.effects.viscosity_temperature import ViscosityTemperature
 
@@ -58,7 +67,7 @@ class UnnamedEffect(MeanEffect):
         return True
 
     @classmethod
-    def in_words(cls, shape: Mapping[str, float]) -> str:
+    def in_words(cls, shape: Shape) -> str:
         """Return what a report shows of it."""
         del shape
         return cls.signature
@@ -91,7 +100,7 @@ class HeatOfMotion(UnnamedEffect):
         return unknown and not problem.at_one_speed and lasting
 
     @classmethod
-    def in_words(cls, shape: Mapping[str, float]) -> str:
+    def in_words(cls, shape: Shape) -> str:
         """Return what it is, with its lag and the channel that would name it."""
         return (
             f"{cls.signature} with a lag of about {shape['time_constant_s']:.2g} s, as {cls.named_with_channel} would:"
@@ -99,9 +108,7 @@ class HeatOfMotion(UnnamedEffect):
         )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return each drag times the heat of each power, times its square, and times what is left of the start's."""
         del memory
         known = np.isfinite(channels.speed_rad_s)
@@ -142,14 +149,12 @@ class DecayAfterReversal(UnnamedEffect):
         return int(np.count_nonzero(far)) >= FEWEST_REVERSALS
 
     @classmethod
-    def in_words(cls, shape: Mapping[str, float]) -> str:
+    def in_words(cls, shape: Shape) -> str:
         """Return what it is, with the turns that it lasts."""
         return f"{cls.signature}, over about {shape['angle_rad'] / (2.0 * np.pi):.2g} turns, as of grease that channels"
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return what is left of the drag, along the rotation and in proportion to the speed."""
         del memory
         angle = angle_since_reversal(np.nan_to_num(channels.speed_rad_s), channels.sample_period_s)
@@ -195,9 +200,7 @@ class StepInSpeed(UnnamedEffect):
     )
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return s above the speed of the step, zero below."""
         del memory
         return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
@@ -229,9 +232,7 @@ class FreeCurve(UnnamedEffect):
     flips: ClassVar[bool]
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return the hats of the piecewise linear curve, one for each knot."""
         del shape, memory
         quantity = cls.quantity(channels)
@@ -306,9 +307,7 @@ class Periodic(UnnamedEffect):
     flips: ClassVar[bool] = False
 
     @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return cosine and sine of each harmonic."""
         del memory
         phase = 2 * np.pi * shape["frequency_Hz"] * channels.time_s

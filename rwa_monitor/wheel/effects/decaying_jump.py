@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Parameter, stack
+from rwa_monitor.wheel.effects.base import Channels, Parameter, Shape, stack
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 
 
@@ -46,7 +44,7 @@ class DecayingJump(SwitchingEffect):
     )
 
     @classmethod
-    def columns(cls, channels: Channels, jumps: Jumps, shape: Mapping[str, float]) -> FloatArray:
+    def columns(cls, channels: Channels, jumps: Jumps, shape: Shape) -> FloatArray:
         slots = len(channels)
         since_s = jumps.since_s(slots, channels.sample_period_s)
         return stack(channels.direction * jumps.last(slots) * np.expm1(-since_s / shape["time_constant_s"]))

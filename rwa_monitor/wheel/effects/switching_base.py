@@ -14,7 +14,7 @@ import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.durations import Geometric
-from rwa_monitor.wheel.effects.base import Channels, Effect, Family
+from rwa_monitor.wheel.effects.base import Channels, Effect, Family, Shape
 from rwa_monitor.wheel.switching_systems import Realisation
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
@@ -184,7 +184,7 @@ class SwitchingEffect(Effect):
         return np.zeros(len(channels))
 
     @classmethod
-    def columns(cls, channels: Channels, jumps: Jumps, shape: Mapping[str, float]) -> FloatArray:
+    def columns(cls, channels: Channels, jumps: Jumps, shape: Shape) -> FloatArray:
         """Return the regression columns at unit strength, float64 (n, number of strengths), given the jumps."""
         return np.zeros((len(channels), 0))
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, Parameter, stack
+from rwa_monitor.wheel.effects.base import Channels, Parameter, Shape, stack
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 
 
@@ -37,5 +35,5 @@ class ViscousJump(SwitchingEffect):
     parameters = (Parameter("strength_s_rad", "s/rad", -1.0, 1.0, 3.0e-3, linear=True),)
 
     @classmethod
-    def columns(cls, channels: Channels, jumps: Jumps, shape: Mapping[str, float]) -> FloatArray:
+    def columns(cls, channels: Channels, jumps: Jumps, shape: Shape) -> FloatArray:
         return stack(jumps.total(len(channels)) * channels.speed_rad_s)
