@@ -35,7 +35,8 @@ def sheet(data: bytes, number: int, columns: str) -> np.ndarray:
         cells = {letter: float(value) for letter, value in found}
         rows.append([cells.get(letter, np.nan) for letter in columns.split()])
     table = np.array(rows)
-    return table[np.isfinite(table).all(1)]
+    good: np.ndarray = table[np.isfinite(table).all(1)]
+    return good
 
 
 def home_rowers(mirrors: Path, out: Path) -> None:
@@ -203,13 +204,18 @@ def small_motor(mirrors: Path, out: Path) -> None:
 def odrive_motor(mirrors: Path, out: Path) -> None:
     """From labmrd/odrive-with-motor-characterization (MIT): a bare motor under a voltage that swings ever faster.
 
-    `chirp`: two of those, 0.25 V at most, `step`: a constant 0.25 V, one way. Voltage in V stands for the torque (what
+    `chirp`: 0.25 V at most, `step`: a constant 0.25 V, one way. Voltage in V stands for the torque (what
     the turning motor induces is its viscous part), it and the angle in turns low-pass filtered at 20 Hz on an even grid
     of 200 Hz. Friction = voltage − J dω/dt, J in V s²/rad by least squares beside dry and viscous friction and an
     offset.
     """
     folder = "docs/motor_characterization_references/demo_data"
-    for name, file in (("odrive_chirp_1", "chirp1"), ("odrive_chirp_2", "chirp2"), ("odrive_step", "step1")):
+    for name, file in (
+        ("odrive_chirp_1", "chirp1"),
+        ("odrive_chirp_2", "chirp2"),
+        ("odrive_step", "step1"),
+        ("odrive_step_again", "step2"),
+    ):
         text = fetch(mirrors, "labmrd/odrive-with-motor-characterization", f"{folder}/{file}.csv").decode()
         lines = [line.strip(" ;").split(",") for line in text.splitlines() if line and line[0].isdigit()]
         log = np.array([[float(word) for word in line] for line in lines if len(line) == 4])
@@ -225,6 +231,22 @@ def odrive_motor(mirrors: Path, out: Path) -> None:
         columns = {"time_s": even, "speed_rad_s": speed, "friction_torque_Nm": volts - inertia * rate}
         columns = {key: x[10:-10] for key, x in {**columns, "motor_torque_Nm": volts}.items()}
         save(out, name, columns, {"inertia_kg_m2": round(inertia, 7)}, dead_band=1.0)
+
+
+def gear_motor(mirrors: Path, out: Path) -> None:
+    """From Royginald/small-controls-project (no licence): a geared motor at 3 to 12 V, each from rest, 3 s long.
+
+    Voltage in V stands for the torque (what the turning motor induces is its viscous part), speed in steps/s at
+    20 Hz, a step taken as 0.01 rad, from 0.5 s on, one voltage after the other. `even`, `odd`: whole volts that are.
+    """
+    for name, levels in (("gear_motor_even", (4, 6, 8, 10, 12)), ("gear_motor_odd", (3, 5, 7, 9, 11))):
+        rows = []
+        for volts in levels:
+            file = f"Motor Responses/motor_data_{volts}_volts.csv"
+            run = git_table(mirrors, "Royginald/small-controls-project", file, delimiter=",", skip_header=1)
+            rows.append(run[run[:, 0] > 0.5] + [4.0 * volts, 0.0, 0.0])
+        t, f, v = np.concatenate(rows).T
+        save(out, name, {"time_s": t, "speed_rad_s": 0.01 * v, "friction_torque_Nm": f})
 
 
 def micromouse(mirrors: Path, out: Path) -> None:
@@ -270,9 +292,10 @@ ALL = (
     stepper_pendulum,
     small_motor,
     odrive_motor,
+    gear_motor,
     micromouse,
+    starch_gel,
 )
-ALL += (starch_gel,)
 
 if __name__ == "__main__":
     for one in ALL:
