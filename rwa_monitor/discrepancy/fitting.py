@@ -52,6 +52,7 @@ MOST_TRIED: Final = 60  # thresholds
 FEWEST_CROSSED: Final = 2  # jumps at one speed: one is no threshold
 WORSE: Final = 1.1  # of the sum of squares: slow noise lets the right law leave a few per cent more by chance
 CALMER: Final = 0.9  # of the long-run variance: from there on what a model leaves is taken for the noise
+MOST_BLOCKS: Final = 8  # of ten: chance alone gets there in one of twenty
 
 
 class Fitting:
@@ -319,13 +320,14 @@ def _explains(model: Model, current: Model) -> bool:
 def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
     """Return whether a model does better than a simpler one on blocks that it is not fitted to, or has fewer jumps.
 
-    Better is a smaller error or a greater likelihood: a few samples at changes of direction may decide the one, the law
-    of the noise the other.
+    Better is a smaller error, or a greater likelihood: on the whole, or in most blocks, as one at the end of a sweep is
+    extrapolated to. A few samples at changes of direction may decide the error, the law of the noise the likelihood.
     """
     if model.fit.jumps.size < simpler.fit.jumps.size:
         return True
     with_it, without = held_out(problem, model), held_out(problem, simpler)
-    return with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
+    likelier = np.count_nonzero(with_it.block_log_scores > without.block_log_scores)
+    return with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score or likelier >= MOST_BLOCKS
 
 
 def _off_steps(term: Term, jumps: IntArray) -> IntArray:

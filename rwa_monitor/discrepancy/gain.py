@@ -57,7 +57,7 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
     energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
     block = np.searchsorted(_first_of(blocks, series.size), np.arange(series.size), side="right") - 1
-    residual, variance = np.zeros((2, series.size))
+    residual, innovations, variance = np.zeros((3, series.size))
     for b in range(blocks):
         here, train = block == b, white[:, block != b]
         # A regressor that the training blocks hardly show is not trained: it predicts nothing, rather than anything.
@@ -66,8 +66,10 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
         equations = replace(Equations.of_products(series, products, low, high, 0.0), samples=train.shape[1])
         coefficients, _ = equations.solve()
         variance[here] = equations.rss(coefficients) / train.shape[1]
-        residual[here] = _residual(problem, coefficients @ rows, jumps)[here]
-    return _scored(problem, model, residual, jumps, variance, blocks)
+        rest = _residual(problem, coefficients @ rows, jumps)
+        residual[here] = rest[here]
+        innovations[here] = _innovations(problem, model, rest, jumps)[here]
+    return _scored(problem, model, residual, innovations, jumps, variance, blocks)
 
 
 def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps: bool) -> HeldOut:
@@ -89,7 +91,8 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps
     searched = Series.of(problem).with_jumps(model.fit.jumps)
     left, _ = searched.whitened(model.fit.residual * problem.sign, law_of(model))
     residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
-    return _scored(other, model, residual, there, np.full(other.size, float(np.mean(left**2))), BLOCKS)
+    innovations = _innovations(other, model, residual, there)
+    return _scored(other, model, residual, innovations, there, np.full(other.size, float(np.mean(left**2))), BLOCKS)
 
 
 def _first_of(blocks: int, size: int) -> IntArray:
@@ -103,13 +106,27 @@ def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -
     return remove_levels(rest, segment_starts(problem, jumps)) if jumps is not None else rest
 
 
+def _whitening(problem: Problem, model: Model, jumps: IntArray | None) -> Whitening:
+    law = law_of(model)
+    return Whitening.of(Series.of(problem), law if jumps is None else replace(law, level_spread=0.0))
+
+
+def _innovations(problem: Problem, model: Model, residual: FloatArray, jumps: IntArray | None) -> FloatArray:
+    """Return what of a residual the samples before do not show, under a model's noise, float64 (n,) [N m]."""
+    return _whitening(problem, model, jumps).innovations((residual * problem.sign)[None].copy())[0]
+
+
 def _scored(
-    problem: Problem, model: Model, residual: FloatArray, jumps: IntArray | None, variance: FloatArray, blocks: int
+    problem: Problem,
+    model: Model,
+    residual: FloatArray,
+    innovations: FloatArray,
+    jumps: IntArray | None,
+    variance: FloatArray,
+    blocks: int,
 ) -> HeldOut:
     """Return the scores of a residual beside jumps [N m], under a model's noise of a given variance, float64 (n,)."""
-    series, law = Series.of(problem), law_of(model)
-    whitening = Whitening.of(series, law if jumps is None else replace(law, level_spread=0.0))
-    innovations = whitening.innovations((residual * problem.sign)[None].copy())[0]
+    series, whitening = Series.of(problem), _whitening(problem, model, jumps)
     variance = np.maximum(variance, series.smallest_variance)
     spread = np.sqrt(variance) * (1.0 if whitening.spread is None else whitening.spread) / whitening.gains[:, 0]
     density = -np.log(np.sqrt(2.0 * np.pi) * spread) - 0.5 * innovations**2 / variance
