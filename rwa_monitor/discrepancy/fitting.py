@@ -327,7 +327,8 @@ def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
         return True
     with_it, without = held_out(problem, model), held_out(problem, simpler)
     likelier = np.count_nonzero(with_it.block_log_scores > without.block_log_scores)
-    return with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score or likelier >= MOST_BLOCKS
+    better = with_it.rmse_Nm < without.rmse_Nm or with_it.log_score > without.log_score
+    return better or bool(likelier >= MOST_BLOCKS)
 
 
 def _off_steps(term: Term, jumps: IntArray) -> IntArray:

@@ -113,7 +113,7 @@ def _whitening(problem: Problem, model: Model, jumps: IntArray | None) -> Whiten
 
 def _innovations(problem: Problem, model: Model, residual: FloatArray, jumps: IntArray | None) -> FloatArray:
     """Return what of a residual the samples before do not show, under a model's noise, float64 (n,) [N m]."""
-    return _whitening(problem, model, jumps).innovations((residual * problem.sign)[None].copy())[0]
+    return np.asarray(_whitening(problem, model, jumps).innovations((residual * problem.sign)[None].copy())[0])
 
 
 def _scored(
