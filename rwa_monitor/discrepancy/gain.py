@@ -56,6 +56,7 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     rows, low, high = regressors(series, model.terms)
     white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
     energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
+    whitening = _whitening(problem, model, jumps)
     block = np.searchsorted(_first_of(blocks, series.size), np.arange(series.size), side="right") - 1
     residual, innovations, variance = np.zeros((3, series.size))
     for b in range(blocks):
@@ -68,8 +69,8 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
         variance[here] = equations.rss(coefficients) / train.shape[1]
         rest = _residual(problem, coefficients @ rows, jumps)
         residual[here] = rest[here]
-        innovations[here] = _innovations(problem, model, rest, jumps)[here]
-    return _scored(problem, model, residual, innovations, jumps, variance, blocks)
+        innovations[here] = whitening.innovations((rest * problem.sign)[None])[0, here]
+    return _scored(problem, whitening, residual, innovations, jumps, variance, blocks)
 
 
 def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps: bool) -> HeldOut:
@@ -91,8 +92,9 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps
     searched = Series.of(problem).with_jumps(model.fit.jumps)
     left, _ = searched.whitened(model.fit.residual * problem.sign, law_of(model))
     residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
-    innovations = _innovations(other, model, residual, there)
-    return _scored(other, model, residual, innovations, there, np.full(other.size, float(np.mean(left**2))), BLOCKS)
+    whitening, variance = _whitening(other, model, there), np.full(other.size, float(np.mean(left**2)))
+    innovations = whitening.innovations((residual * other.sign)[None])[0]
+    return _scored(other, whitening, residual, innovations, there, variance, BLOCKS)
 
 
 def _first_of(blocks: int, size: int) -> IntArray:
@@ -107,26 +109,25 @@ def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -
 
 
 def _whitening(problem: Problem, model: Model, jumps: IntArray | None) -> Whitening:
+    """Return the filter of a model's noise; levels between jumps are not drawn from it."""
     law = law_of(model)
     return Whitening.of(Series.of(problem), law if jumps is None else replace(law, level_spread=0.0))
 
 
-def _innovations(problem: Problem, model: Model, residual: FloatArray, jumps: IntArray | None) -> FloatArray:
-    """Return what of a residual the samples before do not show, under a model's noise, float64 (n,) [N m]."""
-    return np.asarray(_whitening(problem, model, jumps).innovations((residual * problem.sign)[None].copy())[0])
-
-
 def _scored(
     problem: Problem,
-    model: Model,
+    whitening: Whitening,
     residual: FloatArray,
     innovations: FloatArray,
     jumps: IntArray | None,
     variance: FloatArray,
     blocks: int,
 ) -> HeldOut:
-    """Return the scores of a residual beside jumps [N m], under a model's noise of a given variance, float64 (n,)."""
-    series, whitening = Series.of(problem), _whitening(problem, model, jumps)
+    """Return the scores of a residual beside jumps [N m], under a noise of a given variance, float64 (n,).
+
+    `innovations` are what of it the samples before do not show, float64 (n,) [N m].
+    """
+    series = Series.of(problem)
     variance = np.maximum(variance, series.smallest_variance)
     spread = np.sqrt(variance) * (1.0 if whitening.spread is None else whitening.spread) / whitening.gains[:, 0]
     density = -np.log(np.sqrt(2.0 * np.pi) * spread) - 0.5 * innovations**2 / variance
