@@ -6,14 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting, predicts
-from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
+from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
+from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.score import regressors, with_law
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.messages import SearchedAgain as SearchedAgainMessage
 from rwa_monitor.reporting.discrepancy_report import html, sentence
@@ -166,3 +169,24 @@ def test_of_two_recordings_the_last_is_not_searched_again(searched: Samples) -> 
     assert again.held_out == ["last"]
     assert again.effects == ["stribeck"]
     assert again.rmse_extended_Nm > again.rmse_base_Nm  # it is not there: that is what shows
+
+
+def test_the_likelihood_of_each_block_is_that_beside_its_own_fit() -> None:
+    # Against dense covariances: a fit for each block leaves no seams between them.
+    samples, _ = record(swing(600), ())
+    problem = prepare([make_record(samples, WHEEL, "dense")], WHEEL)
+    law = NoiseLaw(white=0.3, correlation=0.9)
+    model = with_law(problem, Fitting(problem, jumps=False).base(), law)
+    rows, *_ = regressors(Series.of(problem), ())
+    lags = np.abs(np.subtract.outer(problem.slot, problem.slot))
+    factor = np.linalg.cholesky(0.3 * (lags == 0) + 0.7 * 0.9**lags)
+    friction, design = np.linalg.solve(factor, Series.of(problem).friction), np.linalg.solve(factor, rows.T)
+    scores = []
+    for here in np.split(np.arange(problem.size), BLOCKS):
+        train = np.delete(np.arange(problem.size), here)
+        strengths, *_ = np.linalg.lstsq(design[train], friction[train])
+        left = friction - design @ strengths
+        std = np.sqrt(np.mean(left[train] ** 2))
+        density = norm.logpdf(left[here], scale=std) - np.log(np.diag(factor)[here])
+        scores.append(float(density.mean()))
+    assert held_out(problem, model).block_log_scores == pytest.approx(scores, rel=1e-9)
