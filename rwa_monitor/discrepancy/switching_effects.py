@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.score import REVERSAL
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.duration_likelihoods import log_probability
 from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
@@ -58,6 +59,15 @@ class _Attributed:
     @property
     def score(self) -> float:
         return self.assignment.log_score
+
+    def under(self, wheel: Wheel, slots: int) -> _Attributed:
+        """Return the same sojourns under other laws of duration, of the same systems."""
+        score = self.score + self._log_durations(wheel, slots) - self._log_durations(self.wheel, slots)
+        return _Attributed(wheel, replace(self.assignment, log_score=score))
+
+    def _log_durations(self, wheel: Wheel, slots: int) -> float:
+        sojourns = zip(wheel.fss, self.assignment.configurations, self.assignment.starts, strict=True)
+        return sum(log_probability(system, q, starts, slots, None) for system, q, starts in sojourns)
 
     def sojourns(self, system: int) -> Sojourns:
         """Return the complete sojourns of one system; the first and the last are cut by the record's ends."""
@@ -148,15 +158,19 @@ def _is_between_levels(problem: Problem, model: Model) -> BoolArray:
 
 
 def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> dict[str, LikelihoodFit]:
-    """Return the fits of the three alternatives: gains of one likelihood, that of the known wheel subtracted."""
+    """Return the fits of the three alternatives: gains of one likelihood, that of the known wheel subtracted.
+
+    No attribution is sure to be the best: the known laws are given those that others lead to, too.
+    """
     base = _attribute(gathered, plain)
     fits: dict[str, LikelihoodFit] = {}
-    extra = _with_extra_system(gathered, base)
+    extra, others = _with_extra_system(gathered, base), _with_other_laws(gathered, base)
+    base = max([base, *(one.under(plain, gathered.slots) for one in others)], key=lambda one: one.score)
     if extra is not None:
         fits[EXTRA] = _describe_extra(evidence, extra, base.score)
-    other = _with_other_laws(gathered, base)
-    if other is None:
+    if not others:
         return fits
+    other = max(others, key=lambda one: one.score)
     laws = [_best_law(plain, other, system)[1] for system in range(len(plain.fss))]
     best = max(laws, key=lambda fitted: fitted.penalised_gain)
     count = int(np.count_nonzero(base.assignment.direction))
@@ -238,23 +252,23 @@ def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: 
 # ---- other laws of duration ------------------------------------------------------------------------------------------
 
 
-def _with_other_laws(gathered: Evidence, base: _Attributed) -> _Attributed | None:
-    """Return the best attribution with Weibull laws in place of the known ones; None with hardly a sojourn."""
+def _with_other_laws(gathered: Evidence, base: _Attributed) -> list[_Attributed]:
+    """Return attributions with Weibull laws in place of the known ones; none with hardly a sojourn."""
     if np.count_nonzero(base.assignment.direction) < FEWEST_SOJOURNS:
-        return None
+        return []
     systems = base.wheel.fss
     tries = [[_Law(factor, 1.0, tuple(range(len(system.durations)))) for system in systems] for factor in FIRST_FACTORS]
-    attributions = [_attribute(gathered, _with_laws(base.wheel, laws)) for laws in tries]
-    start = int(np.argmax([attributed.score for attributed in attributions]))
-    best, laws = attributions[start], tries[start]
+    found = [_attribute(gathered, _with_laws(base.wheel, laws)) for laws in tries]
+    start = int(np.argmax([attributed.score for attributed in found]))
+    best, laws = found[start], tries[start]
     for _ in range(ROUNDS):
-        found = [_best_law(base.wheel, best, system) for system in range(len(systems))]
-        laws = [before if law is None else law for (law, _), before in zip(found, laws, strict=True)]
-        attributed = _attribute(gathered, _with_laws(base.wheel, laws))
-        if attributed.score < best.score + WORTH_A_ROUND:
+        fitted = [_best_law(base.wheel, best, system)[0] for system in range(len(systems))]
+        laws = [before if law is None else law for law, before in zip(fitted, laws, strict=True)]
+        found.append(_attribute(gathered, _with_laws(base.wheel, laws)))
+        if found[-1].score < best.score + WORTH_A_ROUND:
             break
-        best = attributed
-    return best
+        best = found[-1]
+    return found
 
 
 @dataclass(frozen=True, slots=True)
