@@ -87,6 +87,33 @@ def thruster(mirrors: Path, out: Path) -> None:
         save(out, f"thruster_{volts:.0f}V", {"time_s": time[on], "speed_rad_s": v[on], "friction_torque_Nm": f})
 
 
+def half_swings(
+    clock: np.ndarray, angle: np.ndarray, tops: np.ndarray, reach: int
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return the loss of K θ²/2 between two turning points over the way, in terms of K, and each half swing's size.
+
+    Turning points are vertices of parabolas over `reach` rows on each side, their middle a median of three at a time.
+    """
+    rows = []
+    for k in tops[(tops > reach) & (tops < angle.size - reach - 1)]:
+        w = slice(k - reach, k + reach + 1)
+        c = np.polyfit(clock[w] - clock[k], angle[w], 2)
+        rows.append((clock[k] - c[1] / (2 * c[0]), c[2] - c[1] ** 2 / (4 * c[0])))
+    at, top = np.array(rows).T
+    alternate = np.append(True, np.sign(top[1:]) != np.sign(top[:-1]))
+    at, top = at[alternate], top[alternate]
+    top -= np.median((top[:-2] + 2 * top[1:-1] + top[2:]) / 4)
+    way = np.diff(top)
+    loss = (top[:-1] ** 2 - top[1:] ** 2) / 2 / way
+    columns = {"time_s": (at[1:] + at[:-1]) / 2, "speed_rad_s": way / np.diff(at), "friction_torque_Nm": loss}
+    return columns, np.abs(way) / 2
+
+
+def of_two(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the mean of each half swing and the next, one way."""
+    return {key: (np.abs(x[1:]) + np.abs(x[:-1])) / 2 for key, x in columns.items()}
+
+
 def torsion_wheel(mirrors: Path, out: Path) -> None:
     """From GuenterQuast/PhyPraKit (GPL-3): a wheel on a spiral spring (Pohl's wheel) swinging, CASSY at 100 Hz.
 
@@ -99,21 +126,9 @@ def torsion_wheel(mirrors: Path, out: Path) -> None:
     clock, arc = (np.array(re.findall(r"<value>(.*?)</value>", channels[k]), dtype=float) for k in (1, 3))
     angle = arc / 0.0919
     tops = np.sort(np.concatenate([find_peaks(way * angle, distance=60, height=0.06)[0] for way in (1, -1)]))
-    rows = []
-    for k in tops[(tops > 20) & (tops < angle.size - 21)]:
-        w = slice(k - 20, k + 21)
-        c = np.polyfit(clock[w] - clock[k], angle[w], 2)
-        rows.append((clock[k] - c[1] / (2 * c[0]), c[2] - c[1] ** 2 / (4 * c[0])))
-    at, top = np.array(rows).T
-    alternate = np.append(True, np.sign(top[1:]) != np.sign(top[:-1]))
-    at, top = at[alternate], top[alternate]
-    top -= np.median((top[:-2] + 2 * top[1:-1] + top[2:]) / 4)
-    way = np.diff(top)
-    columns = {"time_s": (at[1:] + at[:-1]) / 2, "speed_rad_s": way / np.diff(at)}
-    columns["friction_torque_Nm"] = (top[:-1] ** 2 - top[1:] ** 2) / 2 / way
+    columns, _ = half_swings(clock, angle, tops, 20)
     save(out, "torsion_wheel_half_swings", columns, dead_band=0.05)
-    both = {key: (np.abs(x[1:]) + np.abs(x[:-1])) / 2 for key, x in columns.items()}
-    save(out, "torsion_wheel_swings", both)
+    save(out, "torsion_wheel_swings", of_two(columns))
 
 
 def stand(mirrors: Path, out: Path) -> None:

@@ -224,11 +224,19 @@ def bicycle_fork(mirrors: Path, out: Path) -> None:
     save(out, "fork_swings", {key: (np.abs(x[1:]) + np.abs(x[:-1])) / 2 for key, x in swings.items()})
 
 
-def sheet_pairs(data: bytes) -> np.ndarray:
-    """Return the first two numbers of each row of a workbook's first sheet."""
-    text = zipfile.ZipFile(io.BytesIO(data)).read("xl/worksheets/sheet1.xml").decode()
-    rows = [re.findall(r'<c r="[AB]\d+"[^>]*><v>([^<]*)</v>', row) for row in text.split("<row ")]
-    return np.array([row for row in rows if len(row) == 2], dtype=float)
+def sheet(data: bytes, number: int, columns: str) -> np.ndarray:
+    """Return columns of a sheet of a workbook, by their letters; rows where one is no number are left out."""
+    text = zipfile.ZipFile(io.BytesIO(data)).read(f"xl/worksheets/sheet{number}.xml").decode()
+    rows = []
+    for row in re.findall(r"<row .*?</row>", text, re.DOTALL):
+        found = re.findall(
+            r'<c r="([A-Z]+)\d+"(?![^>]*t="(?:s|str|inlineStr)")[^>]*>(?:<f.*?</f>|<f[^>]*/>)?<v>([^<]*)', row
+        )
+        cells = {letter: float(value) for letter, value in found}
+        rows.append([cells.get(letter, np.nan) for letter in columns.split()])
+    table = np.array(rows)
+    good: np.ndarray = table[np.isfinite(table).all(1)]
+    return good
 
 
 def bobs(mirrors: Path, out: Path) -> None:
@@ -237,7 +245,7 @@ def bobs(mirrors: Path, out: Path) -> None:
     Bobs on threads, filmed at 30 Hz: a wooden ball (38 mm, 15 g), means of two half swings; two of a course at
     Toronto, windows of one or two periods. Loss of 1 − cos a over the way, in terms of m g l.
     """
-    rows = sheet_pairs(fetch(mirrors, "DavidW99/Damping_Oscillator", "damping_angle.xlsx"))
+    rows = sheet(fetch(mirrors, "DavidW99/Damping_Oscillator", "damping_angle.xlsx"), 1, "A B")
     rows = rows[np.argsort(rows[:, 0])]
     wood = half_swings(rows[:, 0], np.radians(rows[:, 1] - np.median(rows[:, 1])), 1.0, 3, 0.05)
     save(out, "bob_wood", {key: (np.abs(x[1:]) + np.abs(x[:-1])) / 2 for key, x in wood.items()})

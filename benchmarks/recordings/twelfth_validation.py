@@ -10,33 +10,17 @@ positive speed. None of the data is part of the project: most of it has no licen
 from __future__ import annotations
 
 import csv
-import io
 import re
 import sys
-import zipfile
 from pathlib import Path
 
 import numpy as np
 from scipy.signal import butter, filtfilt, find_peaks
 
-from benchmarks.recordings.ninth_validation import RPM
+from benchmarks.recordings.eleventh_validation import half_swings, of_two
+from benchmarks.recordings.ninth_validation import RPM, sheet
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.validation import means, save
-
-
-def sheet(data: bytes, number: int, columns: str) -> np.ndarray:
-    """Return columns of a sheet of a workbook, by their letters; rows where one is no number are left out."""
-    text = zipfile.ZipFile(io.BytesIO(data)).read(f"xl/worksheets/sheet{number}.xml").decode()
-    rows = []
-    for row in re.findall(r"<row .*?</row>", text, re.DOTALL):
-        found = re.findall(
-            r'<c r="([A-Z]+)\d+"(?![^>]*t="(?:s|str|inlineStr)")[^>]*>(?:<f.*?</f>|<f[^>]*/>)?<v>([^<]*)', row
-        )
-        cells = {letter: float(value) for letter, value in found}
-        rows.append([cells.get(letter, np.nan) for letter in columns.split()])
-    table = np.array(rows)
-    good: np.ndarray = table[np.isfinite(table).all(1)]
-    return good
 
 
 def home_rowers(mirrors: Path, out: Path) -> None:
@@ -138,22 +122,9 @@ def sprung_rods(mirrors: Path, out: Path) -> None:
         clock = np.arange(angle.size) / 260.0
         angle = angle - angle[-1]
         tops = np.sort(np.concatenate([find_peaks(way * angle, distance=30, height=0.02)[0] for way in (1, -1)]))
-        rows = []
-        for k in tops[(tops > 10) & (tops < angle.size - 11)]:
-            w = slice(k - 8, k + 9)
-            c = np.polyfit(clock[w] - clock[k], angle[w], 2)
-            rows.append((clock[k] - c[1] / (2 * c[0]), c[2] - c[1] ** 2 / (4 * c[0])))
-        at, top = np.array(rows).T
-        alternate = np.append(True, np.sign(top[1:]) != np.sign(top[:-1]))
-        at, top = at[alternate], top[alternate]
-        top = top - np.median((top[:-2] + 2 * top[1:-1] + top[2:]) / 4)
-        way = np.diff(top)
-        size = np.abs(way) / 2
-        columns = {"time_s": (at[1:] + at[:-1]) / 2, "speed_rad_s": way / np.diff(at)}
-        columns["friction_torque_Nm"] = (top[:-1] ** 2 - top[1:] ** 2) / 2 / way
+        columns, size = half_swings(clock, angle, tops, 8)
         keep = (size < 0.8) & (size > 0.06)
-        columns = {key: (np.abs(x[1:]) + np.abs(x[:-1]))[keep[1:] & keep[:-1]] / 2 for key, x in columns.items()}
-        save(out, name, columns)
+        save(out, name, {key: x[keep[1:] & keep[:-1]] for key, x in of_two(columns).items()})
 
 
 def stepper_pendulum(mirrors: Path, out: Path) -> None:

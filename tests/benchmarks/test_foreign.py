@@ -41,6 +41,13 @@ def test_two_records_end_to_end() -> None:
     assert "| torque_bias | 1 | 1 |" in to_markdown(judged, wanted, 3, SAMPLES)
 
 
+def test_a_delay_of_parts_of_a_slot_is_named_once_and_what_it_hid_beside_it() -> None:
+    hidden = ("torque_bias", "current_delay")
+    found = judge(draw_record(hidden, 20_000, np.random.default_rng([7, 4])), 4)
+    assert found.inside
+    assert [name for names in found.sets for name in names].count("current_delay") == 1
+
+
 def test_laws_of_duration_are_not_called_wrong_for_an_attribution_that_they_would_take() -> None:
     # Uniform laws and few switches: the attribution by the known laws is 180 nepers short of their best.
     assert judge(draw_record((), 20_000, np.random.default_rng([9, 59])), 0).sets == ()
