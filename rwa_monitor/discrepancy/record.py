@@ -171,7 +171,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     channels = _channels(samples, motion, friction, slot, wheel, hole)
     good, direction = channels.good, channels.direction
     moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
-    averaged = averages_over_reversals(speed, np.where(good & (direction != 0), direction * friction, np.nan), noise)
+    averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan), noise)
     channels = replace(channels, averaged=bool(averaged.any()))
     used = moving & ~averaged
     return Record(

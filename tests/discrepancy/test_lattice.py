@@ -110,7 +110,18 @@ def test_means_over_a_reversal_make_no_effect(shift: float, noise_rad_s: float) 
     assert found.result.verdict == "adequate"
     (read,) = found.problem.records
     assert not read.used[straddling].any()
-    assert read.left_out["averaged over a reversal of the speed"] <= 2 * straddling.size
+    assert read.left_out.get("averaged over a reversal of the speed", 0) <= 2 * straddling.size
+
+
+def test_a_rest_does_not_hide_that_samples_are_means() -> None:
+    samples, straddling = averaged(SEED + 5, 0.0)
+    rng, at, count = np.random.default_rng(SEED + 6), int(straddling[1]), 100
+    friction = np.insert(samples.friction_torque_Nm, at, DRY_NM * rng.uniform(-1.0, 1.0, count))
+    speed = np.insert(samples.speed_rad_s, at, 0.02 * rng.standard_normal(count))
+    time_ns = samples.time_ns[0] + np.arange(speed.size) * int(samples.time_ns[1] - samples.time_ns[0])
+    read = make_record(replace(samples, time_ns=time_ns, speed_rad_s=speed, friction_torque_Nm=friction), WHEEL, "rest")
+    elsewhere = straddling[np.abs(straddling - at) > 1]
+    assert not read.used[elsewhere + count * (elsewhere > at)].any()
 
 
 def test_the_end_of_a_dead_zone_is_stated_as_well_as_samples_lie_around_it() -> None:
