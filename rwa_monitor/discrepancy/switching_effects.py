@@ -132,7 +132,7 @@ def _fit_record(
             # What the one takes for a jump the other takes for noise: fast slews that the derivative does not follow.
             return nothing
         if len(gathered.candidates):
-            return nothing | _compare(evidence, gathered, plain)
+            return nothing | _compare(evidence, gathered, plain, max(record.derivative_slots, REVERSAL))
     return {**nothing, SPEED: SpeedTriggeredJumps.fit(evidence)}
 
 
@@ -157,14 +157,15 @@ def _is_between_levels(problem: Problem, model: Model) -> BoolArray:
     return between
 
 
-def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> dict[str, LikelihoodFit]:
+def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel, shortest: int) -> dict[str, LikelihoodFit]:
     """Return the fits of the three alternatives: gains of one likelihood, that of the known wheel subtracted.
 
-    No attribution is sure to be the best: the known laws are given those that others lead to, too.
+    No attribution is sure to be the best: the known laws are given those that others lead to, too. Sojourns of fewer
+    slots than `shortest` are what a filter makes of a jump.
     """
     base = _attribute(gathered, plain)
     fits: dict[str, LikelihoodFit] = {}
-    extra, others = _with_extra_system(gathered, base), _with_other_laws(gathered, base)
+    extra, others = _with_extra_system(gathered, base, shortest), _with_other_laws(gathered, base)
     base = max([base, *(one.under(plain, gathered.slots) for one in others)], key=lambda one: one.score)
     if extra is not None:
         fits[EXTRA] = _describe_extra(evidence, extra, base.score)
@@ -191,8 +192,11 @@ def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
 # ---- one system more -------------------------------------------------------------------------------------------------
 
 
-def _with_extra_system(gathered: Evidence, base: _Attributed) -> _Attributed | None:
-    """Return the best attribution with one memoryless system more; None where hardly a jump is unattributed."""
+def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> _Attributed | None:
+    """Return the best attribution with one memoryless system more; None where hardly a jump is its own.
+
+    Nor where its sojourns last fewer slots than `shortest`.
+    """
     odd = base.assignment.system == UNATTRIBUTED
     if np.count_nonzero(odd) < FEWEST_OF_EXTRA:
         return None
@@ -215,7 +219,9 @@ def _with_extra_system(gathered: Evidence, base: _Attributed) -> _Attributed | N
             break
         sizes = ((1.0 - SIZE_MARGIN) * float(seen.min()), (1.0 + SIZE_MARGIN) * float(seen.max()))
         rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
-    return best
+    assert best is not None, "there is a first round"
+    lasting = min(law.mean() for law in best.wheel.fss[-1].durations) >= shortest
+    return best if lasting and _sizes_of_extra(best).size >= FEWEST_OF_EXTRA else None
 
 
 def _sizes_of_extra(attributed: _Attributed) -> FloatArray:
