@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -24,7 +25,7 @@ from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import REVERSAL
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.assignment import UNATTRIBUTED_PER_WINDOW, assign
 from rwa_monitor.switching.duration_likelihoods import log_probability
 from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.effects.base import LikelihoodFit
@@ -40,11 +41,11 @@ SPEED: Final = "speed_triggered_jumps"
 MOST_JUMPS: Final = 400  # more are no jumps, and their attribution means nothing
 DOUBTFUL: Final = 2.0  # times as many candidates of the diagnosis as jumps of the search: the two do not agree
 FEW_MORE: Final = 8  # candidates that chance may add
-FEWEST_OF_EXTRA: Final = 3  # unattributed jumps that suggest a system
+FEWEST_OF_EXTRA: Final = 3  # odd jumps that suggest a system
 ROUNDS: Final = 4  # of attribution and parameters in turn
 WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
 FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: where the turns begin
-SIZES_OF_EXTRA: Final = (0.5, 1.5)  # of the median unattributed jump: where the turns begin
+SIZES_OF_EXTRA: Final = (2.0 / 3.0, 3.0 / 2.0)  # of the median odd jump: where the turns begin
 SIZE_MARGIN: Final = 0.05  # beyond the smallest and the largest size seen
 EXTRA_PARAMETERS: Final = 5  # two durations, two ends of the sizes, and that there is one
 
@@ -160,8 +161,7 @@ def _is_between_levels(problem: Problem, model: Model) -> BoolArray:
 def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel, shortest: int) -> dict[str, LikelihoodFit]:
     """Return the fits of the three alternatives: gains of one likelihood, that of the known wheel subtracted.
 
-    No attribution is sure to be the best: the known laws are given those that others lead to, too. Sojourns of fewer
-    slots than `shortest` are what a filter makes of a jump.
+    No attribution is sure to be the best: the known laws are given those that others lead to, too.
     """
     base = _attribute(gathered, plain)
     fits: dict[str, LikelihoodFit] = {}
@@ -186,7 +186,18 @@ def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel, shor
 
 
 def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
-    return _Attributed(wheel, assign(gathered, wheel)[0])
+    """Return the best attribution; jumps of no system come at the rate at which they are found."""
+    best: _Attributed | None = None
+    rate = UNATTRIBUTED_PER_WINDOW
+    for _ in range(ROUNDS):
+        found = assign(gathered, wheel, unattributed=rate)[0]
+        score = found.log_score - rate  # of a Poisson process; each jump's own part is in the attribution
+        if best is not None and score < best.score + WORTH_A_ROUND:
+            break
+        best = _Attributed(wheel, replace(found, log_score=score))
+        rate = max(float(np.count_nonzero(found.system == UNATTRIBUTED)), UNATTRIBUTED_PER_WINDOW)
+    assert best is not None, "there is a first round"
+    return best
 
 
 # ---- one system more -------------------------------------------------------------------------------------------------
@@ -195,14 +206,13 @@ def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
 def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> _Attributed | None:
     """Return the best attribution with one memoryless system more; None where hardly a jump is its own.
 
-    Nor where its sojourns last fewer slots than `shortest`.
+    Nor where its sojourns last fewer slots than `shortest`, which are what a filter makes of a jump.
     """
-    odd = base.assignment.system == UNATTRIBUTED
-    if np.count_nonzero(odd) < FEWEST_OF_EXTRA:
+    odd = np.abs(base.assignment.jump[_is_odd(base)])
+    if odd.size < FEWEST_OF_EXTRA:
         return None
-    typical = float(np.median(np.abs(base.assignment.jump[odd])))
-    sizes = (SIZES_OF_EXTRA[0] * typical, SIZES_OF_EXTRA[1] * typical)
-    rest = active = max(gathered.slots / (np.count_nonzero(odd) + 1), 1.0)
+    sizes = (SIZES_OF_EXTRA[0] * float(np.median(odd)), SIZES_OF_EXTRA[1] * float(np.median(odd)))
+    rest = active = max(gathered.slots / (odd.size + 1), 1.0)
     best: _Attributed | None = None
     for _ in range(ROUNDS):
         system = SwitchingSystem(
@@ -216,12 +226,22 @@ def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> 
         best = attributed
         seen = _sizes_of_extra(attributed)
         if seen.size < FEWEST_OF_EXTRA:
-            break
+            return None
         sizes = ((1.0 - SIZE_MARGIN) * float(seen.min()), (1.0 + SIZE_MARGIN) * float(seen.max()))
         rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
-    assert best is not None, "there is a first round"
-    lasting = min(law.mean() for law in best.wheel.fss[-1].durations) >= shortest
-    return best if lasting and _sizes_of_extra(best).size >= FEWEST_OF_EXTRA else None
+    return best if min(rest, active) >= shortest else None
+
+
+def _is_odd(attributed: _Attributed) -> BoolArray:
+    """Return which jumps no switching system of the wheel makes, or makes with a size that the wheel does not state."""
+    found = attributed.assignment
+    odd = found.system == UNATTRIBUTED
+    for index, system in enumerate(attributed.wheel.fss):
+        known = [(upper.low - lower.high, upper.high - lower.low) for lower, upper in pairwise(system.friction or ())]
+        if known:
+            low, high = (1.0 - SIZE_MARGIN) * min(known)[0], (1.0 + SIZE_MARGIN) * max(high for _, high in known)
+            odd |= (found.system == index) & ((np.abs(found.jump) < low) | (np.abs(found.jump) > high))
+    return odd
 
 
 def _sizes_of_extra(attributed: _Attributed) -> FloatArray:

@@ -148,6 +148,7 @@ class _Inputs(NamedTuple):
     priors: Priors
     onsets: tuple[Onset | None, ...]
     variance: float  # of the noise, see `segments.effective_variance`
+    unattributed: float  # jumps expected that no system makes
 
 
 class _Ranked(NamedTuple):
@@ -163,7 +164,12 @@ class _Ranked(NamedTuple):
 
 
 def assign(
-    evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None, *, limit: int = BUDGET
+    evidence: Evidence,
+    wheel: Wheel,
+    carried: CarriedState | None = None,
+    *,
+    limit: int = BUDGET,
+    unattributed: float | None = None,
 ) -> tuple[Assignment, Estimate]:
     """Decide which candidates are changepoints and which switching system made each.
 
@@ -177,12 +183,16 @@ def assign(
         What earlier windows showed, or None.
     limit
         Extensions of partial assignments kept per candidate; past it the search is pruned and marked so.
+    unattributed
+        Jumps expected in the window that no switching system makes; None: as few as of a known wheel.
 
     Returns
     -------
     tuple[Assignment, Estimate]
         All candidates, with rejected ones; and levels and slope between the accepted changepoints.
     """
+    if unattributed is None:
+        unattributed = UNATTRIBUTED_PER_WINDOW if wheel.fss else UNATTRIBUTED_ALONE
     # Sizes seen in the window stand in for what the wheel file does not state.
     typical_level = evidence.sums.mean[1]
     inputs = _Inputs(
@@ -191,6 +201,7 @@ def assign(
         priors_of(wheel, carried, typical_level, segments.typical_jump(evidence.candidates.jump)),
         onsets(wheel.fss, carried),
         segments.effective_variance(evidence.noise),
+        unattributed,
     )
     candidates = evidence.candidates
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
@@ -239,7 +250,6 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
     law_mean, law_variance = law_moments(priors.laws, priors.anomaly)
     # A candidate costs nothing to reject: that it exists is already in the data. Nor do two systems that jump at once:
     # both laws must end at this very slot, which is rare enough.
-    expected = UNATTRIBUTED_PER_WINDOW if systems else UNATTRIBUTED_ALONE
     return Scores(
         fit=fit_table(level.pairs, level.slope, inputs.variance, level.spread),
         **durations._asdict(),
@@ -251,7 +261,7 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
         law_mean=law_mean,
         law_variance=law_variance,
         log_range=float(np.log(level.spread)),
-        unattributed=float(np.log(min(expected / slots, 1.0))),
+        unattributed=float(np.log(min(inputs.unattributed / slots, 1.0))),
         unattributed_variance=priors.unattributed_std**2,
     )
 
