@@ -25,8 +25,9 @@ from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import REVERSAL
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.assignment import UNATTRIBUTED_PER_WINDOW, assign
+from rwa_monitor.switching.assignment import assign, window_priors
 from rwa_monitor.switching.duration_likelihoods import log_probability
+from rwa_monitor.switching.friction_model import Priors
 from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
@@ -45,7 +46,7 @@ FEWEST_OF_EXTRA: Final = 3  # odd jumps that suggest a system
 ROUNDS: Final = 4  # of attribution and parameters in turn
 WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
 FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: where the turns begin
-SIZES_OF_EXTRA: Final = (2.0 / 3.0, 3.0 / 2.0)  # of the median odd jump: where the turns begin
+SIZES_OF_EXTRA: Final = (0.85, 1.15)  # of the median odd jump: where the turns begin
 SIZE_MARGIN: Final = 0.05  # beyond the smallest and the largest size seen
 EXTRA_PARAMETERS: Final = 5  # two durations, two ends of the sizes, and that there is one
 
@@ -186,18 +187,28 @@ def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel, shor
 
 
 def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
-    """Return the best attribution; jumps of no system come at the rate at which they are found."""
-    best: _Attributed | None = None
-    rate = UNATTRIBUTED_PER_WINDOW
+    """Return the best attribution; jumps of no system come at the rate at which they are found.
+
+    Where a system's sizes may be anomalous, a search takes nearly any jump for one of its own: with and without.
+    """
+    known = window_priors(gathered, wheel)
+    healthy = known._replace(anomaly=tuple(cases[:1] for cases in known.anomaly))
+    best, priors = max(
+        ((_attribute_given(gathered, wheel, one), one) for one in (known, healthy)), key=lambda one: one[0].score
+    )
     for _ in range(ROUNDS):
-        found = assign(gathered, wheel, unattributed=rate)[0]
-        score = found.log_score - rate  # of a Poisson process; each jump's own part is in the attribution
-        if best is not None and score < best.score + WORTH_A_ROUND:
+        odd = float(np.count_nonzero(best.assignment.system == UNATTRIBUTED))
+        again = _attribute_given(gathered, wheel, priors._replace(unattributed=max(odd, known.unattributed)))
+        if again.score < best.score + WORTH_A_ROUND:
             break
-        best = _Attributed(wheel, replace(found, log_score=score))
-        rate = max(float(np.count_nonzero(found.system == UNATTRIBUTED)), UNATTRIBUTED_PER_WINDOW)
-    assert best is not None, "there is a first round"
+        best = again
     return best
+
+
+def _attribute_given(gathered: Evidence, wheel: Wheel, priors: Priors) -> _Attributed:
+    found = assign(gathered, wheel, priors=priors)[0]
+    # Jumps of no system are a Poisson process; each one's own part is in the attribution already.
+    return _Attributed(wheel, replace(found, log_score=found.log_score - priors.unattributed))
 
 
 # ---- one system more -------------------------------------------------------------------------------------------------

@@ -50,8 +50,6 @@ from rwa_monitor.switching.friction_model import Posterior, Priors, law_moments,
 from rwa_monitor.switching.segments import Level
 from rwa_monitor.wheel.wheel import Wheel
 
-UNATTRIBUTED_PER_WINDOW: Final = 0.03  # jumps expected per window that no switching system makes
-UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
 KEPT_PATHS: Final = 16  # weighed beside each other
 MARGIN: Final = 10.0  # log-likelihood below the best at which an assignment is of no interest (e^-10 < 1e-4)
 BUDGET: Final = 2000  # extensions kept per candidate
@@ -148,7 +146,6 @@ class _Inputs(NamedTuple):
     priors: Priors
     onsets: tuple[Onset | None, ...]
     variance: float  # of the noise, see `segments.effective_variance`
-    unattributed: float  # jumps expected that no system makes
 
 
 class _Ranked(NamedTuple):
@@ -169,7 +166,7 @@ def assign(
     carried: CarriedState | None = None,
     *,
     limit: int = BUDGET,
-    unattributed: float | None = None,
+    priors: Priors | None = None,
 ) -> tuple[Assignment, Estimate]:
     """Decide which candidates are changepoints and which switching system made each.
 
@@ -183,25 +180,20 @@ def assign(
         What earlier windows showed, or None.
     limit
         Extensions of partial assignments kept per candidate; past it the search is pruned and marked so.
-    unattributed
-        Jumps expected in the window that no switching system makes; None: as few as of a known wheel.
+    priors
+        In place of `window_priors`.
 
     Returns
     -------
     tuple[Assignment, Estimate]
         All candidates, with rejected ones; and levels and slope between the accepted changepoints.
     """
-    if unattributed is None:
-        unattributed = UNATTRIBUTED_PER_WINDOW if wheel.fss else UNATTRIBUTED_ALONE
-    # Sizes seen in the window stand in for what the wheel file does not state.
-    typical_level = evidence.sums.mean[1]
     inputs = _Inputs(
         evidence,
         wheel,
-        priors_of(wheel, carried, typical_level, segments.typical_jump(evidence.candidates.jump)),
+        window_priors(evidence, wheel, carried) if priors is None else priors,
         onsets(wheel.fss, carried),
         segments.effective_variance(evidence.noise),
-        unattributed,
     )
     candidates = evidence.candidates
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
@@ -227,6 +219,11 @@ def assign(
         level, signs = again, new_signs
     ranked = _rank(inputs, scores, result.paths, level)
     return _result(inputs, level.at, ranked, states, result.pruned)
+
+
+def window_priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None) -> Priors:
+    """Return what is known before a window; sizes seen in it stand in for what the wheel file does not state."""
+    return priors_of(wheel, carried, evidence.sums.mean[1], segments.typical_jump(evidence.candidates.jump))
 
 
 def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
@@ -261,7 +258,7 @@ def _scores(inputs: _Inputs, level: Level, signs: BoolArray) -> Scores:
         law_mean=law_mean,
         law_variance=law_variance,
         log_range=float(np.log(level.spread)),
-        unattributed=float(np.log(min(inputs.unattributed / slots, 1.0))),
+        unattributed=float(np.log(min(priors.unattributed / slots, 1.0))),
         unattributed_variance=priors.unattributed_std**2,
     )
 

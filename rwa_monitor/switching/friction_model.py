@@ -144,6 +144,8 @@ VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
 CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows showed the viscous coefficient
 LEARNED_SPREAD: Final = 0.15  # of the friction of a system against what earlier windows of this very wheel showed
 MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
+UNATTRIBUTED: Final = 0.03  # jumps expected per window that no switching system makes
+UNATTRIBUTED_ALONE: Final = 3.0  # the same for a wheel without switching systems
 UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, over the unit of friction
 MOST_ANOMALIES: Final = 2  # at once, among base and systems
 
@@ -187,14 +189,15 @@ class Priors(NamedTuple):
         For each system and configuration: the friction law at a = 0.
     slope
         Viscous coefficient.
-    unattributed_std
-        Standard deviation of a jump that no system made.
+    unattributed, unattributed_std
+        Number of jumps expected that no system makes, and the standard deviation of one.
     """
 
     base: tuple[Case, ...]
     anomaly: tuple[tuple[Case, ...], ...]
     laws: tuple[tuple[FrictionLaw, ...], ...]
     slope: SlopePrior
+    unattributed: float
     unattributed_std: float
 
 
@@ -223,6 +226,7 @@ def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, 
         anomaly=tuple(cases for cases, _ in systems),
         laws=tuple(laws for _, laws in systems),
         slope=slope_prior(wheel, carried, typical_level),
+        unattributed=UNATTRIBUTED if wheel.fss else UNATTRIBUTED_ALONE,
         unattributed_std=UNATTRIBUTED_SPREAD * (1.0 if wheel.nominal else jump),
     )
 

@@ -32,11 +32,16 @@ def with_durations(scale: float) -> Wheel:
 
 
 KNOWN = with_durations(HURRY)
-EXTRA = SwitchingSystem(
-    name="extra",
-    durations=(Geometric(mean_slots=700.0), Geometric(mean_slots=300.0)),
-    friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=0.7, high=0.9)),
-)
+
+
+def memoryless(name: str, rest: float, active: float, low: float, high: float) -> SwitchingSystem:
+    sizes = (FrictionRange(low=0.0, high=0.0), FrictionRange(low=low, high=high))
+    return SwitchingSystem(
+        name=name, durations=(Geometric(mean_slots=rest), Geometric(mean_slots=active)), friction=sizes
+    )
+
+
+EXTRA = memoryless("extra", 700.0, 300.0, 0.7, 0.9)
 
 
 def level_of(systems: tuple[SwitchingSystem, ...], clock: np.ndarray, seed: int) -> FloatArray:
@@ -45,12 +50,14 @@ def level_of(systems: tuple[SwitchingSystem, ...], clock: np.ndarray, seed: int)
     return np.asarray(DRY_NM * (1.0 + np.sum(friction, axis=0)))
 
 
-def named(level: FloatArray, speed: FloatArray, seed: int, in_band: Sequence[BoolArray] = ()) -> list[str]:
+def named(
+    level: FloatArray, speed: FloatArray, seed: int, in_band: Sequence[BoolArray] = (), wheel: Wheel = KNOWN
+) -> list[str]:
     rng = np.random.default_rng(seed + 100)
     friction = level + VISCOUS * speed + NOISE_NM * rng.normal(size=COUNT)
-    problem = make_problem([make_record(sampled(speed, friction), KNOWN, "jumps")], KNOWN)
+    problem = make_problem([make_record(sampled(speed, friction), wheel, "jumps")], wheel)
     model = Model((), fit(problem))
-    return [effect.name for effect in switching_effects(problem, model, KNOWN, in_band)]
+    return [effect.name for effect in switching_effects(problem, model, wheel, in_band)]
 
 
 def some_speed(seed: int) -> FloatArray:
@@ -79,6 +86,25 @@ def test_what_stands_out_at_a_reversal_is_no_jump_of_a_system(seed: int) -> None
 def test_one_system_more_is_told_from_other_laws(seed: int) -> None:
     level = level_of((*KNOWN.fss, EXTRA), np.arange(COUNT), seed)
     assert named(level, some_speed(seed), seed) == ["extra_switching_system"]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("size", [0.25, 0.3])
+def test_a_system_whose_size_no_known_one_states_is_one_more(size: float, seed: int) -> None:
+    """The known systems could take its jumps as anomalous ones of their own, with other laws of duration."""
+    known = tuple(memoryless(name, 2_900.0, 1_200.0, 0.38, 0.5) for name in ("fss_1", "fss_2"))
+    wheel = KNOWN.model_copy(update={"fss": known})
+    level = level_of((*known, memoryless("extra", 500.0, 500.0, size, size)), np.arange(COUNT), seed)
+    assert named(level, some_speed(seed), seed, wheel=wheel) == ["extra_switching_system"]
+
+
+@pytest.mark.parametrize("seed", [1, 4, 5, 6])
+def test_jumps_that_decay_are_no_system(seed: int) -> None:
+    known = memoryless("fss_1", 2_100.0, 1_300.0, 0.38, 0.5)
+    since = np.arange(COUNT) - np.random.default_rng(seed).integers(COUNT, size=12)[:, np.newaxis]
+    decaying = 0.3 * DRY_NM * np.sum((since >= 0) * np.exp(-np.maximum(since, 0) / 150.0), axis=0)
+    level = level_of((known,), np.arange(COUNT), seed) + decaying
+    assert named(level, some_speed(seed), seed, wheel=KNOWN.model_copy(update={"fss": (known,)})) == []
 
 
 @pytest.mark.parametrize(("seed", "factor"), [(1, 0.4), (2, 2.5)])
