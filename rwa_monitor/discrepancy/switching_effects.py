@@ -246,7 +246,7 @@ def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> 
 def _is_odd(attributed: _Attributed) -> BoolArray:
     """Return which jumps no switching system of the wheel makes, or makes with a size that the wheel does not state."""
     found = attributed.assignment
-    odd = found.system == UNATTRIBUTED
+    odd: BoolArray = found.system == UNATTRIBUTED
     for index, system in enumerate(attributed.wheel.fss):
         known = [(upper.low - lower.high, upper.high - lower.low) for lower, upper in pairwise(system.friction or ())]
         if known:
