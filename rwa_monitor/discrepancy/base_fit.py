@@ -33,6 +33,7 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.segmentation import decafs, fpop, segment_sums
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.wheel.torque_balance import averaging_taps
 from rwa_monitor.wheel.wheel import Wheel
 
 JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zhang & Siegmund 2007 gives 3/2 · 2)
@@ -95,7 +96,8 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     noise = estimate_noise([z])
     problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, noise, nominal, each=each)
     if any(record.friction_is_derived for record in records):
-        problem = replace(problem, derivative_taps=speed_noise_taps(wheel))
+        taps = speed_noise_taps(wheel)
+        problem = replace(problem, derivative_taps=taps, averaging_taps=averaging_taps(wheel))
     # In a short record the slope alone, as fast as the motion, would pass for coloured noise, and hide every jump.
     slope = robust_coefficients(problem, speed[:, None])[0]
     problem = with_noise_of(problem, z - slope * speed)

@@ -46,11 +46,15 @@ class DerivedFriction:
         bool (n,), where the correction is more than the noise.
     corners
         How many slots are left out as corners.
+    unfollowed_Nm
+        float64 (n,), what a mean of the friction over the filter's window (`torque_balance.averaging_taps`) lacks to be
+        free of the torque that the filter does not follow [N m].
     """
 
     friction_Nm: FloatArray
     bent: BoolArray
     corners: int
+    unfollowed_Nm: FloatArray
 
 
 def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque_step: float) -> DerivedFriction:
@@ -70,7 +74,7 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     InputError
         If the inertia is missing.
     """
-    friction = torque_balance.derive_friction(speed, torque, wheel)
+    friction = derived = torque_balance.derive_friction(speed, torque, wheel)
     hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
     inertia = torque_balance.inertia_of(wheel)
     bias = inertia * _derivative_bias(speed, wheel, BIAS_REACH)
@@ -97,7 +101,9 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
     friction[hidden] = np.nan
     bent = binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
-    return DerivedFriction(friction, bent, corners)
+    # The filter averages dω/dt over its window: where the torque is averaged alike, they belong together.
+    averaged = correlate1d(torque - friction, torque_balance.averaging_taps(wheel), mode="constant", cval=np.nan)
+    return DerivedFriction(friction, bent, corners, averaged - (torque - derived))
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 from scipy import optimize
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, correlate1d
 
 from rwa_monitor.discrepancy.found_effects import as_found
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
@@ -162,7 +162,11 @@ def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
 
 
 def _views(problem: Problem, model: Model) -> list[_View]:
-    """Return each record's residual along the rotation on its slots [N m], and which slots count."""
+    """Return each record's residual along the rotation on its slots [N m], and which slots count.
+
+    What the torque does faster than the derivative follows is no noise: where friction is derived, its residual is
+    averaged as the derivative averages dω/dt.
+    """
     residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
     views = []
     for record, residual, begin, end in zip(
@@ -175,6 +179,9 @@ def _views(problem: Problem, model: Model) -> list[_View]:
         for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
             at = int(problem.slot[jump])
             good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
+        if record.unfollowed_Nm is not None:
+            known = np.where(good, residual, np.nan)
+            residual = record.unfollowed_Nm + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
         views.append(_View(residual, record.channels, good, record.friction_is_derived))
     return views
 
@@ -188,7 +195,7 @@ def _is_quantised(view: _View) -> bool:
 
 def _fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
     if name == COLOURED and view.friction_is_derived:
-        return coloured_beyond_filter(view.residual, view.good, problem.derivative_taps)
+        return coloured_beyond_filter(view.residual, view.good, problem.averaging_taps)
     if name == SPEED:
         twice = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
         return SpeedDependentNoise.fit(view.residual, view.channels, view.good, twice)
@@ -272,12 +279,20 @@ def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
 
 
 def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArray) -> LikelihoodFit:
-    """Fit AR(1) noise beside the white speed noise that a known derivative filter colours.
+    """Fit AR(1) noise of the torque beside white noise of the speed, both as the derivative's filter colours them.
 
-    Whittle's likelihood (1953): the periodogram is exponential about a·AR(f; φ) + b·|H(f)|² + c·W(f), H the filter's
-    transfer function and W the spectrum of a walk, as which missed jumps show. What is expected counts the slots that
-    are missing, through which the filter's strong slow noise leaks (the debiased likelihood of A. M. Sykulski, S. C.
-    Olhede, A. P. Guillaumin, J. M. Lilly, J. J. Early, Biometrika 106, 2019). Compared with φ = 0.
+    Whittle's likelihood (1953): the periodogram is exponential about (a·AR(f; φ) + c·W(f))·|M(f)|² + b·|H(f)|² +
+    d·W(f) + e, M the transfer function of the filter's average over the torque, H that of its derivative, and W the
+    spectrum of a walk, as which missed jumps show; d and e are what leaks of it at the ends and at gaps. What is
+    expected counts the slots that are missing, through which strong noise leaks (the debiased likelihood of A. M.
+    Sykulski, S. C. Olhede, A. P. Guillaumin, J. M. Lilly, J. J. Early, Biometrika 106, 2019). Compared with φ = 0.
+
+    Parameters
+    ----------
+    residual, good
+        float64 and bool (n,): averaged over the filter's window, and which slots count.
+    taps
+        The weights of that average, float64 (2h + 1,).
     """
     usable = good & np.isfinite(residual)
     count = int(usable.sum())
@@ -292,21 +307,22 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
     mean = np.bincount(bins, power, WHITTLE_BINS) / weight
     at = np.bincount(bins, frequency, WHITTLE_BINS) / weight
     expected = _expected_periodogram(usable, at)
-    lags = np.arange(WHITTLE_LAGS)
-    of_filter = np.zeros(WHITTLE_LAGS)
-    covariance = np.correlate(taps, taps, "full")[taps.size - 1 :][:WHITTLE_LAGS]  # of a wider filter, what fits
-    of_filter[: covariance.size] = covariance
-    transfer = expected @ (of_filter / max(float(of_filter[0]), 1e-300))
-    walk = 1.0 / (2.0 - 2.0 * np.cos(2 * np.pi * at))
+    lags, reach = np.arange(WHITTLE_LAGS), np.arange(1 - taps.size, taps.size)
+    slope = np.arange(taps.size) - taps.size // 2
+    averaging, derivative = (np.correlate(one, one, "full") / float(one @ one) for one in (taps, slope))
+    transfer = expected[:, : taps.size] @ derivative[taps.size - 1 :][:WHITTLE_LAGS]  # of a wider filter, what fits
+    ends = 1.0 / (2.0 - 2.0 * np.cos(2 * np.pi * at))
+    walk = ends * (np.cos(2 * np.pi * np.outer(at, reach)) @ averaging)
+    known = np.stack((transfer, walk, ends, np.ones(at.size)))
     scale = float(np.mean(mean))
 
     def loss(x: FloatArray) -> float:
-        colour = expected @ np.power(x[3], lags)
-        spectrum = np.exp(x[0]) * colour + np.exp(x[1]) * transfer + np.exp(x[2]) * walk
+        colour = expected @ (np.power(x[5], np.abs(lags[:, np.newaxis] - reach)) @ averaging)
+        spectrum = np.exp(x[0]) * colour + np.exp(x[1:5]) @ known
         return float(np.sum(weight * (np.log(spectrum) + mean / spectrum)))
 
-    start = np.log([0.5 * scale, 0.5 * scale, 1e-5 * scale])
-    limits = [(np.log(1e-4 * scale), np.log(10 * scale))] * 2 + [(np.log(1e-9 * scale), np.log(scale))]
+    start = np.log(np.array([0.5, 0.5, 1e-5, 1e-6, 1e-6]) * scale)
+    limits = [(np.log(1e-4 * scale), np.log(10 * scale))] * 2 + [(np.log(1e-9 * scale), np.log(scale))] * 3
 
     def best(low: float, high: float) -> tuple[float, FloatArray]:
         begin = np.append(start, 0.5 * (low + high))
@@ -315,7 +331,7 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
 
     plain, _ = best(0.0, 0.0)
     coloured, at_best = best(0.0, 0.99)
-    phi = float(at_best[3])
+    phi = float(at_best[5])
     return LikelihoodFit(
         {"ar_coefficient": phi},
         {"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},
@@ -328,12 +344,14 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
 def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArray:
     """Return what turns an autocovariance at WHITTLE_LAGS lags into the expected periodogram, (frequencies, lags).
 
-    Pairs that a missing slot breaks do not count: Σ_h R_h c_h cos 2πfh over both signs of h, c_h the share of pairs.
+    Pairs that a missing slot breaks do not count: Σ_h R_h c_h cos 2πfh over both signs of h, c_h the share of pairs. The
+    mean over a bin about f, since the zeros of a filter are narrow.
     """
     padded = np.abs(np.fft.rfft(usable.astype(np.float64), 2 * usable.size)) ** 2
     share = np.fft.irfft(padded)[:WHITTLE_LAGS] / np.count_nonzero(usable)
-    both = np.where(np.arange(WHITTLE_LAGS) == 0, 1.0, 2.0)
-    return np.asarray(both * share * np.cos(2 * np.pi * np.outer(frequency, np.arange(WHITTLE_LAGS))))
+    lags = np.arange(WHITTLE_LAGS)
+    both = np.where(lags == 0, 1.0, 2.0) * np.sinc(lags / (2 * WHITTLE_BINS))
+    return np.asarray(both * share * np.cos(2 * np.pi * np.outer(frequency, lags)))
 
 
 def largest_noise_gain(problem: Problem, model: Model) -> float:

@@ -207,8 +207,9 @@ class Problem:
         Noise of z [N m].
     nominal_viscous
         Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
-    derivative_taps
-        Of the filter through which noise of the speed enters friction that is derived.
+    derivative_taps, averaging_taps
+        Of the filter through which noise of the speed enters friction that is derived; and the weights with which the
+        derivative averages torque.
     memory
         Samples of noise that count as one that is independent, where friction is derived: known from the filter.
         Its noise is not whitened: columns of the torque share it. 1 elsewhere, where the law of the noise is fitted.
@@ -238,6 +239,7 @@ class Problem:
     columns: ColumnCache = field(default_factory=ColumnCache)
     recent: RecentCache = field(default_factory=RecentCache)
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
+    averaging_taps: FloatArray = field(default_factory=lambda: np.ones(1))
     memory: float = 1.0
     each: Mapper = in_turn
     lowest_viscous: float = -np.inf

@@ -70,8 +70,9 @@ class Record:
     bent
         bool (n,), slots where derived friction was corrected by more than its noise: what is left of that is no noise;
         None where friction is given.
-    derivative_slots
-        Width of the filter with which friction is derived; 0 where it is given.
+    derivative_slots, unfollowed_Nm
+        Width of the filter with which friction is derived, 0 where it is given; and what the mean over it lacks, see
+        `DerivedFriction`.
     left_out
         Why samples do not enter the search, in words, and how many; no reason without any.
     steps
@@ -97,6 +98,7 @@ class Record:
     angle_drift_rad: FloatArray | None = None
     bent: BoolArray | None = None
     derivative_slots: int = 0
+    unfollowed_Nm: FloatArray | None = None
     left_out: Mapping[str, int] = field(default_factory=dict)
     steps: Steps | None = None
     friction_as_read_Nm: FloatArray | None = None
@@ -158,11 +160,11 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
     derived = friction is None
-    bent: BoolArray | None = None
+    bent = unfollowed = None
     if friction is None:
         assert torque is not None, "there is a source"
         known = derived_friction(speed, torque, wheel, motion.torque_step_Nm)
-        friction, bent, corners = known.friction_Nm, known.bent, known.corners
+        friction, bent, corners, unfollowed = known.friction_Nm, known.bent, known.corners, known.unfollowed_Nm
         hole = half_width(wheel.friction.derivative, wheel.sample_period_s)
     else:
         hole, corners = min(2, count // 8), 0
@@ -184,6 +186,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
+        unfollowed_Nm=unfollowed,
         left_out=_left_out(measured, samples, read, motion.zone, corners, good & ~moving, moving & averaged, used),
         steps=motion.steps,
         shown=shown_constants(samples, wheel),

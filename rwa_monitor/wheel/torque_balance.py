@@ -131,6 +131,15 @@ def weights_between(wheel: Wheel) -> FloatArray:
     return np.ascontiguousarray(wheel.sample_period_s * np.cumsum(taps[: taps.size // 2 : -1])[::-1])
 
 
+def averaging_taps(wheel: Wheel) -> FloatArray:
+    """Return the weights with which the wheel's derivative averages the torque of slots, float64 (2h + 1,), centred.
+
+    That between two slots is the mean of theirs.
+    """
+    weights = weights_between(wheel)
+    return np.convolve(np.concatenate((weights[::-1], weights)), (0.5, 0.5))
+
+
 def differentiate(speed_rad_s: FloatArray, derivative: Derivative, period_s: float) -> FloatArray:
     """Return dω/dt on the slot grid [rad/s²], float64 (n,); NaN where the stencil meets a missing sample or an end.
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
 from rwa_monitor.discrepancy.noise_effects import coloured_beyond_filter
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
+from rwa_monitor.wheel.torque_balance import averaging_taps, derivative_taps
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, current_of, names, record, sampled, search, swing
 
 SAMPLES = 20_000
@@ -46,12 +46,13 @@ def test_a_simulation_without_noise_is_adequate() -> None:
 @pytest.mark.parametrize(("phi", "missing"), [(0.0, 0.0), (0.0, 0.1), (0.5, 0.1)])
 def test_colour_is_told_from_the_derivative_of_a_noisy_speed(phi: float, missing: float) -> None:
     rng = np.random.default_rng(3)
-    taps = speed_noise_taps(WHEEL)
+    taps, slope = averaging_taps(WHEEL), derivative_taps(WHEEL.friction.derivative, WHEEL.sample_period_s)
     own = signal.lfilter([np.sqrt(1 - phi**2)], [1.0, -phi], rng.normal(size=SAMPLES))
-    derived = np.convolve(rng.normal(size=SAMPLES), taps / np.sqrt(np.sum(taps**2)), "same")
-    walk = 3.0 * np.cumsum(rng.random(SAMPLES) < 5 / SAMPLES)  # jumps that were missed
+    derived = np.convolve(rng.normal(size=SAMPLES), slope / np.sqrt(np.sum(slope**2)), "same")
+    walk = 0.1 * np.cumsum(rng.random(SAMPLES) < 5 / SAMPLES)  # jumps that were missed
+    own, walk = (np.convolve(values, taps, "same") for values in (own, walk))
     good = np.repeat(rng.random(SAMPLES // 20) >= missing, 20)
-    fit = coloured_beyond_filter(own + 1.5 * derived + walk - walk.mean(), good, taps)
+    fit = coloured_beyond_filter(own + 0.1 * derived + walk - walk.mean(), good, taps)
     if phi == 0.0:
         assert fit.penalised_gain < 10.0  # the search accepts from 25 on
     else:
