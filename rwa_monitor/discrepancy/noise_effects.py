@@ -344,8 +344,8 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
 def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArray:
     """Return what turns an autocovariance at WHITTLE_LAGS lags into the expected periodogram, (frequencies, lags).
 
-    Pairs that a missing slot breaks do not count: Σ_h R_h c_h cos 2πfh over both signs of h, c_h the share of pairs. The
-    mean over a bin about f, since the zeros of a filter are narrow.
+    Pairs that a missing slot breaks do not count: Σ_h R_h c_h cos 2πfh over both signs of h, c_h the share of pairs.
+    The mean over a bin about f, since the zeros of a filter are narrow.
     """
     padded = np.abs(np.fft.rfft(usable.astype(np.float64), 2 * usable.size)) ** 2
     share = np.fft.irfft(padded)[:WHITTLE_LAGS] / np.count_nonzero(usable)
