@@ -5,12 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import signal
+from scipy.integrate import cumulative_trapezoid
 
 from rwa_monitor.discrepancy.noise_effects import coloured_beyond_filter
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.torque_balance import averaging_taps, derivative_taps
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, current_of, names, record, sampled, search, swing
+from tests.discrepancy.simple import (
+    DRY_NM,
+    NOISE_NM,
+    PERIOD_S,
+    VISCOUS,
+    WHEEL,
+    current_of,
+    names,
+    record,
+    sampled,
+    search,
+    swing,
+)
 
 SAMPLES = 20_000
 
@@ -66,3 +79,16 @@ def test_coarse_rounding_makes_no_mean_effect() -> None:
     friction = np.sign(speed) * DRY_NM + VISCOUS * speed + NOISE_NM * rng.normal(size=speed.size)
     coarse = sampled(5.0 * np.rint(speed / 5.0), motor_current_A=current_of(friction, speed))
     assert names(search(coarse)) == ["tachometer_quantisation"]
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.7])
+def test_torque_that_the_derivative_does_not_follow_is_no_noise(phi: float) -> None:
+    """What a controller does from sample to sample stands in the current, and is no noise of the derived friction."""
+    rng = np.random.default_rng(4)
+    lively = 1e-4 * signal.lfilter([1.0], [1.0, -phi], rng.standard_t(4.0, size=SAMPLES))
+    turned = cumulative_trapezoid(lively - lively.mean(), dx=PERIOD_S, initial=0.0) / WHEEL.inertia_kg_m2
+    speed = swing(SAMPLES) + turned
+    friction = np.sign(speed) * DRY_NM + VISCOUS * speed + NOISE_NM * rng.normal(size=SAMPLES)
+    motor = friction + WHEEL.inertia_kg_m2 * np.gradient(swing(SAMPLES), PERIOD_S) + lively - lively.mean()
+    samples = sampled(speed, motor_current_A=motor / WHEEL.torque_constant_Nm_A)
+    assert names(search(samples)) == []
