@@ -142,12 +142,17 @@ def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_V
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A record's residual as the noise effects see it; arrays over its slots."""
+    """A record's residual as the noise effects see it; arrays over its slots.
+
+    `averaged`: over the window of the derivative, as the derivative averages dω/dt, where friction is derived. What the
+    torque does faster than the derivative follows is no noise, and is not in it.
+    """
 
     residual: FloatArray
     channels: Channels
     good: BoolArray
     friction_is_derived: bool
+    averaged: FloatArray | None = None
 
     @property
     def usable(self) -> BoolArray:
@@ -162,11 +167,7 @@ def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
 
 
 def _views(problem: Problem, model: Model) -> list[_View]:
-    """Return each record's residual along the rotation on its slots [N m], and which slots count.
-
-    What the torque does faster than the derivative follows is no noise: where friction is derived, its residual is
-    averaged as the derivative averages dω/dt.
-    """
+    """Return each record's residual along the rotation on its slots [N m], and which slots count."""
     residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
     views = []
     for record, residual, begin, end in zip(
@@ -179,10 +180,11 @@ def _views(problem: Problem, model: Model) -> list[_View]:
         for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
             at = int(problem.slot[jump])
             good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
+        averaged: FloatArray | None = None
         if record.unfollowed_Nm is not None:
             known = np.where(good, residual, np.nan)
-            residual = record.unfollowed_Nm + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
-        views.append(_View(residual, record.channels, good, record.friction_is_derived))
+            averaged = record.unfollowed_Nm + correlate1d(known, problem.averaging_taps, mode="constant", cval=np.nan)
+        views.append(_View(residual, record.channels, good, record.friction_is_derived, averaged))
     return views
 
 
@@ -194,8 +196,10 @@ def _is_quantised(view: _View) -> bool:
 
 
 def _fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
-    if name == COLOURED and view.friction_is_derived:
-        return coloured_beyond_filter(view.residual, view.good, problem.averaging_taps)
+    if name == COLOURED and view.averaged is not None:
+        return coloured_beyond_filter(view.averaged, view.good, problem.averaging_taps)
+    if name == HEAVY and view.averaged is not None:
+        return NOISE_EFFECTS[HEAVY].fit(view.averaged, view.channels, view.good)
     if name == SPEED:
         twice = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
         return SpeedDependentNoise.fit(view.residual, view.channels, view.good, twice)
@@ -264,18 +268,22 @@ def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
     """Return the residual with a noise effect taken out, as far as its likelihood determines it."""
-    residual, good, values = view.residual.copy(), view.good, fit.values
+    good, values = view.good, fit.values
     speed = np.abs(view.channels.speed_rad_s)
     if name == COLOURED:
-        residual[1:] -= values["ar_coefficient"] * view.residual[:-1]
         good = good & np.concatenate([[False], good[:-1]])
-    elif name == HEAVY:
-        residual *= _tail_weight(residual, view.usable, fit)
-    elif name == SPEED:
-        residual /= spread_factor(speed, values)
     elif name == CAGE:
         good = good & ~(np.abs(speed - values["band_speed_rad_s"]) < 1.5 * values["band_half_width_rad_s"])
-    return replace(view, residual=residual, good=good)
+
+    def left(residual: FloatArray) -> FloatArray:
+        if name == COLOURED:
+            return residual - values["ar_coefficient"] * np.concatenate([[0.0], residual[:-1]])
+        if name == HEAVY:
+            return residual * _tail_weight(residual, view.good & np.isfinite(residual), fit)
+        return residual / spread_factor(speed, values) if name == SPEED else residual
+
+    averaged = None if view.averaged is None else left(view.averaged)
+    return replace(view, residual=left(view.residual), averaged=averaged, good=good)
 
 
 def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArray) -> LikelihoodFit:
