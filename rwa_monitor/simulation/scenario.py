@@ -225,16 +225,7 @@ class Scenario(TomlFile):
     """
 
     head: ClassVar[str] = "scenario"
-    tables: ClassVar[tuple[str, ...]] = (
-        "speed",
-        "base",
-        "temperature",
-        "anomalies",
-        "noise",
-        "sensors",
-        "effect",
-        "fault",
-    )
+    first_table: ClassVar[str] = "speed"
     what: ClassVar[str] = "scenario"
 
     duration_s: Positive = 10_000.0
