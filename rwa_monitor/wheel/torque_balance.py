@@ -15,9 +15,8 @@ from rwa_monitor.kernels import torque_balance as kernels
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.wheel.wheel import Derivative, Wheel
 
-MAX_HALF_WIDTH: Final = (
-    5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
-)
+# In slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion.
+MAX_HALF_WIDTH: Final = 5_000
 MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
 Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
 FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_torque_Nm", "motor_current_A")
