@@ -314,9 +314,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
         direction=direction,
         acceleration_rad_s2=motion.acceleration_rad_s2,
         angle_rad=wheel_angle(speed, wheel.sample_period_s),
-        motor_torque_Nm=None,
         bearing_temperature_degC=temperature,
-        dry_level_Nm=None,
         sample_period_s=wheel.sample_period_s,
         good=np.ones(slots, dtype=np.bool_),
     )

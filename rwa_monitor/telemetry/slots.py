@@ -596,7 +596,6 @@ class FrictionSource:
             angle_rad=angle,
             motor_torque_Nm=optional["motor_torque_Nm"],
             bearing_temperature_degC=temperature if TEMPERATURE in ring.channels else None,
-            dry_level_Nm=None,
             sample_period_s=period_s,
             good=good,
         )

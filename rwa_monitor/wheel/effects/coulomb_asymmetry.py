@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 class CoulombAsymmetry(MeanEffect):
@@ -44,4 +44,4 @@ class CoulombAsymmetry(MeanEffect):
     @classmethod
     def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return level·sign²; NaN where the level is not known (`Channels.dry_level_Nm`)."""
-        return known_or_nan(channels.dry_level_Nm, channels) * np.abs(channels.direction)
+        return channels.optional("dry_level_Nm") * np.abs(channels.direction)

@@ -7,17 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    Shape,
-    begun,
-    known_or_nan,
-    since_last,
-    stack,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
 
 
 class CurrentDelay(MeanEffect):
@@ -63,7 +53,7 @@ class CurrentDelay(MeanEffect):
         if channels.motor_torque_rate_Nm_s is not None:
             return stack(channels.motor_torque_rate_Nm_s), None
         state = begun(memory, np.nan, 0.0)
-        motor_torque = known_or_nan(channels.motor_torque_Nm, channels)
+        motor_torque = channels.optional("motor_torque_Nm")
         usable = channels.good & np.isfinite(motor_torque)
         return stack(backward_difference(motor_torque, usable, channels.sample_period_s, state)), state
 

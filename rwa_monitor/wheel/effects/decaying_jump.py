@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, Parameter, Shape, stack
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
+
+SHORTEST_SLOTS: Final = 20  # of a relaxation: shorter ones are outliers beside a jump
+LONGEST_SHARE: Final = 0.1  # of the record: longer ones are drifts
+
+
+def _shown_time(channels: Channels) -> tuple[float, float]:
+    return SHORTEST_SLOTS * channels.sample_period_s, LONGEST_SHARE * channels.duration_s
 
 
 class DecayingJump(SwitchingEffect):
@@ -40,7 +49,7 @@ class DecayingJump(SwitchingEffect):
     not_exported = ""
     parameters = (
         Parameter("strength", "-", 0.0, 1.0, 0.5, linear=True),
-        Parameter("time_constant_s", "s", 1e-3, 1e5, 60.0),
+        Parameter("time_constant_s", "s", 1e-3, 1e5, 60.0, shown=_shown_time),
     )
 
     @classmethod

@@ -8,13 +8,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    LikelihoodFit,
-    NoiseEffect,
-    Parameter,
-    curvature_std,
-)
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, curvature_std
 
 SCALE_ROUNDS: Final = 25  # of the EM iteration for the scale; it gains a digit every few rounds
 GAUSSIAN_FROM: Final = 100.0  # [-] degrees of freedom from which the law is Gaussian for every purpose

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 class LoadDependence(MeanEffect):
@@ -41,4 +41,4 @@ class LoadDependence(MeanEffect):
     @classmethod
     def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return |K_T I|·sign; in the search K_T I must be a mean of neighbours that leaves out the slot itself."""
-        return channels.direction * np.abs(known_or_nan(channels.motor_torque_Nm, channels))
+        return channels.direction * np.abs(channels.optional("motor_torque_Nm"))

@@ -8,17 +8,7 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    Shape,
-    begun,
-    duration,
-    follow,
-    stack,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, follow, stack
 
 MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
 FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the drive's
@@ -26,7 +16,7 @@ FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the d
 
 def _shown_time(channels: Channels) -> tuple[float, float]:
     """From 10 s, or ten slots (shorter: like dω/dt), to the record's length (longer: like ω and a drift)."""
-    return max(10.0 * channels.sample_period_s, FASTEST_S), duration(channels)
+    return max(10.0 * channels.sample_period_s, FASTEST_S), channels.duration_s
 
 
 class LubricantLag(MeanEffect):

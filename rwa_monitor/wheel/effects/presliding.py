@@ -8,19 +8,7 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import dahl_bristle
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    Shape,
-    begun,
-    duration,
-    follow,
-    speed_step,
-    stack,
-    used_speed,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, follow, stack
 from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
 
 SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape
@@ -28,11 +16,11 @@ SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape
 
 def _slot_at_reversal(channels: Channels) -> float:
     """Return half the angle that a slot at a reversal covers, |dω/dt|·Δt²/2 [rad]."""
-    return 0.5 * speed_step(channels) * channels.sample_period_s
+    return 0.5 * channels.speed_step_rad_s * channels.sample_period_s
 
 
 def _shown_angle(channels: Channels) -> tuple[float, float]:
-    return _slot_at_reversal(channels), 0.1 * float(used_speed(channels).mean()) * duration(channels)
+    return _slot_at_reversal(channels), 0.1 * float(channels.used_speed_rad_s.mean()) * channels.duration_s
 
 
 class Presliding(MeanEffect):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, duration
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 def _shown_time(channels: Channels) -> tuple[float, float]:
     """From a twentieth of the record (shorter: a transient at its start) to ten records (longer: a ramp)."""
-    return 0.05 * duration(channels), 10.0 * duration(channels)
+    return 0.05 * channels.duration_s, 10.0 * channels.duration_s
 
 
 class RunInDrift(MeanEffect):
@@ -60,4 +60,4 @@ class RunInDrift(MeanEffect):
     @classmethod
     def largest_share(cls, channels: Channels) -> float:
         """All of the friction within an hour: the catalogue's is slower (see `source`: hours and longer)."""
-        return min(duration(channels) / SECONDS_PER_HOUR, 1.0)
+        return min(channels.duration_s / SECONDS_PER_HOUR, 1.0)

@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, speed_step, used_speed
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 SHARPEST: Final = 6.0  # of the bend: at ω_s the drag is 89 % of its end; sharper is a corner
 RARER: Final = 100.0  # odds of a power law, which bearings of machines are known to follow, against this one
@@ -15,8 +15,8 @@ RARER: Final = 100.0  # odds of a power law, which bearings of machines are know
 
 def _shown_speed(channels: Channels) -> tuple[float, float]:
     """From a few speed steps, below which it is dry friction, to the largest speed, above which it is a slope."""
-    top = float(used_speed(channels).max())
-    return max(3.0 * speed_step(channels), 1e-3 * top), top
+    top = float(channels.used_speed_rad_s.max())
+    return max(3.0 * channels.speed_step_rad_s, 1e-3 * top), top
 
 
 class SaturatingDrag(MeanEffect):

@@ -9,14 +9,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    LikelihoodFit,
-    NoiseEffect,
-    Parameter,
-    curvature_std,
-    most_likely,
-)
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, curvature_std, most_likely
 
 BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in each
 

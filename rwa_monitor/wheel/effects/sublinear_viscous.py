@@ -7,17 +7,14 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
-from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
+from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K, temperature_varies
 
 ACTIVATION_REACH_K: Final = 3000.0  # [K] of a round of fitting; several follow each other
-LEAST_K: Final = 0.5  # [K] that the temperature must vary by: less is the resolution of a housekeeping sensor
 
 
-def _where_temperature_varies(channels: Channels) -> float:
-    temperature = known_or_nan(channels.bearing_temperature_degC, channels)[channels.good]
-    known = temperature[np.isfinite(temperature)]
-    return ACTIVATION_REACH_K if known.size and np.ptp(known) > LEAST_K else 0.0
+def _activation_reach(channels: Channels) -> float:
+    return ACTIVATION_REACH_K if temperature_varies(channels) else 0.0
 
 
 class SublinearViscous(MeanEffect):
@@ -62,7 +59,7 @@ class SublinearViscous(MeanEffect):
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
         Parameter("exponent", "-", 0.3, 0.9, 2.0 / 3.0),
-        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, False, (0.0,), 0.0, _where_temperature_varies),
+        Parameter("activation_temperature_K", "K", 0.0, 8000.0, 0.0, False, (0.0,), 0.0, _activation_reach),
     )
 
     @classmethod
@@ -71,6 +68,6 @@ class SublinearViscous(MeanEffect):
         drag = channels.direction * np.power(np.abs(channels.speed_rad_s), shape["exponent"])
         activation_K = shape["activation_temperature_K"]
         if activation_K != 0.0:
-            temperature_K = known_or_nan(channels.bearing_temperature_degC, channels) + ZERO_CELSIUS_K
+            temperature_K = channels.optional("bearing_temperature_degC") + ZERO_CELSIUS_K
             drag = drag * np.exp(shape["exponent"] * activation_K * (1.0 / temperature_K - 1.0 / REFERENCE_K))
         return drag

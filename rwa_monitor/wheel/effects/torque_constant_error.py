@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 
 class TorqueConstantError(MeanEffect):
@@ -40,4 +40,4 @@ class TorqueConstantError(MeanEffect):
     @classmethod
     def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return K_T I; in the search it must be a mean of neighbours without the slot itself (shared noise)."""
-        return known_or_nan(channels.motor_torque_Nm, channels)
+        return channels.optional("motor_torque_Nm")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, known_or_nan
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 REFERENCE_DEGC: Final = 20.0  # [°C] where the torque constant is the assumed one
 
@@ -47,5 +47,5 @@ class TorqueConstantTemperature(MeanEffect):
     @classmethod
     def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return (T - T₀)·K_T I; in the search K_T I must be a mean of neighbours that leaves out the slot itself."""
-        warmer_K = known_or_nan(channels.bearing_temperature_degC, channels) - REFERENCE_DEGC
-        return warmer_K * known_or_nan(channels.motor_torque_Nm, channels)
+        warmer_K = channels.optional("bearing_temperature_degC") - REFERENCE_DEGC
+        return warmer_K * channels.optional("motor_torque_Nm")
