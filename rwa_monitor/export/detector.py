@@ -50,15 +50,9 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
         "tail_sure": largest(chance, UNKNOWN_TAIL) if asked is None else largest(1.0 / asked, 1.0),
     }
     lines = [f"    .{name} = {_literal(value)}," for name, value in fields.items()]
-    text = "\n".join(
-        [
-            f"/* Of wheel file {wheel.sha256()}; do not edit, export again. */",
-            "static const rwa_detector_settings rwa_detector_of_wheel = {",
-            *lines,
-            "};",
-        ]
-    )
-    return {"rwa_detector_settings.h": f"{text}\n".encode()}
+    head = f"/* Of wheel file {wheel.sha256()}; do not edit, export again. */"
+    begin, end = "static const rwa_detector_settings rwa_detector_of_wheel = {", "};"
+    return {"rwa_detector_settings.h": "\n".join([head, begin, *lines, end, ""]).encode()}
 
 
 def _literal(value: float | list[float]) -> str:

@@ -67,15 +67,9 @@ def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> 
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             Path(folder, name).write_text(text, encoding="utf-8")
-        command = [
-            *compiler,
-            *FLAGS,
-            *["-fvisibility=hidden"] * hidden,
-            *(name for name in sources if name.endswith(".c")),
-            "-lm",
-            "-o",
-            "model.so",
-        ]
+        units = [name for name in sources if name.endswith(".c")]
+        visibility = ["-fvisibility=hidden"] if hidden else []
+        command = [*compiler, *FLAGS, *visibility, *units, "-lm", "-o", "model.so"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603 - $CC is the user's
         if done.returncode != 0:
             raise RwaMonitorError(f"{place}: {compiler[0]} fails: {done.stderr.strip()[:500]}")

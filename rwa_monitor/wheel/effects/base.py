@@ -488,6 +488,24 @@ def curvature_std(log_likelihood: Callable[[float], float], at: float, step: flo
     return float(1.0 / np.sqrt(-second)) if second < 0 else float("nan")
 
 
+def most_likely_one(
+    gain: Callable[[float], float], low: float, high: float, tolerance: float
+) -> tuple[float, float, float]:
+    """Return the positive parameter at which a gain is largest, its deviation by the curvature, and the gain, ≥ 0.
+
+    It is looked for by its logarithm, between two bounds and to a tolerance.
+    """
+    from scipy import optimize
+
+    def of_log(x: float) -> float:
+        return gain(float(np.exp(x)))
+
+    bounds, options = (float(np.log(low)), float(np.log(high))), {"xatol": tolerance}
+    found = optimize.minimize_scalar(lambda x: -of_log(x), bounds=bounds, method="bounded", options=options)
+    best = float(np.exp(found.x))
+    return best, best * curvature_std(of_log, float(found.x), 0.02), max(-float(found.fun), 0.0)
+
+
 def most_likely(
     gain: Callable[[FloatArray], float], starts: Sequence[FloatArray], bounds: Sequence[tuple[float, float]]
 ) -> tuple[FloatArray, FloatArray, float]:

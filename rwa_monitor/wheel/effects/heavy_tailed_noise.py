@@ -8,7 +8,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, curvature_std
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, most_likely_one
 
 SCALE_ROUNDS: Final = 25  # of the EM iteration for the scale; it gains a digit every few rounds
 GAUSSIAN_FROM: Final = 100.0  # [-] degrees of freedom from which the law is Gaussian for every purpose
@@ -57,24 +57,12 @@ class HeavyTailedNoise(NoiseEffect):
         squares = (residual_Nm[usable] / spread) ** 2
         gaussian = -0.5 * count * (np.log(2.0 * np.pi) + 1.0)
 
-        def gain(log_nu: float) -> float:
-            return student_log_likelihood(squares, float(np.exp(log_nu))) - float(gaussian)
+        def gain(nu: float) -> float:
+            return student_log_likelihood(squares, nu) - float(gaussian)
 
-        low, high = (float(np.log(bound)) for bound in (cls.parameters[0].low, cls.parameters[0].high))
-        from scipy import optimize
-
-        found = optimize.minimize_scalar(
-            lambda x: -gain(x), bounds=(low, high), method="bounded", options={"xatol": 1e-3}
-        )
-        log_nu = float(found.x)
-        nu = float(np.exp(log_nu))
-        return LikelihoodFit(
-            values={"degrees_of_freedom": nu},
-            std={"degrees_of_freedom": nu * curvature_std(gain, log_nu, 0.02)},
-            log_likelihood_gain=max(-float(found.fun), 0.0),
-            parameters=1,
-            samples=count,
-        )
+        (parameter,) = cls.parameters
+        nu, std, most = most_likely_one(gain, parameter.low, parameter.high, 1e-3)
+        return LikelihoodFit({parameter.name: nu}, {parameter.name: std}, most, 1, count)
 
 
 def student_log_likelihood(squares: FloatArray, degrees_of_freedom: float) -> float:
