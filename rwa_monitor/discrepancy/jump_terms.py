@@ -13,10 +13,9 @@ from scipy.ndimage import correlate1d
 
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, stack
-from rwa_monitor.wheel.effects.current_delay import CurrentDelay
-from rwa_monitor.wheel.effects.decaying_jump import DecayingJump
+from rwa_monitor.wheel.effects.jump_shapes import DecayingJump, ViscousJump
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
-from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
+from rwa_monitor.wheel.effects.torque_balance_errors import CurrentDelay
 
 
 class JumpTerm(MeanEffect):

@@ -1,4 +1,4 @@
-"""All effects, found by importing every module of this package: adding an effect is adding one file."""
+"""All effects, found by importing every module of this package: adding an effect is adding one class."""
 
 from __future__ import annotations
 
