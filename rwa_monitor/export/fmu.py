@@ -21,7 +21,7 @@ from typing import Final
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.export.c_source import c_files, render
 from rwa_monitor.export.model import INPUTS, FrictionModel
-from rwa_monitor.wheel.effects.formula import ORIGIN_degC
+from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 
 # No contraction to fused multiply-add: the bits of the package's own kernels.
 FLAGS: Final = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")

@@ -438,12 +438,17 @@ def follow(
     usable: BoolArray,
     period_s: float,
     parameter: float,
-    state: FloatArray,
-) -> FloatArray:
-    """Return what a recursion of the kernels, which names the other arguments, makes of values, float64 (n,)."""
+    memory: Memory,
+    start: tuple[float, ...] = (np.nan, np.nan),
+) -> tuple[FloatArray, FloatArray]:
+    """Return what a recursion of the kernels, which names the other arguments, makes of values, and its memory.
+
+    `start` is its memory at the start of a record.
+    """
+    state = begun(memory, *start)
     if isinstance(values, np.ndarray):
-        return recursion(values, usable, period_s, parameter, state)
-    return values.follow(recursion.__name__, usable, parameter, state)
+        return recursion(values, usable, period_s, parameter, state), state
+    return values.follow(recursion.__name__, usable, parameter, state), state
 
 
 # ---- a fit by maximum likelihood: what noise and switching effects hand to the search --------------------------------
@@ -500,8 +505,10 @@ def most_likely_one(
     def of_log(x: float) -> float:
         return gain(float(np.exp(x)))
 
-    bounds, options = (float(np.log(low)), float(np.log(high))), {"xatol": tolerance}
-    found = optimize.minimize_scalar(lambda x: -of_log(x), bounds=bounds, method="bounded", options=options)
+    bounds = (float(np.log(low)), float(np.log(high)))
+    found = optimize.minimize_scalar(
+        lambda x: -of_log(x), bounds=bounds, method="bounded", options={"xatol": tolerance}
+    )
     best = float(np.exp(found.x))
     return best, best * curvature_std(of_log, float(found.x), 0.02), max(-float(found.fun), 0.0)
 

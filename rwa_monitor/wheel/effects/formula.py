@@ -19,11 +19,11 @@ import numpy as np
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.kernels.effects import time_since
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, follow, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_turned
+from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
-ORIGIN_degC: Final = 20.0  # where exponential and linear laws of the temperature are one or zero: a convention
 RESOLVED_STEPS: Final = 3.0  # of a variable from slot to slot: a narrower feature falls between samples
 FINEST_SHARE: Final = 0.02  # of the largest value: a scale below is a step at zero
 INSIDE_SHARE: Final = 0.05  # of the range: a centre nearer to its ends has no samples beyond
@@ -98,9 +98,8 @@ class Carrier:
 
 def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot."""
-    state, every = begun(memory, np.inf), np.ones(len(channels), dtype=np.bool_)
-    rate, period_s = channels.acceleration_rad_s2, channels.sample_period_s
-    return follow(time_since, rate, every, period_s, shape["slew_rad_s2"], state), state
+    rate, every = channels.acceleration_rad_s2, np.ones(len(channels), dtype=np.bool_)
+    return follow(time_since, rate, every, channels.sample_period_s, shape["slew_rad_s2"], memory, (np.inf,))
 
 
 def _shown_slew(channels: Channels) -> tuple[float, float]:

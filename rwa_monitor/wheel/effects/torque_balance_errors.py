@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
+from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 
 
 class InertiaError(MeanEffect):
@@ -91,9 +92,6 @@ class TorqueConstantError(MeanEffect):
         return channels.optional("motor_torque_Nm")
 
 
-REFERENCE_DEGC: Final = 20.0  # [°C] where the torque constant is the assumed one
-
-
 class TorqueConstantTemperature(MeanEffect):
     """A torque constant that changes with temperature.
 
@@ -131,7 +129,7 @@ class TorqueConstantTemperature(MeanEffect):
     @classmethod
     def column(cls, channels: Channels, shape: Shape) -> FloatArray:
         """Return (T - T₀)·K_T I; in the search K_T I must be a mean of neighbours that leaves out the slot itself."""
-        warmer_K = channels.optional("bearing_temperature_degC") - REFERENCE_DEGC
+        warmer_K = channels.optional("bearing_temperature_degC") - ORIGIN_degC
         return warmer_K * channels.optional("motor_torque_Nm")
 
 

@@ -8,10 +8,11 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, follow, stack
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 
 ZERO_CELSIUS_K: Final = 273.15  # [K]
-REFERENCE_K: Final = ZERO_CELSIUS_K + 20.0  # [K] where ν = ν₀: a convention, it shifts strength into the base slope
+ORIGIN_degC: Final = 20.0  # where laws of the temperature are one or zero: a convention
+REFERENCE_K: Final = ZERO_CELSIUS_K + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
 LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
 LAG_REACH_S: Final = 300.0  # [s] of a round of fitting; several follow each other
 
@@ -75,8 +76,7 @@ class ViscosityTemperature(MeanEffect):
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         temperature = channels.optional("bearing_temperature_degC")
         if shape["sensor_lag_s"] > 0.0:
-            memory = begun(memory, np.nan, np.nan)
             known, period_s = np.isfinite(temperature), channels.sample_period_s
-            temperature = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
+            temperature, memory = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
         exponent = shape["activation_temperature_K"] * (1.0 / (temperature + ZERO_CELSIUS_K) - 1.0 / REFERENCE_K)
         return stack(channels.speed_rad_s * np.expm1(exponent)), memory
