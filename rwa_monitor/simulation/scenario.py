@@ -248,6 +248,10 @@ class Scenario(TomlFile):
                 raise ValueError(f"{name!r} is none of {', '.join(CHANNELS)}")
         return channels
 
+    def factor_at(self, name: str, time_s: FloatArray) -> FloatArray:
+        """Return an anomaly's factor at times from the beginning of the record [s]; 1 without such an anomaly."""
+        return self.anomalies.get(name, Anomaly(factor=1.0)).factor_at(time_s)
+
     def slots(self, wheel: Wheel) -> int:
         """Return the length of the record [slots].
 

@@ -264,9 +264,8 @@ def mended_friction(
     given, float64 (n,) [rad/s²], where it is known over gaps.
     """
     if acceleration_rad_s2 is None:
-        friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
-    else:
-        friction = friction_torque(motor_torque_Nm, acceleration_rad_s2, inertia_of(wheel))
+        acceleration_rad_s2 = differentiate(speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
+    friction = friction_torque(motor_torque_Nm, acceleration_rad_s2, inertia_of(wheel))
     return friction - rounding_error(speed_rad_s, motor_torque_Nm, wheel)
 
 

@@ -210,6 +210,11 @@ class Wheel(TomlFile):
         return period_ns(self.sample_period_s)
 
     @property
+    def window_s(self) -> float:
+        """Length of a window [s]."""
+        return self.window.samples * self.sample_period_s
+
+    @property
     def anomalies(self) -> tuple[str, ...]:
         """Names of all anomalies this wheel can have: dry, viscous, and one per switching system."""
         return (*RESERVED_ANOMALIES, *(system.name for system in self.fss))

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar, Final, cast
+from typing import Any, ClassVar, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -31,8 +31,7 @@ WIDEST_SHARE: Final = 0.5  # of the range: a wider bump or step is a curve witho
 SLEW_QUANTILE: Final = 0.99  # of |dω/dt|: what single samples reach is noise
 
 
-@dataclass(frozen=True, slots=True)
-class Function:
+class Function(NamedTuple):
     """A function of one variable.
 
     Attributes
@@ -53,8 +52,7 @@ class Function:
     strengths: tuple[str, ...] = ("",)
 
 
-@dataclass(frozen=True, slots=True)
-class Variable:
+class Variable(NamedTuple):
     """A quantity that a formula is a function of.
 
     Attributes
@@ -86,8 +84,7 @@ class Variable:
     needs: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class Carrier:
+class Carrier(NamedTuple):
     """A factor that gives the direction: its text, the unit of the strength and its ending, and its values."""
 
     text: str

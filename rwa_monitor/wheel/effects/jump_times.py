@@ -196,13 +196,8 @@ class WrongDurationLaw(SwitchingEffect):
         start = np.array([np.log(np.clip(relative.mean(), 0.011, 99.0)), 0.0])
         best, std, most = most_likely(gain, [start], bounds)
         names, values = [parameter.name for parameter in cls.parameters], np.exp(best)
-        return LikelihoodFit(
-            dict(zip(names, values.tolist(), strict=True)),
-            dict(zip(names, (values * std).tolist(), strict=True)),
-            most,
-            2,
-            int(sojourns.slots.size),
-        )
+        found, errors = (dict(zip(names, each.tolist(), strict=True)) for each in (values, values * std))
+        return LikelihoodFit(found, errors, most, 2, int(sojourns.slots.size))
 
 
 def weibull_of_mean(mean_slots: float, shape: float) -> Weibull:

@@ -53,13 +53,9 @@ class ColouredNoise(NoiseEffect):
         if energy == 0.0:
             return cls.nothing_found(count)
         phi = float(np.clip(np.sum(before * after) / energy, 0.0, 0.99))
-        return LikelihoodFit(
-            values={"ar_coefficient": phi},
-            std={"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},
-            log_likelihood_gain=float(-0.5 * count * np.log1p(-(phi**2))),
-            parameters=1,
-            samples=count,
-        )
+        std = float(np.sqrt((1 - phi**2) / count))
+        gain = float(-0.5 * count * np.log1p(-(phi**2)))
+        return LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, count)
 
 
 def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
