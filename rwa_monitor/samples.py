@@ -84,14 +84,10 @@ class Samples:
 
     def __post_init__(self) -> None:
         """Bring every channel to its one type and check that all have one length."""
-        object.__setattr__(self, "time_ns", np.ascontiguousarray(self.time_ns, dtype=np.int64))
-        for name in TABLE_CHANNELS:
-            values = getattr(self, name)
-            if values is not None:
-                object.__setattr__(self, name, np.ascontiguousarray(values, dtype=np.float64))
-        for name in ("time_ns", *TABLE_CHANNELS):
-            values = getattr(self, name)
-            if values is not None and values.shape != (self.time_ns.size,):
+        for name, given in self.channels():
+            values = np.ascontiguousarray(given, dtype=np.int64 if name == "time_ns" else np.float64)
+            object.__setattr__(self, name, values)
+            if values.shape != (self.time_ns.size,):
                 raise InputError("samples", f"has shape {values.shape}, time_ns has {self.time_ns.shape}", name)
 
     def __len__(self) -> int:

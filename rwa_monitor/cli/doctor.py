@@ -20,9 +20,8 @@ if TYPE_CHECKING:
     import zenoh
 
 
-ANSWER_S: Final = (
-    3.0  # how long a router or peer has to answer, and monitors, which publish every second, to be heard of
-)
+# How long a router or peer has to answer, and monitors, which publish every second, to be heard of.
+ANSWER_S: Final = 3.0
 
 
 @click.command(short_help="Check installation, configuration and bus connection.")

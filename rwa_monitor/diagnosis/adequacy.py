@@ -36,15 +36,7 @@ from scipy import special
 from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.noise import NORMAL_MEDIAN, ar_coefficient, median_size
 from rwa_monitor.changepoints.running_sums import HARMONICS
-from rwa_monitor.changepoints.stage_results import (
-    REJECTED,
-    UNATTRIBUTED,
-    Assignment,
-    Components,
-    Estimate,
-    Evidence,
-    NoiseEstimate,
-)
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.kernels.running_sums import STRIDE, lagged_products
 from rwa_monitor.kernels.structure import BLOCK
@@ -288,8 +280,8 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(shown, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is looked at first: as nearly always, nothing is left to allow for.
-    least, most = RIPPLE_COLOUR
-    if over_chance[strongest] < least or over_chance[strongest] < min(_spectral_peak(evidence.noise), most):
+    found, (least, most) = over_chance[strongest], RIPPLE_COLOUR
+    if found < least or found < min(_spectral_peak(evidence.noise.autocovariance), most):
         return None
     return Adequacy("torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
 
@@ -301,9 +293,8 @@ def _ripple_by_chance(stretches: int) -> FloatArray:
     return np.asarray(special.chdtri(2.0 * np.maximum(shown, 1), RIPPLE_CHANCE / HARMONICS))
 
 
-def _spectral_peak(noise: NoiseEstimate) -> float:
+def _spectral_peak(autocovariance: FloatArray) -> float:
     """Return the largest value of the noise's spectrum over its mean, from its autocovariance."""
-    autocovariance = noise.autocovariance
     two_sided = np.concatenate([autocovariance, np.zeros(autocovariance.size), autocovariance[:0:-1]])
     return float(np.fft.rfft(two_sided).real.max() / autocovariance[0])
 

@@ -280,7 +280,7 @@ def classify(
     conditional = features.by_path or (FeaturesOfPath(0.0, features, same_jumps=True),)
     weighed = [_log_likelihood(one.features, models, combinations, history) for one in conditional]
     log_likelihood = np.array([one.log_weight + found[0] for one, found in zip(conditional, weighed, strict=True)])
-    prior = _prior(combinations, models, names, model, carried, history)
+    prior = _prior(models, names, model, carried, history)
     log_prior = np.log(prior)
     by_path = softmax(log_prior + log_likelihood)
     posterior = by_path.sum(axis=0)
@@ -399,12 +399,7 @@ def _value_evidence(before: Coefficient | None, value: float, std: float) -> Flo
 
 
 def _prior(
-    combinations: BoolArray,
-    models: Sequence[AnomalyModel | None],
-    names: Sequence[str],
-    model: Model,
-    carried: CarriedState,
-    history: _History,
+    models: Sequence[AnomalyModel | None], names: Sequence[str], model: Model, carried: CarriedState, history: _History
 ) -> FloatArray:
     """Return the probability of each combination before the window, float64 (combinations,).
 
@@ -416,7 +411,7 @@ def _prior(
     wanted = _shown_before(names, rates, carried, history)
     for _ in range(PRIOR_ROUNDS if wanted else 0):
         for a, now in wanted.items():
-            there = combinations[:, a]
+            there = _all_combinations(len(names))[:, a]
             so_far = float(prior[there].sum()) / float(prior.sum())
             prior = prior * np.where(there, now / so_far, (1.0 - now) / (1.0 - so_far))
     return np.asarray(prior / prior.sum(), dtype=np.float64)

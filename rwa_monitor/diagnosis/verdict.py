@@ -191,11 +191,10 @@ def without_anomaly(findings: Findings) -> tuple[Verdict, str]:
     """Return verdict and reason of a window in which no anomaly is found: nominal, where it shows enough for that."""
     anomalies, lacking = findings.anomalies, findings.lacking
     silent = [one.name for one in anomalies if one.known and not one.informative]
+    why = f"{lacking}{findings.because_of_temperature(silent)}"
     if len(silent) == len(anomalies):
-        why = f"{lacking}{findings.because_of_temperature(silent)}"
         return "inconclusive", f"The window shows none of the wheel's coefficients well enough to judge them{why}."
     if silent:
-        why = f"{lacking}{findings.because_of_temperature(silent)}"
         return "inconclusive", f"Nothing else is anomalous, but the window does not show {listed(silent)}{why}."
     unknown = [one.name for one in anomalies if not one.known]
     if unknown:

@@ -16,12 +16,7 @@ import numpy as np
 from rwa_monitor.changepoints.stage_results import REJECTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.adequacy import Adequacy, ModelErrorUncertainty, check, uncertainty_of
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
-from rwa_monitor.diagnosis.features import (
-    Features,
-    SystemFeatures,
-    features_of,
-    without_prior,
-)
+from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of, without_prior
 from rwa_monitor.diagnosis.findings import (
     DRY_UNIT,
     VISCOUS_UNIT,

@@ -63,7 +63,7 @@ def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, diagnose: Dia
     """Simulate one window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
     status, seed = one
     anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS.get(status, FACTOR_OF_SYSTEMS))}
-    duration_s = wheel.window.samples * wheel.sample_period_s
+    duration_s = wheel.window_s
     scenario = Scenario(duration_s=duration_s, speed=speed, anomalies=anomalies)
     telemetry = simulate(scenario, extended, np.random.default_rng(seed))
     return np.array([_count(telemetry, diagnose(telemetry.samples, used), used, status) for used in (wheel, extended)])

@@ -19,7 +19,7 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.wheel.effects.formula import FORMULAS, Formula
-from rwa_monitor.wheel.effects.sublinear_viscous import LEAST_K
+from rwa_monitor.wheel.effects.viscosity_temperature import LEAST_K
 from rwa_monitor.wheel.wheel import Wheel
 
 # All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.

@@ -12,24 +12,10 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    Shape,
-    duration,
-    known_or_nan,
-    narrowed,
-    stack,
-)
-from rwa_monitor.wheel.effects.current_delay import CurrentDelay
-from rwa_monitor.wheel.effects.decaying_jump import DecayingJump
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, stack
+from rwa_monitor.wheel.effects.jump_shapes import DecayingJump, ViscousJump
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
-from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
-
-SHORTEST_SLOTS: Final = 20  # of a relaxation: shorter ones are outliers beside a jump
-LONGEST_SHARE: Final = 0.1  # of the record: longer ones are drifts
+from rwa_monitor.wheel.effects.torque_balance_errors import CurrentDelay
 
 
 class JumpTerm(MeanEffect):
@@ -53,19 +39,11 @@ class JumpTerm(MeanEffect):
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         del memory
-        level = known_or_nan(channels.dry_level_Nm, channels)
+        level = channels.optional("dry_level_Nm")
         change = np.nan_to_num(np.diff(level))
         # Levels are differences of sums: what is smaller than rounding is no jump.
         index = np.flatnonzero(np.abs(change) > 1e-9 * np.max(np.abs(np.nan_to_num(level)), initial=1e-300)) + 1
         return cls.wraps.columns(channels, Jumps(index.astype(np.int64), change[index - 1]), shape), None
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        bounds = super().shape_bounds(channels)
-        if "time_constant_s" in bounds:
-            low, high = SHORTEST_SLOTS * channels.sample_period_s, LONGEST_SHARE * duration(channels)
-            bounds["time_constant_s"] = narrowed(bounds["time_constant_s"], low, high)
-        return bounds
 
 
 class DecayingJumpTerm(JumpTerm, wraps=DecayingJump):
@@ -100,13 +78,13 @@ class DelayTerm(CurrentDelay):
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return the pulses beside the jumps of the dry level and the slope of what else the torque is, over time."""
         del memory
-        dry = channels.direction * known_or_nan(channels.dry_level_Nm, channels)
+        dry = channels.direction * channels.optional("dry_level_Nm")
         step = np.nan_to_num(np.diff(dry))
         before, after = np.append(step, 0.0), np.append(0.0, step)
         pulses = 0.0 if channels.averaged else (0.5 + shape[LEAD]) * before + (0.5 - shape[LEAD]) * after
         # The rest changes slowly and is known from a noisy speed: its slope is taken over several slots.
         reach = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
-        smooth = np.nan_to_num(known_or_nan(channels.motor_torque_Nm, channels) - dry)
+        smooth = np.nan_to_num(channels.optional("motor_torque_Nm") - dry)
         slope = correlate1d(smooth, reach / float(reach @ reach), mode="nearest")
         return stack((pulses + slope) / channels.sample_period_s), None
 

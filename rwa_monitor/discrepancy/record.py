@@ -239,7 +239,6 @@ def _channels(
         angle_rad=turned if measured is None else measured,
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
         bearing_temperature_degC=_smooth_temperature(_on_grid(samples.bearing_temperature_degC, slot)),
-        dry_level_Nm=None,
         sample_period_s=wheel.sample_period_s,
         good=np.isfinite(speed) & np.isfinite(friction),
         motor_torque_rate_Nm_s=(

@@ -31,9 +31,8 @@ from rwa_monitor.switching.friction_model import Priors
 from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
-from rwa_monitor.wheel.effects.speed_triggered_jumps import SpeedTriggeredJumps
+from rwa_monitor.wheel.effects.jump_times import FEWEST_SOJOURNS, SpeedTriggeredJumps, WrongDurationLaw, weibull_of_mean
 from rwa_monitor.wheel.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
-from rwa_monitor.wheel.effects.wrong_duration_law import FEWEST_SOJOURNS, WrongDurationLaw, weibull_of_mean
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 
 EXTRA: Final = "extra_switching_system"

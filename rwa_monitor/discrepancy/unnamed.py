@@ -23,16 +23,7 @@ from scipy.signal import lfilter
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    Shape,
-    duration,
-    narrowed,
-    used_speed,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape
 from rwa_monitor.wheel.effects.torque_ripple import angle_range_turns, angle_turned
 from rwa_monitor.wheel.effects.viscosity_temperature import ViscosityTemperature
 
@@ -45,6 +36,21 @@ FEWEST_REVERSALS: Final = 3  # of one or two the decay is a relaxation like any 
 SHORTEST_RAD: Final = 60.0  # some ten turns: what decays sooner is a bristle or a film of lubricant
 LONGEST_WAY_SHARE: Final = 0.5  # of the median angle from one reversal to the next: what lasts longer is a level
 STEPS_BETWEEN: Final = (0.02, 0.98)  # quantiles of the speed
+
+
+def _shown_lag(channels: Channels) -> tuple[float, float]:
+    return FASTEST_S, LONGEST_LAG_SHARE * channels.duration_s
+
+
+def _shown_angle(channels: Channels) -> tuple[float, float]:
+    travelled = angles_between_reversals(channels)
+    return SHORTEST_RAD, LONGEST_WAY_SHARE * float(np.median(travelled)) if travelled.size else SHORTEST_RAD
+
+
+def _shown_speed(channels: Channels) -> tuple[float, float]:
+    """With samples on both its sides."""
+    low, high = np.quantile(channels.used_speed_rad_s, STEPS_BETWEEN)
+    return float(low), float(high)
 
 
 class UnnamedEffect(MeanEffect):
@@ -88,7 +94,7 @@ class HeatOfMotion(UnnamedEffect):
         *(Parameter(f"thinning_{i}_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True) for i in range(4)),
         *(Parameter(f"curvature_{i}_Nm", "N m", 0.0, np.inf, 0.0, linear=True) for i in range(2)),
         Parameter("start_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        Parameter("time_constant_s", "s", FASTEST_S, SLOWEST_S, 1000.0),
+        Parameter("time_constant_s", "s", FASTEST_S, SLOWEST_S, 1000.0, shown=_shown_lag),
     )
 
     @classmethod
@@ -96,7 +102,7 @@ class HeatOfMotion(UnnamedEffect):
         """Return whether viscous self-heating may hide: no temperature, speeds that differ, and time to warm up."""
         channels = [record.channels for record in problem.records]
         unknown = all(one.bearing_temperature_degC is None for one in channels)
-        lasting = LONGEST_LAG_SHARE * max(map(duration, channels)) > FASTEST_S
+        lasting = LONGEST_LAG_SHARE * max(one.duration_s for one in channels) > FASTEST_S
         return unknown and not problem.at_one_speed and lasting
 
     @classmethod
@@ -121,13 +127,6 @@ class HeatOfMotion(UnnamedEffect):
         thinning = (newton * dry, newton * viscous, churning * dry, churning * viscous)
         return np.stack([*thinning, newton * viscous**2, churning * viscous**2, newton * start], axis=1), None
 
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """Return the bounds: no time constant that is most of the record."""
-        bounds = super().shape_bounds(channels)
-        low, high = FASTEST_S, LONGEST_LAG_SHARE * duration(channels)
-        return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], low, high)}
-
 
 class DecayAfterReversal(UnnamedEffect):
     """A drag, dry and viscous, that falls exponentially with the angle turned since the speed last changed sign."""
@@ -138,7 +137,7 @@ class DecayAfterReversal(UnnamedEffect):
     parameters = (
         Parameter("strength_dry_Nm", "N m", 0.0, np.inf, 1e-4, linear=True),
         Parameter("strength_viscous_Nm", "N m", 0.0, np.inf, 0.0, linear=True),
-        Parameter("angle_rad", "rad", SHORTEST_RAD, 1e6, 5e3),
+        Parameter("angle_rad", "rad", SHORTEST_RAD, 1e6, 5e3, shown=_shown_angle),
     )
 
     @classmethod
@@ -160,14 +159,6 @@ class DecayAfterReversal(UnnamedEffect):
         angle = angle_since_reversal(np.nan_to_num(channels.speed_rad_s), channels.sample_period_s)
         left = np.exp(-angle / shape["angle_rad"])
         return np.stack([channels.direction * left, channels.speed_rad_s / SCALE_RAD_S * left], axis=1), None
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """Return the bounds: no angle that is most of the way from one reversal to the next."""
-        bounds = super().shape_bounds(channels)
-        travelled = angles_between_reversals(channels)
-        longest = LONGEST_WAY_SHARE * float(np.median(travelled)) if travelled.size else SHORTEST_RAD
-        return {**bounds, "angle_rad": narrowed(bounds["angle_rad"], SHORTEST_RAD, longest)}
 
 
 def angles_between_reversals(channels: Channels) -> FloatArray:
@@ -196,7 +187,7 @@ class StepInSpeed(UnnamedEffect):
     signature = "a drag that depends on |speed|"
     parameters = (
         Parameter("height_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0),
+        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0, shown=_shown_speed),
     )
 
     @classmethod
@@ -204,12 +195,6 @@ class StepInSpeed(UnnamedEffect):
         """Return s above the speed of the step, zero below."""
         del memory
         return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
-
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """Return the bounds: a speed with samples on both its sides."""
-        low, high = np.quantile(used_speed(channels), STEPS_BETWEEN)
-        return {"speed_rad_s": (float(low), float(high))}
 
 
 UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterReversal, StepInSpeed)

@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Model, SearchResult, available, depends_on_level, law_of, make_term
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE
-from rwa_monitor.wheel.effects.wrong_duration_law import FEWEST_SOJOURNS
+from rwa_monitor.wheel.effects.jump_times import FEWEST_SOJOURNS
 from rwa_monitor.wheel.wheel import Wheel
 
 TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be larger to show has not been tested

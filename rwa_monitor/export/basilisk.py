@@ -17,7 +17,7 @@ from rwa_monitor.export.fmu import shared_library
 from rwa_monitor.export.model import FrictionModel
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
-from rwa_monitor.wheel.effects.formula import ORIGIN_degC
+from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 
 NAMES: Final = ("fCoulomb", "fStatic", "betaStatic", "cViscous")
 NO_STRIBECK: Final = -1.0  # of betaStatic: Basilisk's own value for a wheel without

@@ -15,6 +15,7 @@ from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
 
 NODES: Final = 257  # RWA_TAIL_NODES
+NOT_ONBOARD: Final = ("angle_per_x", "stretch_hop")  # settings of the structure, which the detector does not collect
 
 
 def detector_files(model: FrictionModel) -> dict[str, bytes]:
@@ -33,7 +34,7 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
         what = f"{names} changes its viscous friction, which the detector takes to be in proportion to the speed"
         raise InputError(f"wheel {wheel.name}", f"{what}: remove the effect, or run the monitor", "effect")
     slots, asked = wheel.window.samples, wheel.window.run_length
-    by = WindowAccumulator(wheel).settings
+    settings = WindowAccumulator(wheel).settings._asdict()
     ratio = np.geomspace(TAIL_RATIO[0], TAIL_RATIO[-1], NODES).tolist()
     ratio[0] = float(np.nextafter(TAIL_RATIO[0], np.inf))  # at the first, tails are Gaussian
 
@@ -43,33 +44,15 @@ def detector_files(model: FrictionModel) -> dict[str, bytes]:
     chance = outlier_chance(slots)
     fields: dict[str, float | list[float]] = {
         "slots": slots,
-        "speed_unit": by.speed_unit,
-        "torque_unit": by.torque_unit,
-        "dead_band": by.dead_band,
-        "block_hop": by.block_hop,
-        "start_std": by.start_std,
-        "prior_mean": by.prior_mean,
-        "prior_std": by.prior_std,
-        "nominal_slope": by.nominal_slope,
-        "outlier": by.outlier,
-        "sure_outlier": by.sure_outlier,
-        "sure_margin": by.sure_margin,
-        "sure_statistic": by.sure_statistic,
-        "speed_noises": by.speed_noises,
+        **{name: value for name, value in settings.items() if name not in NOT_ONBOARD},
         "tail_ratio": ratio,
         "tail_outlier": largest(chance, 1.0),
         "tail_sure": largest(chance, UNKNOWN_TAIL) if asked is None else largest(1.0 / asked, 1.0),
     }
     lines = [f"    .{name} = {_literal(value)}," for name, value in fields.items()]
-    text = "\n".join(
-        [
-            f"/* Of wheel file {wheel.sha256()}; do not edit, export again. */",
-            "static const rwa_detector_settings rwa_detector_of_wheel = {",
-            *lines,
-            "};",
-        ]
-    )
-    return {"rwa_detector_settings.h": f"{text}\n".encode()}
+    head = f"/* Of wheel file {wheel.sha256()}; do not edit, export again. */"
+    begin, end = "static const rwa_detector_settings rwa_detector_of_wheel = {", "};"
+    return {"rwa_detector_settings.h": "\n".join([head, begin, *lines, end, ""]).encode()}
 
 
 def _literal(value: float | list[float]) -> str:

@@ -21,7 +21,7 @@ from typing import Final
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.export.c_source import c_files, render
 from rwa_monitor.export.model import INPUTS, FrictionModel
-from rwa_monitor.wheel.effects.formula import ORIGIN_degC
+from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 
 # No contraction to fused multiply-add: the bits of the package's own kernels.
 FLAGS: Final = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
@@ -67,15 +67,9 @@ def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> 
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             Path(folder, name).write_text(text, encoding="utf-8")
-        command = [
-            *compiler,
-            *FLAGS,
-            *["-fvisibility=hidden"] * hidden,
-            *(name for name in sources if name.endswith(".c")),
-            "-lm",
-            "-o",
-            "model.so",
-        ]
+        units = [name for name in sources if name.endswith(".c")]
+        visibility = ["-fvisibility=hidden"] if hidden else []
+        command = [*compiler, *FLAGS, *visibility, *units, "-lm", "-o", "model.so"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603 - $CC is the user's
         if done.returncode != 0:
             raise RwaMonitorError(f"{place}: {compiler[0]} fails: {done.stderr.strip()[:500]}")

@@ -183,8 +183,7 @@ def wheel_windows(
     for window in range(life):
         piece = cut(record, window * samples, (window + 1) * samples, wheel)
         middle_s = np.array((window + 0.5) * samples * wheel.sample_period_s)
-        factors = dict.fromkeys(wheel.anomalies, 1.0)
-        factors |= {name: float(anomaly.factor_at(middle_s)) for name, anomaly in anomalies.items()}
+        factors = {name: float(scenario.factor_at(name, middle_s)) for name in wheel.anomalies}
         labels = dict.fromkeys(wheel.anomalies, False)
         labels |= {name: bool(anomaly.share_at(middle_s) >= LABEL_SHARE) for name, anomaly in anomalies.items()}
         piece = replace(piece, truth=replace(piece.truth, labels=labels, factors=factors))
@@ -286,16 +285,12 @@ def _one_status(severities: Mapping[str, float], wheel: Wheel, number: int) -> d
     return {} if status is None else {status: Anomaly(factor=severities[status])}
 
 
-def _window_s(wheel: Wheel) -> float:
-    return wheel.window.samples * wheel.sample_period_s
-
-
 def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
     """Return the scenario of a wheel with at most one anomaly, in one direction of rotation or in both."""
 
     def scenario(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
         return Scenario(
-            duration_s=windows * _window_s(wheel),
+            duration_s=windows * wheel.window_s,
             base=_base(rng),
             speed=_motion(("orbit", "one_direction"), rng),
             anomalies=_one_status(severities, wheel, number),
@@ -322,7 +317,7 @@ def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
     gaps = _gaps(wheel, windows, rng)
     return Scenario(
-        duration_s=windows * _window_s(wheel),
+        duration_s=windows * wheel.window_s,
         base=_base(rng),
         speed=_motion(("orbit", "crossings", "rich"), rng),
         anomalies={
@@ -343,7 +338,7 @@ def _orbit(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 def _gaps(wheel: Wheel, windows: int, rng: Generator) -> tuple[Fault, ...]:
     """Draw the gaps of every window."""
     return tuple(
-        Fault(kind="gap", start_s=(window + rng.random()) * _window_s(wheel), duration_s=rng.uniform(*HARD_GAP_S))
+        Fault(kind="gap", start_s=(window + rng.random()) * wheel.window_s, duration_s=rng.uniform(*HARD_GAP_S))
         for window in range(windows)
         for _ in range(rng.integers(*HARD_GAPS, endpoint=True))
     )
@@ -357,7 +352,7 @@ def _flown(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     spread = rng.uniform(*FLOWN_SPREAD) - 1.0
     current_A = 2.0 * (wheel.limits.max_current_A or 0.0) * 2.0 ** -float(rng.integers(*FLOWN_BITS, endpoint=True))
     return Scenario(
-        duration_s=windows * _window_s(wheel),
+        duration_s=windows * wheel.window_s,
         base=_base(rng).model_copy(update={"dry_drift_per_sqrt_h": rng.uniform(*FLOWN_DRIFT_PER_SQRT_H)}),
         speed=_motion(("orbit", "one_direction", "crossings", "rich"), rng),
         anomalies=_one_status(excess, wheel, number),

@@ -117,11 +117,10 @@ def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: 
         Of all randomness.
     """
     wheel = demo_wheel()
-    window_s = wheel.window.samples * wheel.sample_period_s
-    speed = window_s / WINDOW_SECONDS
+    speed = wheel.window_s / WINDOW_SECONDS
     simulated_s = duration_s * speed
     onset_s = ONSET_SHARE * simulated_s
-    failure = {ANOMALY: Anomaly(factor=FACTOR, onset_s=onset_s, growth_s=GROWTH_WINDOWS * window_s)}
+    failure = {ANOMALY: Anomaly(factor=FACTOR, onset_s=onset_s, growth_s=GROWTH_WINDOWS * wheel.window_s)}
     *streams, hidden_stream = np.random.default_rng(seed).spawn(len(WHEELS) + 1)
     hiding = str(hidden_stream.choice([name for name in WHEELS if name != FAILING]))
     hidden = hide(wheel, simulated_s, start_ns, hidden_stream)
@@ -155,17 +154,12 @@ def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: Generator) -> Hidd
         Source of all randomness.
     """
     drawing, passing = rng.spawn(2)  # a longer demo has more passes of the same wheel
-    seeds = passing.integers(2**63, size=max(1, int(np.ceil(duration_s / pass_s(wheel)))))
+    seeds = passing.integers(2**63, size=max(1, int(np.ceil(duration_s / wheel.window_s))))
     block = EFFECTS[drawing.integers(len(EFFECTS))]
-    period_ns = round(pass_s(wheel) * NANOSECONDS_PER_SECOND)
+    period_ns = round(wheel.window_s * NANOSECONDS_PER_SECOND)
     parts = [_pass(wheel, start_ns + i * period_ns, np.random.default_rng(seed), block) for i, seed in enumerate(seeds)]
     samples = concatenate(parts)
     return Hidden(block, samples[samples.time_ns < start_ns + round(duration_s * NANOSECONDS_PER_SECOND)])
-
-
-def pass_s(wheel: Wheel) -> float:
-    """Return the time from one pass to the next [s]: a window of the monitor."""
-    return wheel.window.samples * wheel.sample_period_s
 
 
 def same(name: str, other: str) -> bool:
@@ -175,7 +169,7 @@ def same(name: str, other: str) -> bool:
 
 def _pass(wheel: Wheel, start_ns: int, rng: Generator, effect: EffectBlock) -> Samples:
     scenario = Scenario(
-        duration_s=pass_s(wheel) - PAUSE_S,
+        duration_s=wheel.window_s - PAUSE_S,
         start_ns=start_ns,
         speed=SpeedProfile(kind="rich"),
         channels=("friction_torque_Nm", "motor_current_A"),

@@ -155,9 +155,6 @@ class _Plan:
         self.speed = np.zeros(time.size)
         self.acceleration = np.zeros(time.size)
 
-    def add_constant(self, speed: float) -> None:
-        self.speed += speed
-
     def add_tone(self, amplitude: float, period_s: float, phase: float) -> None:
         """Add amplitude·sin(2πt/period + phase), slowed down where it would ask for too much acceleration."""
         rate = 2.0 * np.pi / max(period_s, 4.0 * np.pi * abs(amplitude) / self.fastest)
@@ -212,7 +209,7 @@ def _rounded_trapezoid(share: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _orbit(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """Momentum swings through zero every half orbit; harmonics from gravity gradient and drag; slews on top."""
     swing = profile.scale * rng.uniform(0.55, 0.85)
-    plan.add_constant(swing * rng.uniform(-0.3, 0.3))
+    plan.speed += swing * rng.uniform(-0.3, 0.3)
     _add_orbits(plan, profile, rng, swing, (0.03, 0.12), 0.15)
 
 
@@ -223,13 +220,13 @@ def _one_direction(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     _add_orbits(plan, profile, rng, swing, (0.05, 0.15), 0.1)
     # The bias puts the slowest moment of this record at a fifth to a third of the scale, whatever was drawn above.
     slowest = profile.scale * rng.uniform(0.2, 0.33)
-    plan.add_constant(direction * slowest - direction * float(np.min(direction * plan.speed)))
+    plan.speed += direction * slowest - direction * float(np.min(direction * plan.speed))
 
 
 def _crossings(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     """A plain swing about zero, one to two times in the record: two to five simple crossings."""
     swing = profile.scale * rng.uniform(0.6, 0.9)
-    plan.add_constant(swing * rng.uniform(-0.2, 0.2))
+    plan.speed += swing * rng.uniform(-0.2, 0.2)
     plan.add_tone(swing, max(plan.duration, 1e-9) / rng.uniform(1.2, 2.2), rng.uniform(0, 2 * np.pi))
     plan.add_activity(profile.activity, rng)
 
@@ -248,7 +245,7 @@ def _rich(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
     moves *= 0.55 * plan.duration / moves.sum()
     dwells *= 0.45 * plan.duration / dwells.sum()
     speed, at = float(targets[-1]), 0.0
-    plan.add_constant(speed)
+    plan.speed += speed
     for target, move, dwell in zip(targets, moves, dwells, strict=True):
         plan.add_move(float(target) - speed, at, move)
         speed = float(target)
@@ -257,7 +254,7 @@ def _rich(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
 
 
 def _constant(plan: _Plan, profile: SpeedProfile, rng: Generator) -> None:
-    plan.add_constant(_direction(profile, rng) * profile.scale)
+    plan.speed += _direction(profile, rng) * profile.scale
     plan.add_activity(profile.activity, rng)
 
 

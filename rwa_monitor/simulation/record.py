@@ -17,7 +17,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import SECONDS_PER_HOUR, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.simulation.motion import ORBIT_S, ROUNDING, Motion, simulate_motion, wheel_angle
-from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
+from rwa_monitor.simulation.scenario import Scenario, Temperature
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import build
@@ -228,11 +228,11 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: Generator) -> Telemetry:
     noise = _friction_noise(scenario, wheel, parts, streams)
     torque = parts.friction + noise.values  # y: what an exact sensor would make of speed and current
     motor = _motor_torque(wheel, torque, motion)
-    samples = _measure(scenario, wheel, motion, parts, torque, motor, streams)
+    samples = _measure(scenario, wheel, parts, torque, motor, streams.sensors)
     samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
     used = _used(scenario, wheel, samples, faulty)
     end_s = np.array(slots * wheel.sample_period_s)
-    factors = {name: float(scenario.anomalies.get(name, _NO_ANOMALY).factor_at(end_s)) for name in wheel.anomalies}
+    factors = {name: float(scenario.factor_at(name, end_s)) for name in wheel.anomalies}
     truth = Truth(
         speed_rad_s=motion.speed_rad_s,
         acceleration_rad_s2=motion.acceleration_rad_s2,
@@ -289,9 +289,6 @@ class _Noise(NamedTuple):
     long_run_std_Nm: float
 
 
-_NO_ANOMALY: Final = Anomaly(factor=1.0)
-
-
 def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
     """Put the friction together: base dry and viscous friction, switching systems, effects."""
     assert wheel.nominal is not None
@@ -299,12 +296,9 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
     speed = motion.speed_rad_s
     direction = np.sign(speed)
-    dry_factor, viscous_factor = (
-        scenario.anomalies.get(name, _NO_ANOMALY).factor_at(time) for name in ("dry", "viscous")
-    )
-    dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * dry_factor
+    dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * scenario.factor_at("dry", time)
     dry += wheel.nominal.dry_torque_Nm * _drift(scenario, wheel, slots, streams.drift)
-    viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * viscous_factor
+    viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * scenario.factor_at("viscous", time)
     # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
     power = np.abs(speed) * (dry + viscous * np.abs(speed))
     temperature = bearing_temperature(time, power, streams.temperature, scenario.temperature)
@@ -314,9 +308,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
         direction=direction,
         acceleration_rad_s2=motion.acceleration_rad_s2,
         angle_rad=wheel_angle(speed, wheel.sample_period_s),
-        motor_torque_Nm=None,
         bearing_temperature_degC=temperature,
-        dry_level_Nm=None,
         sample_period_s=wheel.sample_period_s,
         good=np.ones(slots, dtype=np.bool_),
     )
@@ -361,11 +353,10 @@ def _systems(
     for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
         for effect in effects:
             system = effect.change_system(system)
-        anomaly = scenario.anomalies.get(system.name, _NO_ANOMALY)
 
-        def factor(slot: int, anomaly: Anomaly = anomaly) -> float:
+        def factor(slot: int, name: str = system.name) -> float:
             slot_in_record = slot if clock is None else clock.slot_in_record(slot)
-            return float(anomaly.factor_at(np.array(slot_in_record * wheel.sample_period_s)))
+            return float(scenario.factor_at(name, np.array(slot_in_record * wheel.sample_period_s)))
 
         realisation = simulate_system(system, slots, stream, factor)
         systems[system.name] = realisation if clock is None else clock.read(realisation)
@@ -487,28 +478,22 @@ def _long_run_std(noise: FloatArray) -> float:
 
 
 def _measure(
-    scenario: Scenario,
-    wheel: Wheel,
-    motion: Motion,
-    parts: _Parts,
-    torque: FloatArray,
-    motor: FloatArray | None,
-    streams: _Streams,
+    scenario: Scenario, wheel: Wheel, parts: _Parts, torque: FloatArray, motor: FloatArray | None, rng: Generator
 ) -> Samples:
     """Return what the sensors measure, one row for each slot."""
     sensors = scenario.sensors.for_wheel(wheel)
     # A stream for each channel: leaving one out changes none of the others.
-    speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
-    slots = motion.speed_rad_s.size
-    speed = measure(motion.speed_rad_s, sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"], speed_rng)
+    speed_rng, current_rng, voltage_rng, temperature_rng = rng.spawn(4)
+    true = parts.channels.speed_rad_s
+    speed = measure(true, sensors["speed_noise_rad_s"], sensors["speed_quantum_rad_s"], speed_rng)
     channels: dict[str, Any] = {
-        "speed_rad_s": _read_speed(parts.effects, motion.speed_rad_s, speed),
+        "speed_rad_s": _read_speed(parts.effects, true, speed),
         "bearing_temperature_degC": measure(parts.temperature, sensors["temperature_noise_K"], 0.0, temperature_rng),
     }
     if scenario.friction_given:
         channels["friction_torque_Nm"] = quantised(torque, sensors["friction_quantum_Nm"])
     if motor is not None and wheel.torque_constant_Nm_A is not None:
-        per_ampere = torque_balance.torque_per_ampere(motor, motion.speed_rad_s, wheel)
+        per_ampere = torque_balance.torque_per_ampere(motor, true, wheel)
         current = motor / per_ampere
         measured = measure(current, sensors["current_noise_A"], sensors["current_quantum_A"], current_rng)
         channels["motor_current_A"] = measured
@@ -516,7 +501,7 @@ def _measure(
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
             off = sum(effect.values["strength"] for effect in parts.effects if effect.error_of == "torque constant")
             per_speed = (1.0 - off) * wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
-            voltage = wheel.winding_resistance_ohm * current + per_speed * motion.speed_rad_s
+            voltage = wheel.winding_resistance_ohm * current + per_speed * true
             channels["motor_voltage_V"] = measure(voltage, sensors["voltage_noise_V"], 0.0, voltage_rng)
     if scenario.channels is None:
         channels.pop("motor_torque_Nm", None)
@@ -525,7 +510,7 @@ def _measure(
             if name not in channels:
                 raise InputError("scenario", f"{name} is not given, or the wheel lacks constants for it", "channels")
         channels = {name: channels[name] for name in ("speed_rad_s", *scenario.channels)}
-    time_ns = scenario.start_ns + np.arange(slots, dtype=np.int64) * wheel.period_ns
+    time_ns = scenario.start_ns + np.arange(true.size, dtype=np.int64) * wheel.period_ns
     return Samples(time_ns=time_ns, **channels)
 
 

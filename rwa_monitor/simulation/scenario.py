@@ -33,7 +33,7 @@ from pydantic import Field, field_validator
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
-from rwa_monitor.wheel.effects.coloured_noise import autoregress
+from rwa_monitor.wheel.effects.noise_laws import autoregress
 from rwa_monitor.wheel.file_content import Strict, TomlFile
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.wheel.wheel import EffectBlock, NoNegative, Positive, Wheel
@@ -46,8 +46,6 @@ SPEED_QUANTUM: Final = 0.005 / 300.0  # of the nominal speed: 24-bit period coun
 CURRENT_NOISE: Final = 2.0e-5  # of the maximum current: 0.1 mA at 5 A
 CURRENT_QUANTUM: Final = 2.0**-15  # of the maximum current: 16-bit converter over ± the maximum
 FALLBACK_MAX_CURRENT_A: Final = 5.0  # A, of the built-in wheel; for wheels without [limits]
-VOLTAGE_NOISE_V: Final = 1.0e-3  # V
-TEMPERATURE_NOISE_K: Final = 0.02  # K, thermistor with averaging
 
 
 class Sensors(Strict):
@@ -58,8 +56,8 @@ class Sensors(Strict):
     current_noise_A: NoNegative | None = None
     current_quantum_A: NoNegative | None = None
     friction_quantum_Nm: NoNegative = 0.0
-    voltage_noise_V: NoNegative = VOLTAGE_NOISE_V
-    temperature_noise_K: NoNegative = TEMPERATURE_NOISE_K
+    voltage_noise_V: NoNegative = 1.0e-3
+    temperature_noise_K: NoNegative = 0.02  # a thermistor with averaging
 
     def for_wheel(self, wheel: Wheel) -> dict[str, float]:
         """Return all values by name, where one is None what is usual for this wheel."""
@@ -225,16 +223,7 @@ class Scenario(TomlFile):
     """
 
     head: ClassVar[str] = "scenario"
-    tables: ClassVar[tuple[str, ...]] = (
-        "speed",
-        "base",
-        "temperature",
-        "anomalies",
-        "noise",
-        "sensors",
-        "effect",
-        "fault",
-    )
+    first_table: ClassVar[str] = "speed"
     what: ClassVar[str] = "scenario"
 
     duration_s: Positive = 10_000.0
@@ -258,6 +247,10 @@ class Scenario(TomlFile):
             if name not in CHANNELS:
                 raise ValueError(f"{name!r} is none of {', '.join(CHANNELS)}")
         return channels
+
+    def factor_at(self, name: str, time_s: FloatArray) -> FloatArray:
+        """Return an anomaly's factor at times from the beginning of the record [s]; 1 without such an anomaly."""
+        return self.anomalies.get(name, Anomaly(factor=1.0)).factor_at(time_s)
 
     def slots(self, wheel: Wheel) -> int:
         """Return the length of the record [slots].

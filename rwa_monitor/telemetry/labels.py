@@ -18,9 +18,9 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, model_validator
@@ -39,16 +39,14 @@ EVENT_COLUMNS: Final = ["wheel", "kind", "start_ns", "end_ns"]
 TIME: Final = re.compile("-?[0-9]{1,19}")  # what 64 bits hold, more or less: Python takes longer ones, and its time
 
 
-@dataclass(frozen=True, slots=True)
-class LabelledFile:
+class LabelledFile(NamedTuple):
     """A recording and its anomalies: name → whether it is there."""
 
     path: Path
     anomalies: Mapping[str, bool]
 
 
-@dataclass(frozen=True, slots=True)
-class LabelledEvent:
+class LabelledEvent(NamedTuple):
     """An anomaly in time, [start_ns, end_ns], of a wheel: `spacecraft/wheel`, or `wheel` alone; and its row."""
 
     wheel: str
@@ -249,8 +247,7 @@ class JudgedWindow(Message):
         return frozenset(name for name, one in self.anomalies.items() if one.active and self.verdict == "anomalous")
 
 
-@dataclass(frozen=True, slots=True)
-class JudgedTimelines:
+class JudgedTimelines(NamedTuple):
     """Alarms and events of each kind of anomaly, and those of any kind together, where overlapping events are one."""
 
     windows: int

@@ -56,9 +56,8 @@ from rwa_monitor.words import counted
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
-MAX_MESSAGE_BYTES: Final = (
-    2**18
-)  # of a topic of the map, and of its schema; the state of a thousand joints has some 50 kB
+# Of a topic of the map, and of its schema; the state of a thousand joints has some 50 kB.
+MAX_MESSAGE_BYTES: Final = 2**18
 
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
 _WANTED: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK})

@@ -21,7 +21,7 @@ from rwa_monitor.kernels.ingest import HANGING_SLOTS, HANGS, OUTSTANDING_SLOTS, 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Channels, Memory, begun
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects, viscous_effects
-from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K
+from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 from rwa_monitor.wheel.torque_balance import (
     Source,
     differentiate_over_gaps,
@@ -586,7 +586,7 @@ class FrictionSource:
         effects, *of_temperature = self.memories[: len(self.effects)], *self.memories[len(self.effects) :]
         temperature, error = np.full(speed.size, np.nan), np.zeros(speed.size)
         if (measured := optional[TEMPERATURE]) is not None:
-            start_degC = self.wheel.temperature.middle if self.wheel.temperature else REFERENCE_K - ZERO_CELSIUS_K
+            start_degC = self.wheel.temperature.middle if self.wheel.temperature else ORIGIN_degC
             temperature, error, *of_temperature = held_temperature(measured, period_s, start_degC, *of_temperature)
         channels = Channels(
             time_s=np.arange(start, stop, dtype=np.float64) * period_s,
@@ -596,7 +596,6 @@ class FrictionSource:
             angle_rad=angle,
             motor_torque_Nm=optional["motor_torque_Nm"],
             bearing_temperature_degC=temperature if TEMPERATURE in ring.channels else None,
-            dry_level_Nm=None,
             sample_period_s=period_s,
             good=good,
         )

@@ -166,7 +166,13 @@ class TomlFile(Hashed):
     """The content of a TOML file: a head, a table of plain values, and the other fields as tables of their own."""
 
     head: ClassVar[str]  # the name of the first table
-    tables: ClassVar[tuple[str, ...]]  # fields that are tables
+    first_table: ClassVar[str]  # this field and all after it are tables
+
+    @classmethod
+    def tables(cls) -> list[str]:
+        """Return the fields that are tables, in the order of the file."""
+        names = list(cls.model_fields)
+        return names[names.index(cls.first_table) :]
 
     @classmethod
     def from_toml(cls, text: str, source: str) -> Self:
@@ -190,10 +196,10 @@ class TomlFile(Hashed):
         head = tables.get(cls.head, {})
         if not isinstance(head, dict):
             raise InputError(source, "is a table", cls.head)
-        rest = {key: value for key, value in tables.items() if key != cls.head}
-        for key in sorted([*(rest.keys() - set(cls.tables)), *(head.keys() & set(cls.tables))]):
-            hint = "" if key in cls.tables else did_you_mean(key, cls.tables)
-            tables_are = f"the tables are {', '.join((cls.head, *cls.tables))}"
+        rest, known = {key: value for key, value in tables.items() if key != cls.head}, cls.tables()
+        for key in sorted([*(rest.keys() - set(known)), *(head.keys() & set(known))]):
+            hint = "" if key in known else did_you_mean(key, known)
+            tables_are = f"the tables are {', '.join((cls.head, *known))}"
             raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", key)
         try:
             return cls.model_validate({**head, **rest})
@@ -203,8 +209,9 @@ class TomlFile(Hashed):
     def to_tables(self) -> dict[str, Any]:
         """Return the tables of the file, without what is unset."""
         flat = self.model_dump(mode="json", by_alias=True, exclude_none=True)
-        head = {key: value for key, value in flat.items() if key not in self.tables}
-        return {self.head: head, **{key: flat[key] for key in self.tables if flat.get(key)}}
+        tables = self.tables()
+        head = {key: value for key, value in flat.items() if key not in tables}
+        return {self.head: head, **{key: flat[key] for key in tables if flat.get(key)}}
 
     def plain(self) -> dict[str, Any]:
         return self.to_tables()

@@ -15,9 +15,8 @@ from rwa_monitor.kernels import torque_balance as kernels
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.wheel.wheel import Derivative, Wheel
 
-MAX_HALF_WIDTH: Final = (
-    5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
-)
+# In slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion.
+MAX_HALF_WIDTH: Final = 5_000
 MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
 Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
 FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_torque_Nm", "motor_current_A")
@@ -274,9 +273,8 @@ def mended_friction(
     given, float64 (n,) [rad/s²], where it is known over gaps.
     """
     if acceleration_rad_s2 is None:
-        friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
-    else:
-        friction = friction_torque(motor_torque_Nm, acceleration_rad_s2, inertia_of(wheel))
+        acceleration_rad_s2 = differentiate(speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
+    friction = friction_torque(motor_torque_Nm, acceleration_rad_s2, inertia_of(wheel))
     return friction - rounding_error(speed_rad_s, motor_torque_Nm, wheel)
 
 

@@ -171,16 +171,7 @@ class Wheel(TomlFile):
     """One reaction wheel. Fields are those of wheel.toml; units stand in the names."""
 
     head: ClassVar[str] = "wheel"
-    tables: ClassVar[tuple[str, ...]] = (
-        "nominal",
-        "noise",
-        "friction",
-        "limits",
-        "window",
-        "temperature",
-        "fss",
-        "effect",
-    )
+    first_table: ClassVar[str] = "nominal"
     what: ClassVar[str] = "wheel file"
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
@@ -217,6 +208,11 @@ class Wheel(TomlFile):
     def period_ns(self) -> int:
         """Sample period in whole nanoseconds."""
         return period_ns(self.sample_period_s)
+
+    @property
+    def window_s(self) -> float:
+        """Length of a window [s]."""
+        return self.window.samples * self.sample_period_s
 
     @property
     def anomalies(self) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from rwa_monitor.discrepancy.problem import ColumnCache
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.samples import Samples
 from rwa_monitor.threads import on_threads
-from rwa_monitor.wheel.effects.presliding import Presliding
+from rwa_monitor.wheel.effects.lags import Presliding
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import (
     DRY_NM,

@@ -110,9 +110,7 @@ def test_a_lost_speed_holds_the_memory_as_the_package_does(tmp_path: Path) -> No
     torque = run_c(wheel, script, tmp_path)
     speed, level = np.ascontiguousarray(script.inputs[:, 0]), script.inputs[:, 4]
     unused = np.zeros(speed.size)
-    channels = Channels(
-        unused, speed, np.sign(speed), unused, unused, None, None, None, script.period_s, np.ones(speed.size, bool)
-    )
+    channels = Channels(unused, speed, np.sign(speed), unused, unused, script.period_s, np.ones(speed.size, bool))
     expected = np.sign(speed) * level + built_in_wheel().nominal.viscous_Nm_s_rad * speed
     for block in wheel.effect:
         expected = expected + build(block).torque(channels)[0]

@@ -13,7 +13,6 @@ from rwa_monitor.simulation.demo_satellite import (
     WINDOW_SECONDS,
     Satellite,
     demo_wheel,
-    pass_s,
     same,
     samples_key,
     simulate_satellite,
@@ -60,7 +59,7 @@ def test_the_monitor_does_not_get_the_effect(seed: int) -> None:
 @pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
 def test_each_effect_leaves_one_to_two_deviations_of_the_noise_in_a_pass(effect: EffectBlock) -> None:
     wheel = demo_wheel()
-    scenario = Scenario(duration_s=pass_s(wheel) - PAUSE_S, speed=SpeedProfile(kind="rich"))
+    scenario = Scenario(duration_s=wheel.window_s - PAUSE_S, speed=SpeedProfile(kind="rich"))
     truth = simulate(scenario, wheel, np.random.default_rng(5)).truth
     channels = true_channels(truth, wheel, truth.used)
     built = build(effect)
@@ -78,7 +77,7 @@ def test_the_hidden_wheel_sends_in_passes_of_a_window() -> None:
     pauses = steps_s[steps_s > 1.5 * satellite.wheel.sample_period_s]
     np.testing.assert_allclose(pauses, PAUSE_S + satellite.wheel.sample_period_s)
     assert pauses.size == 1  # between two passes
-    assert samples.time_ns[-1] < satellite.start_ns + 2 * pass_s(satellite.wheel) * 1e9
+    assert samples.time_ns[-1] < satellite.start_ns + 2 * satellite.wheel.window_s * 1e9
 
 
 def test_seeds_hide_different_effects() -> None:

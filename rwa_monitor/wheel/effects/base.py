@@ -21,6 +21,7 @@ import numpy as np
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
+NEAR_ZERO: Final = 0.05  # share of the largest speed that counts as near zero, where the speed step is measured
 Family = Literal["mean", "noise", "switching"]
 Shape = Mapping[str, float]  # values of the shape parameters, by name
 
@@ -37,6 +38,10 @@ class Channels:
         Speed ω [rad/s], dω/dt [rad/s²], and wheel angle ∫ω dt [rad].
     direction
         sign(ω): -1, 0 or 1 [-].
+    sample_period_s
+        Time from slot to slot [s].
+    good
+        bool (n,), slots that hold a good sample.
     motor_torque_Nm
         K_T·I [N m], or None where there is no current.
     bearing_temperature_degC
@@ -44,10 +49,6 @@ class Channels:
     dry_level_Nm
         The dry friction level, jumps included, always positive against motion [N m]; true in the simulator, estimated
         in the search; None where not known yet.
-    sample_period_s
-        Time from slot to slot [s].
-    good
-        bool (n,), slots that hold a good sample.
     motor_torque_rate_Nm_s
         d(K_T·I)/dt [N m/s], from neighbours that exclude every sample entering the friction of the slot; None where
         it is not prepared, `current_delay` then takes a backward difference of `motor_torque_Nm`.
@@ -64,11 +65,11 @@ class Channels:
     direction: FloatArray
     acceleration_rad_s2: FloatArray
     angle_rad: FloatArray
-    motor_torque_Nm: FloatArray | None
-    bearing_temperature_degC: FloatArray | None
-    dry_level_Nm: FloatArray | None
     sample_period_s: float
     good: BoolArray
+    motor_torque_Nm: FloatArray | None = None
+    bearing_temperature_degC: FloatArray | None = None
+    dry_level_Nm: FloatArray | None = None
     motor_torque_rate_Nm_s: FloatArray | None = None
     measured_angle_rad: FloatArray | None = None
     bus_voltage_V: FloatArray | None = None
@@ -82,6 +83,40 @@ class Channels:
     def moving(self) -> BoolArray:
         """Slots that hold a good sample with a speed, bool (n,)."""
         return self.good & np.isfinite(self.speed_rad_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record [s]."""
+        return len(self) * self.sample_period_s
+
+    @property
+    def used_speed_rad_s(self) -> FloatArray:
+        """|ω| of the good slots [rad/s]; one zero where there are none."""
+        return self.known(np.abs(self.speed_rad_s))
+
+    @property
+    def speed_step_rad_s(self) -> float:
+        """The usual change of speed from slot to slot near zero speed (else overall) [rad/s].
+
+        A feature narrower than a few of these falls between samples.
+        """
+        change = np.abs(np.diff(self.speed_rad_s))
+        finite = np.isfinite(change)
+        near = finite & (np.abs(self.speed_rad_s[1:]) < NEAR_ZERO * self.used_speed_rad_s.max())
+        moving = change[near & (change > 0)]
+        if not moving.size:
+            moving = change[finite & (change > 0)]
+        return float(np.median(moving)) if moving.size else 0.0
+
+    def known(self, values: FloatArray) -> FloatArray:
+        """Return values, float64 (n,), of the good slots where they are known; one zero where none is."""
+        known = values[self.good & np.isfinite(values)]
+        return known if known.size else np.zeros(1)
+
+    def optional(self, name: str) -> FloatArray:
+        """Return an optional channel by its name, or NaN in every slot where it was not measured at all."""
+        values: FloatArray | None = getattr(self, name)
+        return np.full(len(self), np.nan) if values is None else values
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +158,14 @@ class Parameter:
     default: float | None = None
     between: Callable[[Channels], float] | None = None
     shown: Callable[[Channels], tuple[float, float]] | None = None
+
+    def bounds(self, channels: Channels) -> tuple[float, float]:
+        """Return what a record can show inside the physical bounds; an empty range shrinks to its upper end."""
+        if self.shown is None:
+            return self.low, self.high
+        low, high = self.shown(channels)
+        high = min(max(high, self.low), self.high)
+        return min(max(low, self.low), high), high
 
 
 Quantity = Literal["inertia", "torque constant"]  # of the wheel file, that other channels may show
@@ -320,9 +363,7 @@ class MeanEffect(Effect):
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
         """Return the range in which this record can show each shape parameter; inside the physical bounds."""
-        bounds = {parameter.name: (parameter.low, parameter.high) for parameter in cls.shape_parameters()}
-        shown = {parameter.name: parameter.shown(channels) for parameter in cls.shape_parameters() if parameter.shown}
-        return bounds | {name: narrowed(bounds[name], *limits) for name, limits in shown.items()}
+        return {parameter.name: parameter.bounds(channels) for parameter in cls.shape_parameters()}
 
     @classmethod
     def largest_share(cls, channels: Channels) -> float:
@@ -357,7 +398,7 @@ class MeanEffect(Effect):
         return self.weighted(columns), memory
 
 
-# ---- what effects share: columns side by side, what an unknown channel gives, what a record can show -----------------
+# ---- what effects share: columns side by side, a memory -------------------------------------------------------------
 
 
 def stack(*columns: FloatArray) -> FloatArray:
@@ -381,11 +422,6 @@ def since_last(usable: BoolArray, state: FloatArray) -> tuple[IntArray, FloatArr
     return at, since
 
 
-def known_or_nan(channel: FloatArray | None, channels: Channels) -> FloatArray:
-    """Return an optional channel, or NaN in every slot where it was not measured at all."""
-    return np.full(len(channels), np.nan) if channel is None else channel
-
-
 Recursion = Callable[[FloatArray, BoolArray, float, float, FloatArray], FloatArray]
 
 
@@ -402,46 +438,17 @@ def follow(
     usable: BoolArray,
     period_s: float,
     parameter: float,
-    state: FloatArray,
-) -> FloatArray:
-    """Return what a recursion of the kernels, which names the other arguments, makes of values, float64 (n,)."""
-    if isinstance(values, np.ndarray):
-        return recursion(values, usable, period_s, parameter, state)
-    return values.follow(recursion.__name__, usable, parameter, state)
+    memory: Memory,
+    start: tuple[float, ...] = (np.nan, np.nan),
+) -> tuple[FloatArray, FloatArray]:
+    """Return what a recursion of the kernels, which names the other arguments, makes of values, and its memory.
 
-
-NEAR_ZERO: Final = 0.05  # share of the largest speed that counts as near zero, where the speed step is measured
-
-
-def used_speed(channels: Channels) -> FloatArray:
-    """Return |ω| of the good slots [rad/s]; one zero where there are none."""
-    speed = np.abs(channels.speed_rad_s[channels.moving])
-    return speed if speed.size else np.zeros(1)
-
-
-def speed_step(channels: Channels) -> float:
-    """Return the usual change of speed from slot to slot near zero speed (else overall) [rad/s].
-
-    A feature narrower than a few of these falls between samples.
+    `start` is its memory at the start of a record.
     """
-    change = np.abs(np.diff(channels.speed_rad_s))
-    finite = np.isfinite(change)
-    near = finite & (np.abs(channels.speed_rad_s[1:]) < NEAR_ZERO * used_speed(channels).max())
-    moving = change[near & (change > 0)]
-    if not moving.size:
-        moving = change[finite & (change > 0)]
-    return float(np.median(moving)) if moving.size else 0.0
-
-
-def duration(channels: Channels) -> float:
-    """Return the length of the record [s]."""
-    return len(channels) * channels.sample_period_s
-
-
-def narrowed(physical: tuple[float, float], low: float, high: float) -> tuple[float, float]:
-    """Return [low, high] inside the physical bounds; a range that would be empty shrinks to its upper end."""
-    high = min(max(high, physical[0]), physical[1])
-    return min(max(low, physical[0]), high), high
+    state = begun(memory, *start)
+    if isinstance(values, np.ndarray):
+        return recursion(values, usable, period_s, parameter, state), state
+    return values.follow(recursion.__name__, usable, parameter, state), state
 
 
 # ---- a fit by maximum likelihood: what noise and switching effects hand to the search --------------------------------
@@ -484,6 +491,26 @@ def curvature_std(log_likelihood: Callable[[float], float], at: float, step: flo
     """Return the standard deviation that the curvature of a log-likelihood gives a parameter; NaN where it has none."""
     second = (log_likelihood(at + step) - 2.0 * log_likelihood(at) + log_likelihood(at - step)) / step**2
     return float(1.0 / np.sqrt(-second)) if second < 0 else float("nan")
+
+
+def most_likely_one(
+    gain: Callable[[float], float], low: float, high: float, tolerance: float
+) -> tuple[float, float, float]:
+    """Return the positive parameter at which a gain is largest, its deviation by the curvature, and the gain, ≥ 0.
+
+    It is looked for by its logarithm, between two bounds and to a tolerance.
+    """
+    from scipy import optimize
+
+    def of_log(x: float) -> float:
+        return gain(float(np.exp(x)))
+
+    bounds = (float(np.log(low)), float(np.log(high)))
+    found = optimize.minimize_scalar(
+        lambda x: -of_log(x), bounds=bounds, method="bounded", options={"xatol": tolerance}
+    )
+    best = float(np.exp(found.x))
+    return best, best * curvature_std(of_log, float(found.x), 0.02), max(-float(found.fun), 0.0)
 
 
 def most_likely(

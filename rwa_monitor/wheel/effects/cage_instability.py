@@ -261,9 +261,7 @@ def find_bursts(
         return None
     difference = np.concatenate([[0.0], np.diff(np.nan_to_num(residual))])
     scale = _scale_by_speed(difference, speed, pairs)
-    if scale is None:
-        return None
-    return _fit(np.where(pairs, (difference / scale) ** 2, np.nan), speed, pairs)
+    return None if scale is None else _fit(np.where(pairs, (difference / scale) ** 2, np.nan), speed, pairs)
 
 
 def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray) -> FloatArray | None:

@@ -1,4 +1,4 @@
-"""All effects, found by importing every module of this package: adding an effect is adding one file."""
+"""All effects, found by importing every module of this package: adding an effect is adding one class."""
 
 from __future__ import annotations
 
@@ -111,20 +111,10 @@ def viscous_per_K(wheel: Wheel, temperature_degC: float) -> float:
     effects = viscous_effects(wheel)
     if not effects or wheel.nominal is None:
         return 0.0
-    one, factors = np.ones(1), []
+    zero, one, factors = np.zeros(1), np.ones(1), []
+    steady = Channels(zero, one, one, zero, zero, wheel.sample_period_s, np.ones(1, dtype=np.bool_))
     for at_degC in (temperature_degC - 0.5, temperature_degC + 0.5):
-        channels = Channels(
-            np.zeros(1),
-            one,
-            one,
-            np.zeros(1),
-            np.zeros(1),
-            None,
-            np.array([at_degC]),
-            None,
-            wheel.sample_period_s,
-            np.ones(1, dtype=np.bool_),
-        )
+        channels = replace(steady, bearing_temperature_degC=np.array([at_degC]))
         viscous = wheel.nominal.viscous_Nm_s_rad
         _, speed, _ = effect_torque(effects, channels, one, viscous, [None] * len(effects))
         factors.append(max(float(speed[0]), LEAST_FACTOR))

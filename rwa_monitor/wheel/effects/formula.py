@@ -10,30 +10,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, ClassVar, Final, cast
+from dataclasses import replace
+from functools import partial
+from typing import Any, ClassVar, Final, NamedTuple, cast
 
 import numpy as np
 
 from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.kernels.effects import time_since
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    Shape,
-    begun,
-    follow,
-    known_or_nan,
-    narrowed,
-    stack,
-)
-from rwa_monitor.wheel.effects.torque_ripple import LOWEST_ORDER, ORDERS, angle_turned, half_a_line, orders_shown
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_turned
+from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
-ORIGIN_degC: Final = 20.0  # where exponential and linear laws of the temperature are one or zero: a convention
 RESOLVED_STEPS: Final = 3.0  # of a variable from slot to slot: a narrower feature falls between samples
 FINEST_SHARE: Final = 0.02  # of the largest value: a scale below is a step at zero
 INSIDE_SHARE: Final = 0.05  # of the range: a centre nearer to its ends has no samples beyond
@@ -41,8 +31,7 @@ WIDEST_SHARE: Final = 0.5  # of the range: a wider bump or step is a curve witho
 SLEW_QUANTILE: Final = 0.99  # of |dω/dt|: what single samples reach is noise
 
 
-@dataclass(frozen=True, slots=True)
-class Function:
+class Function(NamedTuple):
     """A function of one variable.
 
     Attributes
@@ -63,8 +52,7 @@ class Function:
     strengths: tuple[str, ...] = ("",)
 
 
-@dataclass(frozen=True, slots=True)
-class Variable:
+class Variable(NamedTuple):
     """A quantity that a formula is a function of.
 
     Attributes
@@ -96,8 +84,7 @@ class Variable:
     needs: frozenset[str] = frozenset()
 
 
-@dataclass(frozen=True, slots=True)
-class Carrier:
+class Carrier(NamedTuple):
     """A factor that gives the direction: its text, the unit of the strength and its ending, and its values."""
 
     text: str
@@ -108,9 +95,13 @@ class Carrier:
 
 def _since_slew(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
     """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot."""
-    state, every = begun(memory, np.inf), np.ones(len(channels), dtype=np.bool_)
-    rate, period_s = channels.acceleration_rad_s2, channels.sample_period_s
-    return follow(time_since, rate, every, period_s, shape["slew_rad_s2"], state), state
+    rate, every = channels.acceleration_rad_s2, np.ones(len(channels), dtype=np.bool_)
+    return follow(time_since, rate, every, channels.sample_period_s, shape["slew_rad_s2"], memory, (np.inf,))
+
+
+def _shown_slew(channels: Channels) -> tuple[float, float]:
+    slew = float(np.quantile(channels.known(np.abs(channels.acceleration_rad_s2)), SLEW_QUANTILE))
+    return 2 * INSIDE_SHARE * slew, (1.0 - 2 * INSIDE_SHARE) * slew
 
 
 FUNCTIONS: Final = {
@@ -164,7 +155,7 @@ VARIABLES: Final = {
             "centre": ("T0", Parameter("temperature_centre_degC", "°C", -273.15, 1e3, 25.0)),
             "width": ("w", Parameter("temperature_width_K", "K", 1e-3, 1e3, 3.0)),
         },
-        lambda channels, *_: (known_or_nan(channels.bearing_temperature_degC, channels), None),
+        lambda channels, *_: (channels.optional("bearing_temperature_degC"), None),
         ORIGIN_degC,
         needs=frozenset({"bearing_temperature_degC"}),
     ),
@@ -182,7 +173,7 @@ VARIABLES: Final = {
         "time since a slew",
         ("decay",),
         {
-            "slew": ("α0", Parameter("slew_rad_s2", "rad/s²", 1e-9, 1e9, 1.0)),
+            "slew": ("α0", Parameter("slew_rad_s2", "rad/s²", 1e-9, 1e9, 1.0, shown=_shown_slew)),
             "scale": ("τ", Parameter("time_scale_s", "s", 1e-6, 1e9, 20.0)),
         },
         _since_slew,
@@ -193,12 +184,7 @@ VARIABLES: Final = {
         "rad",
         "angle",
         ("wave",),
-        {
-            "order": (
-                "k",
-                Parameter("order", "-", LOWEST_ORDER, ORDERS[-1], 6.0, choices=ORDERS, between=half_a_line),
-            )
-        },
+        {"order": ("k", replace(TorqueRipple.parameters[-1], name="order"))},
         lambda channels, _, memory: angle_turned(channels, memory),
     ),
 }
@@ -208,6 +194,7 @@ CARRIERS: Final = {
     "viscous": Carrier("·ω", "N m s/rad", "_Nm_s_rad", lambda channels: channels.speed_rad_s),
     "even": Carrier("", "N m", "_Nm", lambda channels: np.ones(len(channels))),
 }
+RANGED: Final = ("scale", "centre", "width")  # roles of which the variable's range in a record limits what it shows
 TWICE: Final = ("viscous*power(speed)",)  # dry*power(speed) with another exponent
 
 
@@ -245,61 +232,35 @@ class Formula(MeanEffect):
         carrier = CARRIERS[cls.carrier].values(channels)
         return stack(*(row * carrier for row in np.atleast_2d(value))), memory
 
-    @classmethod
-    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """Scales up to the largest value, centres inside the range, widths up to half of it, none below the samples."""
-        ranges = _ranges(cls.variable, channels)
-        return {
-            parameter.name: narrowed(
-                (parameter.low, parameter.high), *ranges.get(role, (parameter.low, parameter.high))
-            )
-            for role, (_, parameter) in _constants(cls.function, cls.variable).items()
-        }
 
-
-def _constants(function: str, variable: str) -> dict[str, tuple[str, Parameter]]:
-    """Return symbol and parameter of the constants of a function of a variable, by role."""
-    over = VARIABLES[variable]
-    return {role: over.constants[role] for role in (*over.own, *FUNCTIONS[function].roles)}
-
-
-def _known(values: FloatArray, channels: Channels) -> FloatArray:
-    known = values[channels.good & np.isfinite(values)]
-    return known if known.size else np.zeros(1)
-
-
-def _ranges(name: str, channels: Channels) -> dict[str, tuple[float, float]]:
-    """Return the range of each role of a variable's constants that a record can show, in the variable's unit."""
-    variable = VARIABLES[name]
-    values = _known(VARIABLES["time" if name == "slew" else name].values(channels, {}, None)[0], channels)
-    low, high, size = float(values.min()), float(values.max()), float(np.max(np.abs(values - variable.origin)))
+def _shown(name: str, role: str, channels: Channels) -> tuple[float, float]:
+    """Scales up to the largest value, centres inside the range, widths up to half of it, none below the samples."""
+    values = channels.known(VARIABLES["time" if name == "slew" else name].values(channels, {}, None)[0])
+    low, high, size = float(values.min()), float(values.max()), float(np.max(np.abs(values - VARIABLES[name].origin)))
+    margin = INSIDE_SHARE * (high - low)
+    if role == "centre":
+        return low + margin, high - margin
     steps = np.abs(np.diff(values))
     steps = steps[steps > 0]
     step = RESOLVED_STEPS * float(np.median(steps)) if steps.size else 0.0
-    margin = INSIDE_SHARE * (high - low)
-    slew = float(np.quantile(_known(np.abs(channels.acceleration_rad_s2), channels), SLEW_QUANTILE))
-    return {
-        "scale": (max(step, FINEST_SHARE * size), size),
-        "centre": (low + margin, high - margin),
-        "width": (max(step, FINEST_SHARE * (high - low)), WIDEST_SHARE * (high - low)),
-        "order": orders_shown(channels),
-        "slew": (2 * INSIDE_SHARE * slew, (1.0 - 2 * INSIDE_SHARE) * slew),
-    }
+    if role == "width":
+        return max(step, FINEST_SHARE * (high - low)), WIDEST_SHARE * (high - low)
+    return max(step, FINEST_SHARE * size), size
 
 
 def _structure(carrier: str, function: str, variable: str) -> type[Formula]:
     """Make the class of a structure."""
-    law, of, over, factor = (
-        f"{carrier}*{function}({variable})",
-        FUNCTIONS[function],
-        VARIABLES[variable],
-        CARRIERS[carrier],
-    )
+    law = f"{carrier}*{function}({variable})"
+    of, over, factor = FUNCTIONS[function], VARIABLES[variable], CARRIERS[carrier]
     strengths = tuple(
         Parameter(f"strength{end}{factor.ending}", factor.unit, -np.inf, np.inf, 0.0 if i else 1e-5, linear=True)
         for i, end in enumerate(of.strengths)
     )
-    constants = _constants(function, variable).values()
+    constants = {role: over.constants[role] for role in (*over.own, *of.roles)}
+    parameters = [
+        replace(parameter, shown=partial(_shown, variable, role)) if role in RANGED else parameter
+        for role, (_, parameter) in constants.items()
+    ]
     shifted = over.origin and "centre" not in of.roles
     text = of.text.format(
         x=f"({over.symbol}-{over.origin:g} °C)" if shifted else over.symbol,
@@ -317,7 +278,7 @@ def _structure(carrier: str, function: str, variable: str) -> type[Formula]:
         "formula": rf"\tau = {_latex(text + factor.text)}",
         "symbols": {
             **{parameter.name: "ab"[i] for i, parameter in enumerate(strengths)},
-            **{parameter.name: symbol for symbol, parameter in constants},
+            **{parameter.name: symbol for symbol, parameter in constants.values()},
         },
         "signature": f"A {'torque' if carrier == 'even' else 'drag'} that depends on {over.words}.",
         "carrier": carrier,
@@ -325,7 +286,7 @@ def _structure(carrier: str, function: str, variable: str) -> type[Formula]:
         "variable": variable,
         "needs": over.needs,
         "parity": "none" if variable == "angle" else "even" if carrier == "even" else "odd",
-        "parameters": (*strengths, *(parameter for _, parameter in constants)),
+        "parameters": (*strengths, *parameters),
     }
     structure = cast("type[Formula]", type(law, (Formula,), body))
     setattr(Formula, law, structure)  # where pickle finds it: a class of the module would join the catalogue

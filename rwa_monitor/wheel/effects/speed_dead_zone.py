@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, speed_step, used_speed
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 FEWEST_RESTS: Final = 25.0  # readings that rest where the wheel moves: 3e-8 by chance
 FEWEST_HELD: Final = 4  # readings that are the same; on a grid as fine as their noise neighbours often are
@@ -15,7 +15,7 @@ PARTS: Final = 4  # of the speeds between the edge and twice of it: a wheel that
 
 
 def _shown_width(channels: Channels) -> tuple[float, float]:
-    return 2.0 * speed_step(channels), 0.1 * float(used_speed(channels).max())
+    return 2.0 * channels.speed_step_rad_s, 0.1 * float(channels.used_speed_rad_s.max())
 
 
 class SpeedDeadZone(MeanEffect):

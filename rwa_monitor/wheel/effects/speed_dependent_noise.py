@@ -9,14 +9,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    LikelihoodFit,
-    NoiseEffect,
-    Parameter,
-    curvature_std,
-    most_likely,
-)
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, most_likely, most_likely_one
 
 BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in each
 
@@ -113,29 +106,20 @@ class _Binned:
 # The noise grows with the speed or it is raised in a band: a fit of one does not bear on the other.
 OF_GROWTH: Final = frozenset({"strength_s_rad"})
 OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})
-_NOTHING: Final = {"strength_s_rad": 0.0, "band_strength": 0.0, "band_speed_rad_s": 100.0, "band_width_rad_s": 10.0}
+_NOTHING: Final = dict(SpeedDependentNoise().values)
 _UNKNOWN: Final = dict.fromkeys(_NOTHING, float("nan"))
 
 
 def _fit_growth(binned: _Binned) -> LikelihoodFit:
     """Fit σ₀ (1 + c|ω|): c from a thousandth of, to a thousand times, one over the largest speed."""
-    from scipy import optimize
 
-    def gain(log_growth: float) -> float:
-        return binned.gain({**_NOTHING, "strength_s_rad": float(np.exp(log_growth))})
+    def gain(growth: float) -> float:
+        return binned.gain({**_NOTHING, "strength_s_rad": growth})
 
     scale = 1.0 / binned.high
-    bounds = (float(np.log(1e-3 * scale)), float(np.log(1e3 * scale)))
-    found = optimize.minimize_scalar(lambda x: -gain(x), bounds=bounds, method="bounded")
-    growth = float(np.exp(found.x))
-    return LikelihoodFit(
-        {**_NOTHING, "strength_s_rad": growth},
-        {**_UNKNOWN, "strength_s_rad": growth * curvature_std(gain, float(found.x), 0.02)},
-        max(-float(found.fun), 0.0),
-        1,
-        binned.samples,
-        OF_BAND,
-    )
+    growth, std, most = most_likely_one(gain, 1e-3 * scale, 1e3 * scale, 1e-5)
+    errors = {**_UNKNOWN, "strength_s_rad": std}
+    return LikelihoodFit({**_NOTHING, "strength_s_rad": growth}, errors, most, 1, binned.samples, OF_BAND)
 
 
 def _fit_band(binned: _Binned) -> LikelihoodFit:

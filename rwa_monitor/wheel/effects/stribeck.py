@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape, speed_step, used_speed
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
 
 GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
 WIDEST_SHARE: Final = 0.5  # of the largest speed: e⁻² of a wide one (δ = 1) is left there, and the rest is seen
@@ -16,8 +16,8 @@ EXPONENT_REACH: Final = 0.6  # of a round of fitting; several follow each other
 
 def _shown_speed(channels: Channels) -> tuple[float, float]:
     """From a few speed steps to half of the largest speed: wider ones are a part of the slope."""
-    speed = used_speed(channels)
-    return max(3.0 * speed_step(channels), float(speed.min()) / GONE_AT), WIDEST_SHARE * float(speed.max())
+    speed = channels.used_speed_rad_s
+    return max(3.0 * channels.speed_step_rad_s, float(speed.min()) / GONE_AT), WIDEST_SHARE * float(speed.max())
 
 
 class Stribeck(MeanEffect):

@@ -45,8 +45,7 @@ def turned_angle(speed_rad_s: FloatArray, usable: BoolArray, period_s: float, st
 def angle_range_turns(channels: Channels) -> float:
     """Return between how many turns the wheel's angle lies; orders nearer than one over that look alike."""
     angle, _ = angle_turned(channels)
-    known = angle[np.isfinite(angle)]
-    return float(np.ptp(known)) / (2.0 * np.pi) if known.size else 0.0
+    return float(np.ptp(channels.known(angle))) / (2.0 * np.pi)
 
 
 def half_a_line(channels: Channels) -> float:

@@ -8,28 +8,22 @@ import numpy as np
 
 from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import (
-    Channels,
-    MeanEffect,
-    Memory,
-    Parameter,
-    Shape,
-    begun,
-    follow,
-    known_or_nan,
-    stack,
-)
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 
 ZERO_CELSIUS_K: Final = 273.15  # [K]
-REFERENCE_K: Final = ZERO_CELSIUS_K + 20.0  # [K] where ν = ν₀: a convention, it shifts strength into the base slope
-LEAST_SWING_K: Final = 0.5  # [K] within a record: with less no lag shows
+ORIGIN_degC: Final = 20.0  # where laws of the temperature are one or zero: a convention
+REFERENCE_K: Final = ZERO_CELSIUS_K + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
+LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
 LAG_REACH_S: Final = 300.0  # [s] of a round of fitting; several follow each other
 
 
-def _where_temperature_swings(channels: Channels) -> float:
-    known = known_or_nan(channels.bearing_temperature_degC, channels)[channels.good]
-    known = known[np.isfinite(known)]
-    return LAG_REACH_S if known.size and np.ptp(known) > LEAST_SWING_K else 0.0
+def temperature_varies(channels: Channels) -> bool:
+    """Return whether the bearing's temperature varies within a record by more than a sensor's resolution."""
+    return bool(np.ptp(channels.known(channels.optional("bearing_temperature_degC"))) > LEAST_K)
+
+
+def _lag_reach(channels: Channels) -> float:
+    return LAG_REACH_S if temperature_varies(channels) else 0.0
 
 
 class ViscosityTemperature(MeanEffect):
@@ -75,15 +69,14 @@ class ViscosityTemperature(MeanEffect):
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", 0.0, np.inf, 5.333e-6, linear=True),
         Parameter("activation_temperature_K", "K", 1500.0, 8000.0, 4000.0),
-        Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _where_temperature_swings),
+        Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _lag_reach),
     )
 
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        temperature = known_or_nan(channels.bearing_temperature_degC, channels)
+        temperature = channels.optional("bearing_temperature_degC")
         if shape["sensor_lag_s"] > 0.0:
-            memory = begun(memory, np.nan, np.nan)
             known, period_s = np.isfinite(temperature), channels.sample_period_s
-            temperature = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
+            temperature, memory = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
         exponent = shape["activation_temperature_K"] * (1.0 / (temperature + ZERO_CELSIUS_K) - 1.0 / REFERENCE_K)
         return stack(channels.speed_rad_s * np.expm1(exponent)), memory

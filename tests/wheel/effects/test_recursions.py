@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rwa_monitor.kernels.effects import dahl_bristle, first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.current_delay import backward_difference
+from rwa_monitor.wheel.effects.torque_balance_errors import backward_difference
 from rwa_monitor.wheel.effects.torque_ripple import coherent_slots, turned_angle
 
 

@@ -10,9 +10,8 @@ from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.effects.asymmetry import CoulombAsymmetry, TorqueBias
 from rwa_monitor.wheel.effects.catalogue import effect_torque
-from rwa_monitor.wheel.effects.coulomb_asymmetry import CoulombAsymmetry
-from rwa_monitor.wheel.effects.torque_bias import TorqueBias
 from rwa_monitor.wheel.wheel import EffectBlock, built_in_wheel
 from tests.wheel.effects.records import channels_of
 

@@ -12,7 +12,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
-from rwa_monitor.wheel.effects.speed_triggered_jumps import SpeedTriggeredJumps
+from rwa_monitor.wheel.effects.jump_times import SpeedTriggeredJumps, WrongDurationLaw
 from rwa_monitor.wheel.effects.switching_base import (
     JumpClock,
     Jumps,
@@ -20,7 +20,6 @@ from rwa_monitor.wheel.effects.switching_base import (
     SwitchingEffect,
     SwitchingEvidence,
 )
-from rwa_monitor.wheel.effects.wrong_duration_law import WrongDurationLaw
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
 from rwa_monitor.wheel.wheel import SwitchingSystem, built_in_wheel
 from tests.wheel.effects.records import DRY_NM, rich_motion

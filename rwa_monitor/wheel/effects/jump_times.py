@@ -1,4 +1,4 @@
-"""Speed-triggered jumps: jumps come more often at high speed, or when the bearing is warm."""
+"""Jumps at other times than wheel.toml has them: sojourns last otherwise, or the speed or heat brings them on."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
+from scipy import special
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter, curvature_std
-from rwa_monitor.wheel.effects.switching_base import JumpClock, SwitchingEffect, SwitchingEvidence
+from rwa_monitor.wheel.durations import DurationLaw, Weibull
+from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter, curvature_std, most_likely
+from rwa_monitor.wheel.effects.switching_base import TINY, JumpClock, Sojourns, SwitchingEffect, SwitchingEvidence
+from rwa_monitor.wheel.wheel import SwitchingSystem
 
 FEWEST_JUMPS: Final = 5
 BINS: Final = 200  # of the covariate
@@ -133,3 +136,70 @@ def _sojourn_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float
 
     plain = log_likelihood(0.0)
     return lambda c: log_likelihood(c) - plain
+
+
+FEWEST_SOJOURNS: Final = 5
+
+
+class WrongDurationLaw(SwitchingEffect):
+    """Sojourns that follow a Weibull law with another mean than the known law's.
+
+    The sojourns of a switching system are longer or shorter by a factor r than the mean μ of their known law, and
+    spread otherwise (Weibull shape k; 1 is memoryless, large k is regular).
+
+    What shows it
+    -------------
+    Durations between attributed jumps that do not follow the law in wheel.toml; jumps that look odd in time.
+
+    See Also
+    --------
+    extra_switching_system, speed_triggered_jumps
+
+    References
+    ----------
+    The paper's duration laws (section III-B); W. Weibull, A statistical distribution function of wide applicability, J.
+    Applied Mechanics 18, 1951. Factors are a working assumption.
+    """
+
+    name = "wrong_duration_law"
+    title = "Durations that do not follow their law"
+    formula = r"P(d > t) = e^{-(t / \lambda)^k}, \qquad \lambda = \frac{r\, \mu_q}{\Gamma(1 + 1/k)}"
+    separate_by = "A longer record, at constant speed and temperature."
+    parameters = (
+        Parameter("duration_factor", "-", 0.01, 100.0, 0.4),
+        Parameter("weibull_shape", "-", 0.3, 20.0, 1.0),
+    )
+
+    def change_system(self, system: SwitchingSystem) -> SwitchingSystem:
+        laws = tuple(self._law(law.mean()) for law in system.durations)
+        return system.model_copy(update={"durations": laws})
+
+    def _law(self, mean_slots: float) -> DurationLaw:
+        return weibull_of_mean(self.values["duration_factor"] * mean_slots, self.values["weibull_shape"])
+
+    @classmethod
+    def fit(cls, system: SwitchingSystem, sojourns: Sojourns) -> LikelihoodFit:
+        """Fit factor and shape to the sojourns of one system, against its known laws."""
+        means = np.array([law.mean() for law in system.durations])
+        known = sojourns.log_likelihood(system, sojourns.slots)
+        bounds = [(float(np.log(p.low)), float(np.log(p.high))) for p in cls.parameters]
+
+        def gain(x: FloatArray) -> float:
+            factor, shape = float(np.exp(x[0])), float(np.exp(x[1]))
+            total = 0.0
+            for q, mean in enumerate(means):
+                at = sojourns.slots[sojourns.configuration == q]
+                total += float(np.sum(np.log(weibull_of_mean(factor * mean, shape).pmf(at) + TINY)))
+            return total - known
+
+        relative = sojourns.slots / means[sojourns.configuration]
+        start = np.array([np.log(np.clip(relative.mean(), 0.011, 99.0)), 0.0])
+        best, std, most = most_likely(gain, [start], bounds)
+        names, values = [parameter.name for parameter in cls.parameters], np.exp(best)
+        found, errors = (dict(zip(names, each.tolist(), strict=True)) for each in (values, values * std))
+        return LikelihoodFit(found, errors, most, 2, int(sojourns.slots.size))
+
+
+def weibull_of_mean(mean_slots: float, shape: float) -> Weibull:
+    """Return the Weibull law of a given mean (before rounding to slots) and shape."""
+    return Weibull(shape=shape, scale=mean_slots / float(special.gamma(1.0 + 1.0 / shape)))
