@@ -256,7 +256,7 @@ def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | No
     free = np.full(columns.shape[1], np.inf)
     fitting = Fitting(problem, jumps=True)
     base = fitting.base()
-    torque = fitting.refitted((Term(_TrueForm, {}, columns, -free, free),), base, jumps)
+    torque = fitting.refitted((Term(_TrueForm, {}, columns, -free, free, len(_TrueForm.parameters)),), base, jumps)
     if not set(hidden.torque) <= SEARCHED.keys():
         return torque, torque
     level = hidden.level[problem.slot]

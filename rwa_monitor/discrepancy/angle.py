@@ -64,10 +64,6 @@ class AngleLine:
     torque_Nm: FloatArray
     size_Nm: float
 
-    def taken_from(self, record: Record) -> Record:
-        """Return its record without it."""
-        return replace(record, friction_torque_Nm=record.friction_torque_Nm - self.torque_Nm)
-
     def unexplained(self) -> Unexplained:
         """Return it as what no effect of the catalogue explains."""
         digits = max(int(np.ceil(-np.log10(max(self.order_std, 1e-6)))), 2)

@@ -28,7 +28,7 @@ from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Verdi
 from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.discrepancy.unexplained import wandering
+from rwa_monitor.discrepancy.unexplained import both, wandering
 from rwa_monitor.discrepancy.untested import untested
 from rwa_monitor.messages import Gain, SearchedAgain, Unexplained
 from rwa_monitor.samples import Samples
@@ -144,14 +144,8 @@ def with_search_again(
         there = found.gain
         if there is None:
             return None
-        return SearchedAgain(
-            effects=names,
-            held_out=[aside[0]],
-            rmse_base_Nm=there.rmse_base_Nm,
-            rmse_extended_Nm=there.rmse_extended_Nm,
-            log_score_base=there.log_score_base,
-            log_score_extended=there.log_score_extended,
-        )
+        scores = there.model_dump(include=set(SearchedAgain.model_fields) - {"held_out"})
+        return SearchedAgain(effects=names, held_out=[aside[0]], **scores)
 
     *seen, (name, samples) = recordings
     if seen:
@@ -210,9 +204,7 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     if any(effect.follows_acceleration for effect in classes):  # a curve over it shows what is named already
         return others, replace(explained, found=without_rounding(problem, explained.found), leftover=None)
     if not any(effect.comes_and_goes for effect in classes):
-        left = explained.leftover
-        both = wanders.beside(left.signature, left.size_Nm) if wanders and left else left or wanders
-        explained = replace(explained, leftover=both)
+        explained = replace(explained, leftover=both(wanders, explained.leftover))
     return others, explained
 
 

@@ -18,16 +18,16 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import (
-    JUMP_PENALTY,
     Fit,
     fit,
+    jump_price,
     jump_sets,
     segment_records,
     with_noise_of,
 )
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.hypotheses import sort_out
-from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
+from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
@@ -38,7 +38,6 @@ from rwa_monitor.wheel.effects.base import MeanEffect
 Progress = Callable[[str], None]
 Effects = Sequence[type[MeanEffect]]
 
-NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
 EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # times the price of a jump
 STARTED: Final = 4  # candidates of each start that are tried, those that screening puts first
@@ -76,8 +75,9 @@ class Fitting:
         """Return the model with dry and viscous friction alone."""
         if not self.jumps:
             return self.refined(self._annealed((), NO_JUMPS, NoiseLaw()))
-        start = Model((), fit(self.problem))
-        return with_exact_jumps(self.problem, scored(self.problem, off_reversals(self.problem, start)))
+        start = fit(self.problem)
+        jumps = off_reversals(self.problem, start.level + start.residual, start.jumps)
+        return with_exact_jumps(self.problem, scored(self.problem, Model((), replace(start, jumps=jumps))))
 
     def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects into those that the data can test, and the names of the others with what is missing.
@@ -236,24 +236,21 @@ class Fitting:
 
     def _annealed(self, terms: tuple[Term, ...], jumps: IntArray, law: NoiseLaw) -> Model:
         """Return a model under a law of the noise with these jumps, or others found when they are dear at first."""
-        best = model = with_law(self.problem, self._bare(terms, jumps), law)
+        nothing = np.zeros(self.problem.size)
+        bare = Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0))
+        best = model = with_law(self.problem, bare, law)
         for dear in ANNEALING if self.jumps else ():
             model = self._segmented(model, dear)
             best = min(best, model, key=lambda one: one.score)
         return best
 
-    def _bare(self, terms: tuple[Term, ...], jumps: IntArray) -> Model:
-        nothing = np.zeros(self.problem.size)
-        return Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0))
-
     def _segmented(self, model: Model, dear: float = 1.0) -> Model:
         """Return a model with the best jumps beside its coefficients, in white noise of as much long-run variance."""
         if not self.jumps:
             return with_law(self.problem, model, law_of(model))
-        price = dear * JUMP_PENALTY * self.problem.log_size * self.problem.noise.long_run_variance
-        jumps = segment_records(self.problem, model.fit.level + model.fit.residual, price)
-        moved = off_reversals(self.problem, replace(model, fit=replace(model.fit, jumps=jumps)))
-        return with_law(self.problem, moved, law_of(model))
+        along = model.fit.level + model.fit.residual
+        jumps = segment_records(self.problem, along, dear * jump_price(self.problem))
+        return with_law(self.problem, model, law_of(model), off_reversals(self.problem, along, jumps))
 
     def refined(self, model: Model) -> Model:
         """Return a model with shapes, noise and jumps fitted in turn."""
@@ -299,8 +296,7 @@ class Fitting:
                 beside = Background.of(self.problem, others, law_of(model), jumps)
                 terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
                 jumps = _off_steps(term, jumps)
-        off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
-        return with_law(self.problem, off_steps, law_of(model))
+        return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model), jumps)
 
 
 def _is_possible(model: Model) -> bool:

@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.base_fit import (
 from rwa_monitor.discrepancy.likelihood import Equations, Series, Whitening
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import regressors
-from rwa_monitor.discrepancy.terms import Model, depends_on_level, design_of, law_of, make_term
+from rwa_monitor.discrepancy.terms import Model, depends_on_level, law_of, make_term
 from rwa_monitor.samples import FloatArray, IntArray
 
 BLOCKS: Final = 10  # contiguous blocks of a search problem
@@ -52,7 +52,7 @@ class HeldOut:
 
 def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     """Score a model on blocks of time that its strengths and slope were not fitted to."""
-    series = Series.of(problem).with_jumps(model.fit.jumps)
+    series = Series.of(problem, model.fit.jumps)
     rows, low, high = regressors(series, model.terms)
     white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
     energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
@@ -83,13 +83,14 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps
     viscous, terms = float(model.fit.coefficients[0]), model.terms
     drag = viscous * other.speed
     for _ in range(LEVEL_ROUNDS):
-        level, beside = levels(other, other.z - drag), drag - viscous * other.speed
+        rest, beside = other.z - drag, drag - viscous * other.speed
+        level = levels(other, rest, segment_records(other, rest, jump_price(other)))
         terms = tuple(make_term(other, term.effect, term.shape, level, beside) for term in model.terms)
-        drag = design_of(other, terms) @ model.fit.coefficients
+        drag = np.column_stack([other.speed, *(term.columns for term in terms)]) @ model.fit.coefficients
         if not any(depends_on_level(term.effect) for term in terms):
             break
     there = segment_records(other, other.z - drag, jump_price(other)) if jumps else None
-    searched = Series.of(problem).with_jumps(model.fit.jumps)
+    searched = Series.of(problem, model.fit.jumps)
     left, _ = searched.whitened(model.fit.residual * problem.sign, law_of(model))
     residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
     whitening, variance = _whitening(other, model, there), np.full(other.size, float(np.mean(left**2)))

@@ -126,11 +126,8 @@ def _laws(samples: Samples, wheel: Wheel) -> Iterator[Law]:
     known = {effect.error_of: next(iter(effect.values.values())) for effect in mean_effects(wheel)}
     constant = wheel.back_emf_constant_V_s_rad or wheel.torque_constant_Nm_A  # one number in SI units
     if current is not None and constant is not None:
-        of_motor: tuple[Quantity, str, float] = (
-            "torque constant",
-            "N m/A",
-            constant * (1.0 - known.get("torque constant", 0.0)),
-        )
+        stated = constant * (1.0 - known.get("torque constant", 0.0))
+        of_motor: tuple[Quantity, str, float] = "torque constant", "N m/A", stated
         if voltage is not None:  # V = R·I + K_E·ω + V_0
             yield *of_motor, "motor_voltage_V", means(ratio * speed, current, one), means(voltage)[:, 0]
         if power is not None:  # P = P_0 + R·I² + K_T·I·ω

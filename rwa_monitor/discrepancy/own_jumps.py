@@ -10,14 +10,14 @@ size and a sign.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price
 from rwa_monitor.discrepancy.fitting import LEAST_SHARE, Fitting
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
@@ -27,9 +27,11 @@ from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import prune
 from rwa_monitor.discrepancy.shape_profile import shape_limits
 from rwa_monitor.discrepancy.terms import TINY, Model, Term
+from rwa_monitor.discrepancy.unexplained import with_free_curves
+from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.kernels.segmentation import optimal_curves
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.effects.base import Channels, Memory, Parameter, Shape
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape
 from rwa_monitor.wheel.effects.decaying_jump import DecayingJump
 from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
 
@@ -94,36 +96,29 @@ class RelaxingJumps(OwnJumps, wraps=DecayingJump):
         }
 
 
-def with_own_jumps(
-    problem: Problem,
-    model: Model,
-    simpler: Model,
-    alternatives: Callable[[Model], Sequence[Model]],
-    tried: Collection[str],
-) -> Model | None:
+def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequence[type[MeanEffect]]) -> Model | None:
     """Return the best model in which something else than the dry friction jumps; None where that does not pay.
 
     Parameters
     ----------
-    problem
-        The data.
-    model
-        The best model without.
+    fitting, model
+        Makes models of the data, and the best one without.
     simpler
         The base model: what `model` names may be what such jumps look like.
-    alternatives
-        Returns a model extended by each of the free curves: slopes that differ since the drag is no straight line are
-        a law of the speed.
-    tried
-        Names of the effects that are searched for.
+    effects
+        Those that are searched for.
     """
+    problem, tried = fitting.problem, {effect.name for effect in effects}
     ways = {SlopeJumps.name: _sloped, RelaxingJumps.name: _relaxing}
     found = [with_it(problem, model, simpler) or model for name, with_it in ways.items() if name in tried]
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
+    # Slopes that differ since the drag is no straight line are a law of the speed.
     others = Fitting(problem, jumps=True).without(best, len(best.terms) - 1)
-    return best if all(one.score > best.score for one in alternatives(others)) else None
+    outside = [effect for effect in effects if effect in UNNAMED and effect.name not in others.names]
+    alternatives = *with_free_curves(fitting, others), *fitting.extensions(others, outside)
+    return best if all(one.score > best.score for one in alternatives) else None
 
 
 def _sloped(problem: Problem, model: Model, simpler: Model) -> Model | None:
@@ -204,8 +199,7 @@ class _Course:
 def _multiples(course: _Course, model: Model) -> Term | None:
     """Return the stretches of time with another multiple, as columns; None where it is one all over."""
     problem = course.problem
-    values, price = model.fit.level + model.fit.residual, JUMP_PENALTY * problem.log_size
-    price *= problem.noise.long_run_variance
+    values, price = model.fit.level + model.fit.residual, jump_price(problem)
     cuts: list[int] = []
     for begin, end in pairwise(problem.starts.tolist()):
         if end > begin:
@@ -292,7 +286,7 @@ def _term(course: _Course, places: IntArray) -> Term:
     parameters = tuple(Parameter(f"change_{j + 1}", unit, least, np.inf, 0.0, linear=True) for j in range(places.size))
     effect = type("OwnJumps", (course.effect,), {"parameters": parameters, "places": places, "seconds": course.seconds})
     low, high = np.full(places.size, least), np.full(places.size, np.inf)
-    return Term(effect, {}, columns, low, high, own=True, price=price + JUMP_PENALTY * places.size)
+    return Term(effect, {}, columns, low, high, price + JUMP_PENALTY * places.size)
 
 
 def _drifting(problem: Problem, term: Term) -> Term:

@@ -15,9 +15,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.fitting import NO_JUMPS
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NO_JUMPS, NoiseLaw
 from rwa_monitor.discrepancy.problem import ColumnCache, Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.score import Background

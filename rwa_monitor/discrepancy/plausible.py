@@ -206,9 +206,7 @@ def shown_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_
 
     def impulses(values: FloatArray) -> FloatArray:
         halves = sample_period_s * 0.5 * (values[1:] + values[:-1])
-        sums = np.concatenate([[0.0], np.cumsum(np.nan_to_num(halves))])
-        missing = np.concatenate([[0], np.cumsum(np.isnan(halves))])
-        return np.where(np.diff(missing[cuts]) > 0, np.nan, np.diff(sums[cuts]))
+        return np.asarray(np.add.reduceat(halves[: cuts[-1]], cuts[:-1]))
 
     drag = [impulses(column) for column in (np.sign(speed_rad_s), speed_rad_s)]
     duration = np.full(cuts.size - 1, width * sample_period_s)

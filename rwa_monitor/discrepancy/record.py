@@ -426,7 +426,6 @@ def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolAr
 
 LEVEL_REACH: Final = 8  # samples on each side of a reversal that show its dry friction
 SIGN_STDS: Final = 3.0  # standard deviations of the speed's noise, within which its sign is not known
-TINY: Final = 1e-300  # of what is divided by
 STRADDLES: Final = 0.98  # of the sign, mean over the interval: what is less has a reversal in it
 # Of what points miss, that means may miss, in samples that are not whole ones: of intervals that are centred, then of
 # those that end or begin with their sample, which a delay of half a slot or bristles imitate. Dead zones predict none.
@@ -467,7 +466,7 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
     means, points = (
         np.sum(missed, axis=1, where=straddles) for missed in (np.abs(drag_Nm[around] - level * along), of_points)
     )
-    left = np.where(points > 0.0, means / np.maximum(points, TINY), np.inf) / LEFT_SHARES
+    left = np.where(points > 0.0, means / np.maximum(points, 1e-300), np.inf) / LEFT_SHARES
     best = int(np.argmin(left))
     if left[best] < 1.0:
         averaged[around[np.min(shifted, axis=0)[best] < STRADDLES]] = True

@@ -45,21 +45,25 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
     again
         Whether that is the law of nearly the same model: then only near it is looked.
     """
-    series = Series.of(problem).with_jumps(model.fit.jumps)
+    series = Series.of(problem, model.fit.jumps)
     law = start or (NoiseLaw().apart if series.several else NoiseLaw())
     if problem.has_noise:
         law, _ = fit_noise(series, *regressors(series, model.terms), law, again=again and start is not None)
     return with_law(problem, model, law)
 
 
-def with_law(problem: Problem, model: Model, law: NoiseLaw) -> Model:
-    """Return a model with the coefficients that are best under a law of the noise, and its score."""
-    series = Series.of(problem).with_jumps(model.fit.jumps)
+def with_law(problem: Problem, model: Model, law: NoiseLaw, jumps: IntArray | None = None) -> Model:
+    """Return a model with the coefficients that are best under a law of the noise, and its score.
+
+    `jumps`: others than those that its fit has, int64 (j,).
+    """
+    jumps = model.fit.jumps if jumps is None else jumps
+    series = Series.of(problem, jumps)
     law = law.beside(series)
     rows, low, high = regressors(series, model.terms)
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
-    parameters = price(model.terms) + JUMP_PENALTY * model.fit.jumps.size
-    fit = _fit(problem, series, rows, coefficients, law, model.fit)
+    parameters = price(model.terms) + JUMP_PENALTY * jumps.size
+    fit = _fit(problem, series, rows, coefficients, law)
     score = deviance + series.log_size * parameters + law.price(series.size)
     return replace(model, fit=fit, law=law, score=score + contradiction(problem, model.terms, coefficients[2:]))
 
@@ -84,19 +88,17 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     exact = _placed(problem, along, np.concatenate(jumps))
     if np.array_equal(exact, model.fit.jumps):
         return model
-    other = with_law(problem, replace(model, fit=replace(model.fit, jumps=exact)), law)
-    return min(model, other, key=lambda one: one.score)
+    return min(model, with_law(problem, model, law, exact), key=lambda one: one.score)
 
 
-def off_reversals(problem: Problem, model: Model) -> Model:
-    """Return a model with one jump at most in a change of direction; it has to be scored anew.
+def off_reversals(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
+    """Return jumps with one at most in a change of direction; `along` is what a model leaves to the levels [N m].
 
     What comes and goes there within a few samples is an effect of the reversal, or the smear of a filter.
     """
     after = np.append(np.flatnonzero(~_reverses(problem)), problem.size)
-    jumps = np.unique(after[np.searchsorted(after, model.fit.jumps)])
-    jumps = _placed(problem, model.fit.level + model.fit.residual, jumps[jumps < problem.size])
-    return replace(model, fit=replace(model.fit, jumps=jumps))
+    moved = np.unique(after[np.searchsorted(after, jumps)])
+    return _placed(problem, along, moved[moved < problem.size])
 
 
 def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
@@ -210,7 +212,7 @@ class Background:
     @classmethod
     def of(cls, problem: Problem, terms: Sequence[Term], law: NoiseLaw, jumps: IntArray) -> Self:
         """Whiten what is in a model."""
-        whole = Series.of(problem).with_jumps(jumps)
+        whole = Series.of(problem, jumps)
         law = law.beside(whole)
         rows, low, high = regressors(whole, terms)
         series, first = whole.averaged(SCREENED)
@@ -252,10 +254,10 @@ def _means(rows: FloatArray, first: IntArray) -> FloatArray:
     return np.asarray(np.add.reduceat(rows, first, axis=1) / np.diff(first, append=rows.shape[1]))
 
 
-def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw, fit: Fit) -> Fit:
+def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw) -> Fit:
     """Return a fit with other coefficients; its level is the common dry friction where nothing makes it differ."""
     rest = series.sign * (series.friction - coefficients[1:] @ rows[1:])
     residual = rest - coefficients[0]
-    if fit.jumps.size or law.level_spread > 0.0:
-        residual = remove_levels(rest, segment_starts(problem, fit.jumps))
-    return Fit(fit.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual))
+    if series.jumps.size or law.level_spread > 0.0:
+        residual = remove_levels(rest, segment_starts(problem, series.jumps))
+    return Fit(series.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual))

@@ -20,7 +20,7 @@ from rwa_monitor.discrepancy.likelihood import Series
 from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.score import Background
-from rwa_monitor.discrepancy.shape_profile import LOG_SPACING_FROM, shape_limits
+from rwa_monitor.discrepancy.shape_profile import is_logarithmic, shape_limits
 from rwa_monitor.discrepancy.terms import Model, Term, law_of, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Parameter
@@ -149,7 +149,7 @@ def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> 
     known = ParameterValue.of(value, np.nan, unit, low, high)
     if not np.isfinite(std):
         return known if known.note else replace(known, note="not determined by these data")
-    if _is_logarithmic(low, high):
+    if is_logarithmic(low, high):
         factor = np.exp(min(WIDTH * std / value, 50.0))
         interval = value / factor, value * factor
     else:
@@ -179,10 +179,6 @@ def _taken_as_exact(term: Term) -> frozenset[str]:
     return frozenset(p.name for p in parameters if p.choices and term.shape[p.name] in p.choices)
 
 
-def _is_logarithmic(low: float, high: float) -> bool:
-    return low > 0 and high / low > LOG_SPACING_FROM
-
-
 def _derivative(
     problem: Problem, model: Model, term: Term, name: str, strengths: FloatArray, limits: tuple[float, float]
 ) -> FloatArray | None:
@@ -191,7 +187,7 @@ def _derivative(
     if not low < high:
         return None
     value = float(term.shape[name])
-    step = STEP * (value if _is_logarithmic(low, high) else high - low)
+    step = STEP * (value if is_logarithmic(low, high) else high - low)
     ends = max(value - step, low), min(value + step, high)
     torque = [
         make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ strengths for end in ends
@@ -204,7 +200,7 @@ def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) ->
 
     The larger of two: that of the noise as it was estimated, and that of the residual as it is.
     """
-    series = Series.of(problem).with_jumps(model.fit.jumps)
+    series = Series.of(problem, model.fit.jumps)
     rows = np.vstack([model.fit.residual, columns.T, np.ones(problem.size)]) * series.sign
     white, _ = series.whitened(rows, law_of(model))
     residual, design = white[0], white[1:].T
