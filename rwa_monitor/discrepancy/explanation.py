@@ -181,7 +181,7 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
             problem = prepare(drawn, wheel, problem.each)
             approach, grown, own = _grown(problem, candidates, progress, best)
     if own is not None:
-        grown = grow(approach, candidates, progress, _taken_over(approach.problem, own))
+        grown = grow(approach, candidates, progress, _taken_over(approach, own))
     found = rank(approach, grown, progress)
     problem = approach.problem
     progress("what is left")
@@ -234,14 +234,13 @@ def _grown(
 ) -> tuple[Fitting, SearchResult, Model | None]:
     """Return what grows, and the last model with other jumps beside those of the dry friction where that is better."""
     approach = Fitting(problem, jumps=True)
-    grown = grow(approach, candidates, progress, _taken_over(problem, begin_with))
+    grown = grow(approach, candidates, progress, _taken_over(approach, begin_with))
     progress("other jumps")
     return approach, grown, with_own_jumps(approach, grown.nested[-1], grown.nested[0], candidates)
 
 
-def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
+def _taken_over(fitting: Fitting, model: Model | None) -> list[Model]:
     """Return a model of nearly the same data fitted anew, one effect more in each."""
     if model is None:
         return []
-    fitting = Fitting(problem, jumps=True)
     return [fitting.refitted(model.terms[: i + 1], model, [model.fit.jumps]) for i in range(len(model.terms))]

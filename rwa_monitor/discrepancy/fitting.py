@@ -25,11 +25,10 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_records,
     with_noise_of,
 )
-from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.hypotheses import sort_out
 from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.score import Background, off_reversals, scored, with_exact_jumps, with_law
+from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import IntArray

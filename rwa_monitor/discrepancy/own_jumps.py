@@ -19,11 +19,11 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price
 from rwa_monitor.discrepancy.fitting import LEAST_SHARE, Fitting
-from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.search import prune
 from rwa_monitor.discrepancy.shape_profile import shape_limits
 from rwa_monitor.discrepancy.terms import TINY, Model, Term
@@ -108,22 +108,23 @@ def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequ
     effects
         Those that are searched for.
     """
-    problem, tried = fitting.problem, {effect.name for effect in effects}
+    tried = {effect.name for effect in effects}
     ways = {SlopeJumps.name: _sloped, RelaxingJumps.name: _relaxing}
-    found = [with_it(problem, model, simpler) or model for name, with_it in ways.items() if name in tried]
+    found = [with_it(fitting, model, simpler) or model for name, with_it in ways.items() if name in tried]
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
     # Slopes that differ since the drag is no straight line are a law of the speed.
-    others = Fitting(problem, jumps=True).without(best, len(best.terms) - 1)
+    others = fitting.without(best, len(best.terms) - 1)
     outside = [effect for effect in effects if effect in UNNAMED and effect.name not in others.names]
     alternatives = *with_free_curves(fitting, others), *fitting.extensions(others, outside)
     return best if all(one.score > best.score for one in alternatives) else None
 
 
-def _sloped(problem: Problem, model: Model, simpler: Model) -> Model | None:
+def _sloped(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
     """Return the best model in which the viscous coefficient jumps by itself, where that predicts more than without."""
-    best, fitting = _best_with(problem, model, simpler, [_Course(problem)]), Fitting(problem, jumps=True)
+    problem = fitting.problem
+    best = _best_with(fitting, model, simpler, [_Course(problem)])
     if best is None:
         return None
     before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
@@ -133,22 +134,22 @@ def _sloped(problem: Problem, model: Model, simpler: Model) -> Model | None:
     return best if drifting.score > best.score else None
 
 
-def _relaxing(problem: Problem, model: Model, simpler: Model) -> Model | None:
+def _relaxing(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
     """Return the best model with drag that jumps by itself and relaxes, at the time constant that does best."""
-    low, high = shape_limits(problem, DecayingJumpTerm)["time_constant_s"]
+    low, high = shape_limits(fitting.problem, DecayingJumpTerm)["time_constant_s"]
     if not low < high:
         return None
     seconds = np.geomspace(low, high, int(np.log(high / low) / np.log(RATIO)) + 2).tolist()
-    return _best_with(problem, model, simpler, [_Course(problem, one) for one in seconds])
+    return _best_with(fitting, model, simpler, [_Course(fitting.problem, one) for one in seconds])
 
 
-def _best_with(problem: Problem, model: Model, simpler: Model, courses: Sequence[_Course]) -> Model | None:
+def _best_with(fitting: Fitting, model: Model, simpler: Model, courses: Sequence[_Course]) -> Model | None:
     """Return the best model with multiples of one of the courses, or None where there are none.
 
     From the given model without the catalogue's name of such jumps, and from the simpler one: what was named may be
     what they look like.
     """
-    fitting, found = Fitting(problem, jumps=True), []
+    found = []
     kept = tuple(term for term in model.terms if term.effect.name != courses[0].effect.name)
     begin = model if kept == model.terms else fitting.refitted(kept, model)
     for start in (begin, simpler) if begin.terms else (begin,):

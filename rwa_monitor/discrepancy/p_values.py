@@ -21,8 +21,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting, Progress
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Family
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS

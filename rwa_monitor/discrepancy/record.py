@@ -22,8 +22,13 @@ from scipy.ndimage import correlate1d
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import Steps, derived_friction, steps_of
-from rwa_monitor.discrepancy.motor_constants import ShownConstant, shown_constants
-from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, without_end_stops
+from rwa_monitor.discrepancy.plausible import (
+    ShownConstant,
+    check_inertia,
+    check_plausible,
+    shown_constants,
+    without_end_stops,
+)
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.simulation.motion import wheel_angle
