@@ -69,6 +69,7 @@ class Fitting:
         self.jumps = jumps
         self.several = Series.of(problem).several
         self._known: dict[Hashable, tuple[Sequence[Term], Model]] = {}  # what `without` returned
+        self._replaced: dict[tuple[int, int], tuple[Model, list[Model]]] = {}  # and `replacements`
 
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
@@ -96,7 +97,7 @@ class Fitting:
             return min(model, self.refined(model), key=lambda one: one.score)
         calmer = with_noise_of(self.problem, model.fit.residual)
         if calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
-            self.problem, self._known = calmer, {}
+            self.problem, self._known, self._replaced = calmer, {}, {}
         return model
 
     def extensions(self, current: Model, effects: Effects, *, all_of_them: bool = False) -> list[Model]:
@@ -116,11 +117,14 @@ class Fitting:
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
         """Return the model with another effect in the place of term `index`, of those that come near, best first."""
-        simpler = self.without(model, index)
-        if not self.jumps:
-            simpler = replace(simpler, law=model.law)
-        allowed = [effect for effect in effects if effect.name not in model.names]
-        return _in_order(self._extended(simpler, allowed, model.terms[index]), effects)
+        if (id(model), index) not in self._replaced:
+            simpler = self.without(model, index)
+            if not self.jumps:
+                simpler = replace(simpler, law=model.law)
+            allowed = [effect for effect in effects if effect.name not in model.names]
+            found = _in_order(self._extended(simpler, allowed, model.terms[index]), effects)
+            self._replaced[id(model), index] = model, found
+        return self._replaced[id(model), index][1]
 
     def without(self, model: Model, index: int) -> Model:
         """Return a model without term `index`, refitted from the full model's jumps."""

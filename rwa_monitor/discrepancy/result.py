@@ -175,10 +175,11 @@ class NestedModel:
         Root mean square residual, and what of it is beyond the noise [N m].
     log_score
         Mean log density per sample [nats].
-    gain, gain_low, gain_high
-        Over the model before, with its 95 % interval from the spread over blocks [nats per sample]; None for the first.
+    gain, gain_half
+        Over the model before, and half of its 95 % interval by the spread over blocks [nats per sample]; None for the
+        first.
     total, total_half
-        Gain over the first model and half of its 95 % interval.
+        The same over the first model.
     jumps
         Jumps that the model needs for the searched recordings.
     """
@@ -188,8 +189,7 @@ class NestedModel:
     excess_Nm: float
     log_score: float
     gain: float | None
-    gain_low: float | None
-    gain_high: float | None
+    gain_half: float | None
     total: float
     total_half: float | None
     jumps: int
@@ -202,13 +202,9 @@ def nested_models(search: Search) -> list[NestedModel]:
     blocks = [score.block_log_scores for score in search.scores]
     for i, (model, score) in enumerate(zip(search.mean.nested, search.scores, strict=True)):
         excess = float(np.sqrt(max(score.rmse_Nm**2 - noise**2, 0.0)))
-        name = "simulation as it is"
-        of_gain: tuple[float | None, float | None, float | None] = None, None, None
-        of_total: tuple[float, float | None] = 0.0, None
-        if i > 0:
-            gain, half = _with_interval(blocks[i] - blocks[i - 1])
-            name, of_gain = f"+ {model.names[-1]}", (gain, gain - half, gain + half)
-            of_total = _with_interval(blocks[i] - blocks[0])
+        name = f"+ {model.names[-1]}" if i else "simulation as it is"
+        of_gain: tuple[float | None, float | None] = _with_interval(blocks[i] - blocks[i - 1]) if i else (None, None)
+        of_total: tuple[float, float | None] = _with_interval(blocks[i] - blocks[0]) if i else (0.0, None)
         jumps = int(model.fit.jumps.size)
         nested.append(NestedModel(name, score.rmse_Nm, excess, score.log_score, *of_gain, *of_total, jumps))
     return nested

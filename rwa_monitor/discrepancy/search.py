@@ -54,7 +54,6 @@ def grow(
     testable, untestable = fitting.sort_out(effects, base)
     nested = [base, *begin_with]
     best_rejected = -np.inf
-    known: tuple[Model, tuple[tuple[Model, ...], ...]] | None = None
     while len(nested[-1].terms) < MAX_EFFECTS:
         nested[-1] = fitting.settled(nested[-1])
         current = nested[-1]
@@ -84,17 +83,13 @@ def grow(
         accepted = next(counted, None)
         if accepted is None:
             break
-        swapped, of_last = _swap(fitting, accepted, testable, progress)
-        pruned = prune(fitting, swapped, keep_last=True)
-        known = (pruned, of_last) if of_last is not None and pruned is swapped else None
-        nested.append(pruned)
-        if pruned.score >= current.score:
+        nested.append(prune(fitting, _swap(fitting, accepted, testable, progress), keep_last=True))
+        if nested[-1].score >= current.score:
             break
     final = fitting.settled(prune(fitting, min(nested, key=lambda model: model.score)))
     final = prune(fitting, final)  # beside the noise that it leaves
     nested = [*(model for model in nested if len(model.terms) < len(final.terms)), final]
-    of_final = known[1] if known is not None and known[0] is final else None
-    return SearchResult(tuple(nested), tuple(testable), tuple(untestable), best_rejected, alternatives=of_final)
+    return SearchResult(tuple(nested), tuple(testable), tuple(untestable), best_rejected)
 
 
 def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
@@ -102,8 +97,7 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
     model, found = grown.nested[-1], []
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
-        known = grown.alternatives
-        alternatives = known[index] if known else fitting.replacements(model, index, grown.testable)
+        alternatives = fitting.replacements(model, index, grown.testable)
         near = [one.names[-1] for one in alternatives if one.score - model.score < EQUIVALENT_WITHIN]
         equivalent = dict.fromkeys((*near, *fitting.as_good(model, index, grown.testable)))
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
@@ -111,20 +105,16 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
     return replace(grown, found=ranked)
 
 
-def _swap(
-    fitting: Fitting, model: Model, effects: Effects, progress: Progress
-) -> tuple[Model, tuple[tuple[Model, ...], ...] | None]:
-    """Exchange effects one by one while that helps; return the alternatives of each that were tried last, too."""
-    if len(model.terms) <= 1:
-        return model, None  # the best single effect was chosen among all
-    tried: list[tuple[Model, ...]] = []
-    while len(tried) < len(model.terms):
-        progress(f"in the place of {model.names[len(tried)]}")
-        alternatives = fitting.replacements(model, len(tried), effects)
-        tried.append(tuple(alternatives))
+def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) -> Model:
+    """Exchange effects one by one while that helps; the best single one was chosen among all."""
+    index = 0
+    while 1 < len(model.terms) > index:
+        progress(f"in the place of {model.names[index]}")
+        alternatives = fitting.replacements(model, index, effects)
+        index += 1
         if alternatives and alternatives[0].score < model.score - WORTH_SWAPPING:
-            model, tried = alternatives[0], []
-    return model, tuple(tried)
+            model, index = alternatives[0], 0
+    return model
 
 
 def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:

@@ -335,8 +335,6 @@ class SearchResult:
         Gain of the best candidate that was not accepted; -inf where none came near.
     found
         The effects of the last model, strongest first; none before they are judged.
-    alternatives
-        For each effect of the last model, that model with another in its place, best first; None where not yet known.
     """
 
     nested: tuple[Model, ...]
@@ -344,4 +342,3 @@ class SearchResult:
     untestable: tuple[tuple[str, str], ...]
     best_rejected: float
     found: tuple[Found, ...] = ()
-    alternatives: tuple[tuple[Model, ...], ...] | None = None
