@@ -17,7 +17,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 227, 29_911, 320_396, 836
+MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 222, 29_743, 318_805, 835
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,
