@@ -18,10 +18,10 @@ import numpy as np
 from benchmarks.page import NONE, add_output_option, page, put_out, section, table
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.terms import Model, make_term
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.telemetry.configuration import read_wheel

@@ -30,7 +30,7 @@ import numpy as np
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table

@@ -22,8 +22,8 @@ from benchmarks.blind import formulas
 from benchmarks.blind.generator import orthogonal_rms
 from benchmarks.blind.table import rate
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.plan import MANOEUVRES, Manoeuvre, plan
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 

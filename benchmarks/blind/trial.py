@@ -13,11 +13,11 @@ import numpy as np
 from benchmarks.blind.equivalence import accepted
 from benchmarks.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.result import Search
+from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Model, Term, make_term
 from rwa_monitor.telemetry.configuration import read_wheel
@@ -256,7 +256,7 @@ def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | No
     free = np.full(columns.shape[1], np.inf)
     fitting = Fitting(problem, jumps=True)
     base = fitting.base()
-    torque = fitting.refitted((Term(_TrueForm, {}, columns, -free, free),), base, jumps)
+    torque = fitting.refitted((Term(_TrueForm, {}, columns, -free, free, len(_TrueForm.parameters)),), base, jumps)
     if not set(hidden.torque) <= SEARCHED.keys():
         return torque, torque
     level = hidden.level[problem.slot]

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.errors import InputError
 from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table

@@ -13,9 +13,9 @@ from rwa_monitor.cli import options as cli
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from rwa_monitor.discrepancy.finished_search import Search
     from rwa_monitor.discrepancy.plan import Plan, PlannedManoeuvre
     from rwa_monitor.discrepancy.problem import Mapper
+    from rwa_monitor.discrepancy.result import Search
     from rwa_monitor.samples import Samples
     from rwa_monitor.wheel.wheel import Wheel
 
@@ -110,8 +110,7 @@ def _search(samples: Named, held_out: Named, wheel: Wheel, wanted: ReportOptions
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
-    from rwa_monitor.discrepancy.motor_constants import shown_constants
-    from rwa_monitor.discrepancy.plausible import remarks
+    from rwa_monitor.discrepancy.plausible import remarks, shown_constants
 
     cli.log(*as_measured([*samples, *held_out], wheel).notes)
     with cli.status_line("searching") as progress:

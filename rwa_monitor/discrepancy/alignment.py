@@ -215,9 +215,7 @@ def aligned(motion: Motion, wheel: Wheel, slots: int, part: float) -> Motion:
 
 
 def _rise(values: FloatArray, lag: int) -> FloatArray:
-    out = np.full(values.size, np.nan)
-    out[lag:] = values[lag:] - values[:-lag]
-    return out
+    return values - _moved(values, -lag)
 
 
 def _moved(values: FloatArray, slots: int) -> FloatArray:

@@ -38,7 +38,6 @@ SURE_HARMONIC: Final = 12.0  # the same for one order that is given
 MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has so many alike
 FEWEST_WAVES: Final = 3.0  # within the range of the angle: fewer do not separate a line from a trend
 SAME_SHARE: Final = 0.5  # of the whole amplitude that low and high speeds must each show, in phase
-PARAMETERS: Final = 5  # in units of log N, as those of a ripple
 CLEARLY: Final = 1.1  # times the power: a tenth of the record in the other direction makes half as much again
 WHOLE_WITHIN: Final = 0.01  # of an order: as near to a whole one it is left to the ripple
 RESOLVED: Final = 1.0  # over the turns of the record: nearer to a whole order is whole
@@ -63,10 +62,6 @@ class AngleLine:
     order_std: float
     torque_Nm: FloatArray
     size_Nm: float
-
-    def taken_from(self, record: Record) -> Record:
-        """Return its record without it."""
-        return replace(record, friction_torque_Nm=record.friction_torque_Nm - self.torque_Nm)
 
     def unexplained(self) -> Unexplained:
         """Return it as what no effect of the catalogue explains."""
@@ -108,7 +103,9 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
     order = _refined(values, at, peak[1], whole)
     amplitude = 2.0 * abs(_sum(values, at, order)) / at.size
     gain = 0.5 * at.size * amplitude**2 / problem.noise.long_run_variance
-    if gain < ACCEPT_GAIN + PARAMETERS * problem.log_size or not _at_all_speeds(problem, values, at, order):
+    if gain < ACCEPT_GAIN + len(TorqueRipple.parameters) * problem.log_size or not _at_all_speeds(
+        problem, values, at, order
+    ):
         return None
     # Changes of direction make sidebands of a ripple of whole order, which follow the direction.
     if round(order) >= 1 and abs(order - round(order)) < max(RESOLVED / whole, WHOLE_WITHIN):

@@ -32,7 +32,7 @@ from rwa_monitor.discrepancy.problem import (
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.segmentation import decafs, fpop, segment_sums
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.torque_balance import averaging_taps
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -44,6 +44,7 @@ CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 MIN_USED: Final = 30  # fewer moving samples cannot separate a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
+AT_CROSSING: Final = 4  # samples: there an offset looks like a jump
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
 LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more
 
@@ -101,9 +102,10 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     # In a short record the slope alone, as fast as the motion, would pass for coloured noise, and hide every jump.
     slope = robust_coefficients(problem, speed[:, None])[0]
     problem = with_noise_of(problem, z - slope * speed)
-    problem = _with_noise_of_rest(problem)
+    # From what a first fit leaves, not from the signal.
+    problem = with_noise_of(problem, fit(problem).residual)
     problem = _clip(problem)
-    problem = _with_noise_of_rest(problem)
+    problem = with_noise_of(problem, fit(problem).residual)
     return replace(problem, memory=_memory(problem)) if problem.friction_is_derived else problem
 
 
@@ -118,11 +120,6 @@ def _memory(problem: Problem) -> float:
     of_filter = long_run_variance(covariance) / float(covariance[0])
     seen = problem.noise.long_run_variance / problem.noise.std**2
     return float(np.clip(seen, 1.0, of_filter))
-
-
-def _with_noise_of_rest(problem: Problem) -> Problem:
-    """Estimate the noise from what a first fit leaves, not from the signal."""
-    return with_noise_of(problem, fit(problem).residual)
 
 
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
@@ -205,20 +202,11 @@ def least_squares(problem: Problem, design: FloatArray, jumps: IntArray) -> Floa
     """Return the least-squares coefficients for given jumps, levels eliminated."""
     first = segment_starts(problem, jumps)
     inner = remove_levels(design, first)
-    free = np.full(design.shape[1], np.inf)
-    return solve_bounded(problem, inner.T @ inner, inner.T @ remove_levels(problem.z, first), -free, free)
+    return _solved(problem, inner.T @ inner, inner.T @ remove_levels(problem.z, first))
 
 
-def solve_bounded(
-    problem: Problem, gram: FloatArray, moment: FloatArray, low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Solve the normal equations under bounds by fixing, one after the other, what violates them most.
-
-    The first coefficient is that of viscous friction; the problem itself bounds it from below.
-    """
-    if low[0] < problem.lowest_viscous:
-        low = low.copy()
-        low[0] = problem.lowest_viscous
+def _solved(problem: Problem, gram: FloatArray, moment: FloatArray) -> FloatArray:
+    """Solve the normal equations; the first coefficient, of viscous friction, is bounded from below by the problem."""
     scale = np.sqrt(np.maximum(gram.diagonal(), 1e-300))
     # A prior on the slope as weak as one sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:
@@ -229,64 +217,33 @@ def solve_bounded(
         scale[0] = np.sqrt(gram[0, 0])
     normalised, target = gram / (scale[:, None] * scale), moment / scale
     solution: FloatArray = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale
-    if ((solution >= low) & (solution <= high)).all():
-        return solution
-    free = np.ones(scale.size, dtype=bool)
-    while free.any():  # the slope has no bounds and stays free
-        excess = np.where(free, np.maximum(low - solution, solution - high) * scale, -np.inf)
-        worst = int(np.argmax(excess))
-        if excess[worst] <= 0:
-            break
-        solution[worst] = min(max(solution[worst], low[worst]), high[worst])
-        free[worst] = False
-        among, given = np.flatnonzero(free), np.flatnonzero(~free)
-        rows = normalised[among]
-        held = np.ascontiguousarray(rows[:, given]) @ (solution[given] * scale[given])
-        left = np.linalg.lstsq(rows[:, among], target[among] - held, rcond=1e-10)[0]
-        solution[among] = left / scale[among]
+    if solution[0] < problem.lowest_viscous:
+        solution[0] = problem.lowest_viscous
+        left = target[1:] - normalised[1:, 0] * (solution[0] * scale[0])
+        solution[1:] = np.linalg.lstsq(normalised[1:, 1:], left, rcond=1e-10)[0] / scale[1:]
     return solution
-
-
-def same_record(problem: Problem, lag: int) -> BoolArray:
-    """Return, for each pair of joined samples `lag` apart, whether both are of one record."""
-    record = np.searchsorted(problem.starts, np.arange(problem.size), side="right")
-    same: BoolArray = record[lag:] == record[:-lag]
-    return same
-
-
-def long_lag(problem: Problem) -> int:
-    """Return the lag of the robust start: a few per cent of a record."""
-    return max(int(LONG_LAG_SHARE * problem.size / len(problem.records)), 8)
 
 
 def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
     """Return start coefficients from differences over a long lag, in which jumps are outliers (Tukey's loss)."""
-    free = np.full(design.shape[1], np.inf)
-    lag = long_lag(problem)
-    same = same_record(problem, lag)
-    rise, z = design[lag:] - design[:-lag], problem.z[lag:] - problem.z[:-lag]
-    if not same.all():
-        rise, z = rise[same], z[same]
+    lag = max(int(LONG_LAG_SHARE * problem.size / len(problem.records)), 8)
+    record = np.searchsorted(problem.starts, np.arange(problem.size), side="right")
+    same = record[lag:] == record[:-lag]
+    rise, z = (design[lag:] - design[:-lag])[same], (problem.z[lag:] - problem.z[:-lag])[same]
     if z.size < 10:
         return least_squares(problem, design, np.zeros(0, dtype=np.int64))
     weight = np.ones(z.size)
     coefficients = np.zeros(design.shape[1])
     for _ in range(12):
         weighted = rise * weight[:, None]
-        coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, -free, free)
+        coefficients = _solved(problem, rise.T @ weighted, weighted.T @ z)
         residual = z - rise @ coefficients
         scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
-        weight = weight_by_size(residual, TUKEY * scale)
+        weight = np.square(np.maximum(1.0 - np.square(residual / (TUKEY * scale)), 0.0))
     return coefficients
 
 
-def weight_by_size(residual: FloatArray, reach: float) -> FloatArray:
-    """Return Tukey's weights of residuals, float64 (n,), which are zero from `reach` on."""
-    weight: FloatArray = np.square(np.maximum(1.0 - np.square(residual / reach), 0.0))
-    return weight
-
-
-def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
+def _sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
     """Return the jumps that are steps at close range too, not pieces of a smooth change cut into steps."""
     kept = []
     values = fitted.level + fitted.residual
@@ -295,18 +252,10 @@ def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float
         before = max(int(borders[borders < jump].max(initial=0)), jump - reach)
         after = min(int(borders[borders > jump].min(initial=problem.size)), jump + reach)
         n1, n2 = jump - before, after - jump
-        if min(n1, n2) == 0:
-            continue
         step = values[jump:after].mean() - values[before:jump].mean()
         if step * step * n1 * n2 / (n1 + n2) > threshold * problem.noise.long_run_variance:
             kept.append(jump)
     return np.array(kept, dtype=np.int64)
-
-
-def jumps_off_crossings(problem: Problem, jumps: IntArray, reach: int = 4) -> IntArray:
-    """Return the jumps that do not coincide with a change of direction: there an offset looks like a jump."""
-    kept: IntArray = jumps[distance_to_crossings(problem, jumps) > reach]
-    return kept
 
 
 def distance_to_crossings(problem: Problem, at: IntArray) -> IntArray:
@@ -323,28 +272,27 @@ def distance_to_crossings(problem: Problem, at: IntArray) -> IntArray:
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
     """Return the fitted jumps, subsets of them that a missing effect may have had no hand in, and the strong ones."""
     sets = [fitted.jumps]
-    subsets = sharp_jumps(problem, fitted), jumps_off_crossings(problem, fitted.jumps), strong_jumps(problem, fitted)
-    for subset in subsets:
+    off_crossings = fitted.jumps[distance_to_crossings(problem, fitted.jumps) > AT_CROSSING]
+    strong = strong_jumps(problem, fitted.level + fitted.residual)
+    for subset in (_sharp_jumps(problem, fitted), off_crossings, strong):
         if not any(np.array_equal(subset, known) for known in sets):
             sets.append(subset)
     return sets
 
 
-def strong_jumps(problem: Problem, fitted: Fit) -> IntArray:
-    """Return the jumps of the level and residual that are worth many times their price: what no smooth effect makes."""
-    return segment_records(problem, fitted.level + fitted.residual, ANNEALING[0] * jump_price(problem))
+def strong_jumps(problem: Problem, values: FloatArray) -> IntArray:
+    """Return the jumps of values [N m] that are worth many times their price: what no smooth effect makes."""
+    return segment_records(problem, values, ANNEALING[0] * jump_price(problem))
+
+
+def levels(problem: Problem, values: FloatArray, jumps: IntArray) -> FloatArray:
+    """Return the piecewise constant levels between jumps, float64 (n,) [N m]."""
+    return values - remove_levels(values, segment_starts(problem, jumps))
 
 
 def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
     """Return a level, float64 (n,), with only its strong jumps left [N m]."""
-    jumps = segment_records(problem, level, ANNEALING[0] * jump_price(problem))
-    return level - remove_levels(level, segment_starts(problem, jumps))
-
-
-def levels(problem: Problem, values: FloatArray) -> FloatArray:
-    """Return the piecewise constant levels of what a model leaves, float64 (n,), jumps at their full price [N m]."""
-    jumps = segment_records(problem, values, jump_price(problem))
-    return values - remove_levels(values, segment_starts(problem, jumps))
+    return levels(problem, level, strong_jumps(problem, level))
 
 
 def segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.discrepancy.extended import extended_wheel
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.messages import AttributedChangepoint, Diagnosis, DiagnosisGain, DiagnosisQuality
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile

@@ -24,12 +24,12 @@ from rwa_monitor.discrepancy.quantisation import drawn_again
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import grow, prune, rank, search
-from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.unexplained import (
+    both,
     does_nearly_all,
     judge_leftover,
     shorter,
-    with_free_curves,
     without_unnamed,
 )
 from rwa_monitor.discrepancy.unnamed import UNNAMED
@@ -96,15 +96,16 @@ def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel
         return few
     problem, effects, line = _by_angle(problem, effects, wheel)
     jumping = _with_jumps(problem, effects, progress, wheel)
+    of_line = None if line is None else line.unexplained()  # it was taken out
     smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
     if smooth is not None:
-        return replace(smooth, leftover=_with_line(line, smooth.leftover))
+        return replace(smooth, leftover=both(smooth.leftover, of_line))
     cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: all else is estimated without them.
         quiet = prepare(cage.quiet(jumping.problem.records), wheel, problem.each)
         jumping = _with_jumps(quiet, effects, progress, wheel)
-    return replace(jumping, leftover=_with_line(line, jumping.leftover), cage=cage)
+    return replace(jumping, leftover=both(jumping.leftover, of_line), cage=cage)
 
 
 def _without_jumps(problem: Problem, jumping: Model | None, effects: Effects, progress: Progress) -> Explained | None:
@@ -154,24 +155,15 @@ def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Prob
     problem, candidates, line
         The line only where it was taken out of the problem.
     """
-    if not problem.has_noise:
+    line = angle_line(problem, fit(problem)) if problem.has_noise else None
+    if line is None:
         return problem, candidates, None
-    line = angle_line(problem, fit(problem))
     if isinstance(line, AngleLine):
         (record,) = problem.records
-        return prepare([line.taken_from(record)], wheel, problem.each), candidates, line
-    if line is None:
-        return problem, candidates, None
+        without = replace(record, friction_torque_Nm=record.friction_torque_Nm - line.torque_Nm)
+        return prepare([without], wheel, problem.each), candidates, line
     of_any_order = ripple_with(line)
     return problem, [of_any_order if effect is TorqueRipple else effect for effect in candidates], None
-
-
-def _with_line(line: AngleLine | None, left: Unexplained | None) -> Unexplained | None:
-    """Report a line that was taken out before what is left without it."""
-    if line is None:
-        return left
-    of_line = line.unexplained()
-    return of_line if left is None else left.beside(of_line.signature, of_line.size_Nm)
 
 
 def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel: Wheel) -> Explained:
@@ -189,7 +181,7 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
             problem = prepare(drawn, wheel, problem.each)
             approach, grown, own = _grown(problem, candidates, progress, best)
     if own is not None:
-        grown = grow(approach, candidates, progress, _taken_over(approach.problem, own))
+        grown = grow(approach, candidates, progress, _taken_over(approach, own))
     found = rank(approach, grown, progress)
     problem = approach.problem
     progress("what is left")
@@ -239,28 +231,16 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
 
 def _grown(
     problem: Problem, candidates: Effects, progress: Progress, begin_with: Model | None = None
-) -> tuple[Fitting, Growth, Model | None]:
+) -> tuple[Fitting, SearchResult, Model | None]:
     """Return what grows, and the last model with other jumps beside those of the dry friction where that is better."""
     approach = Fitting(problem, jumps=True)
-    grown = grow(approach, candidates, progress, _taken_over(problem, begin_with))
-    return approach, grown, _with_own_jumps(approach, grown, candidates, progress)
+    grown = grow(approach, candidates, progress, _taken_over(approach, begin_with))
+    progress("other jumps")
+    return approach, grown, with_own_jumps(approach, grown.nested[-1], grown.nested[0], candidates)
 
 
-def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
+def _taken_over(fitting: Fitting, model: Model | None) -> list[Model]:
     """Return a model of nearly the same data fitted anew, one effect more in each."""
     if model is None:
         return []
-    fitting = Fitting(problem, jumps=True)
     return [fitting.refitted(model.terms[: i + 1], model, [model.fit.jumps]) for i in range(len(model.terms))]
-
-
-def _with_own_jumps(approach: Fitting, grown: Growth, candidates: Effects, progress: Progress) -> Model | None:
-    """Return the last model with other jumps beside those of the dry friction, or None; see `with_own_jumps`."""
-    progress("other jumps")
-
-    def alternatives(model: Model) -> list[Model]:
-        outside = [effect for effect in candidates if effect in UNNAMED and effect.name not in model.names]
-        return [*with_free_curves(approach, model), *approach.extensions(model, outside)]
-
-    tried = {effect.name for effect in candidates}
-    return with_own_jumps(approach.problem, grown.nested[-1], grown.nested[0], alternatives, tried)

@@ -15,14 +15,13 @@ from typing import Final, Literal
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.found_effects import spread
 from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import temperature_range
-from rwa_monitor.discrepancy.result import simulated_gain
+from rwa_monitor.discrepancy.result import Search, simulated_gain
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.messages import SimulatedGain
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect

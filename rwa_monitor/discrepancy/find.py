@@ -14,22 +14,19 @@ from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.bench import EVEN_CLOCK, Bench, as_measured, not_shown_without_motor
 from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, explain, prepare
 from rwa_monitor.discrepancy.extended import extend
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Progress
 from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone, joined
-from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
-from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant
+from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant, untested
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
 from rwa_monitor.discrepancy.record import Record, delay_of, make_record, without_known_effects
-from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Verdict
-from rwa_monitor.discrepancy.score import scored
+from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Search, Verdict
+from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.terms import Model
-from rwa_monitor.discrepancy.unexplained import wandering
-from rwa_monitor.discrepancy.untested import untested
+from rwa_monitor.discrepancy.unexplained import both, wandering
 from rwa_monitor.messages import Gain, SearchedAgain, Unexplained
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
@@ -144,14 +141,8 @@ def with_search_again(
         there = found.gain
         if there is None:
             return None
-        return SearchedAgain(
-            effects=names,
-            held_out=[aside[0]],
-            rmse_base_Nm=there.rmse_base_Nm,
-            rmse_extended_Nm=there.rmse_extended_Nm,
-            log_score_base=there.log_score_base,
-            log_score_extended=there.log_score_extended,
-        )
+        scores = there.model_dump(include=set(SearchedAgain.model_fields) - {"held_out"})
+        return SearchedAgain(effects=names, held_out=[aside[0]], **scores)
 
     *seen, (name, samples) = recordings
     if seen:
@@ -210,9 +201,7 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     if any(effect.follows_acceleration for effect in classes):  # a curve over it shows what is named already
         return others, replace(explained, found=without_rounding(problem, explained.found), leftover=None)
     if not any(effect.comes_and_goes for effect in classes):
-        left = explained.leftover
-        both = wanders.beside(left.signature, left.size_Nm) if wanders and left else left or wanders
-        explained = replace(explained, leftover=both)
+        explained = replace(explained, leftover=both(wanders, explained.leftover))
     return others, explained
 
 

@@ -18,18 +18,17 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import (
-    JUMP_PENALTY,
     Fit,
     fit,
+    jump_price,
     jump_sets,
     segment_records,
     with_noise_of,
 )
-from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.hypotheses import sort_out
-from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
+from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.score import Background, off_reversals, scored, with_exact_jumps, with_law
+from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import IntArray
@@ -38,7 +37,6 @@ from rwa_monitor.wheel.effects.base import MeanEffect
 Progress = Callable[[str], None]
 Effects = Sequence[type[MeanEffect]]
 
-NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
 EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # times the price of a jump
 STARTED: Final = 4  # candidates of each start that are tried, those that screening puts first
@@ -71,13 +69,15 @@ class Fitting:
         self.jumps = jumps
         self.several = Series.of(problem).several
         self._known: dict[Hashable, tuple[Sequence[Term], Model]] = {}  # what `without` returned
+        self._replaced: dict[tuple[int, int], tuple[Model, list[Model]]] = {}  # and `replacements`
 
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
         if not self.jumps:
             return self.refined(self._annealed((), NO_JUMPS, NoiseLaw()))
-        start = Model((), fit(self.problem))
-        return with_exact_jumps(self.problem, scored(self.problem, off_reversals(self.problem, start)))
+        start = fit(self.problem)
+        jumps = off_reversals(self.problem, start.level + start.residual, start.jumps)
+        return with_exact_jumps(self.problem, scored(self.problem, Model((), replace(start, jumps=jumps))))
 
     def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects into those that the data can test, and the names of the others with what is missing.
@@ -97,7 +97,7 @@ class Fitting:
             return min(model, self.refined(model), key=lambda one: one.score)
         calmer = with_noise_of(self.problem, model.fit.residual)
         if calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
-            self.problem, self._known = calmer, {}
+            self.problem, self._known, self._replaced = calmer, {}, {}
         return model
 
     def extensions(self, current: Model, effects: Effects, *, all_of_them: bool = False) -> list[Model]:
@@ -117,11 +117,14 @@ class Fitting:
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
         """Return the model with another effect in the place of term `index`, of those that come near, best first."""
-        simpler = self.without(model, index)
-        if not self.jumps:
-            simpler = replace(simpler, law=model.law)
-        allowed = [effect for effect in effects if effect.name not in model.names]
-        return _in_order(self._extended(simpler, allowed, model.terms[index]), effects)
+        if (id(model), index) not in self._replaced:
+            simpler = self.without(model, index)
+            if not self.jumps:
+                simpler = replace(simpler, law=model.law)
+            allowed = [effect for effect in effects if effect.name not in model.names]
+            found = _in_order(self._extended(simpler, allowed, model.terms[index]), effects)
+            self._replaced[id(model), index] = model, found
+        return self._replaced[id(model), index][1]
 
     def without(self, model: Model, index: int) -> Model:
         """Return a model without term `index`, refitted from the full model's jumps."""
@@ -236,24 +239,21 @@ class Fitting:
 
     def _annealed(self, terms: tuple[Term, ...], jumps: IntArray, law: NoiseLaw) -> Model:
         """Return a model under a law of the noise with these jumps, or others found when they are dear at first."""
-        best = model = with_law(self.problem, self._bare(terms, jumps), law)
+        nothing = np.zeros(self.problem.size)
+        bare = Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0))
+        best = model = with_law(self.problem, bare, law)
         for dear in ANNEALING if self.jumps else ():
             model = self._segmented(model, dear)
             best = min(best, model, key=lambda one: one.score)
         return best
 
-    def _bare(self, terms: tuple[Term, ...], jumps: IntArray) -> Model:
-        nothing = np.zeros(self.problem.size)
-        return Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0))
-
     def _segmented(self, model: Model, dear: float = 1.0) -> Model:
         """Return a model with the best jumps beside its coefficients, in white noise of as much long-run variance."""
         if not self.jumps:
             return with_law(self.problem, model, law_of(model))
-        price = dear * JUMP_PENALTY * self.problem.log_size * self.problem.noise.long_run_variance
-        jumps = segment_records(self.problem, model.fit.level + model.fit.residual, price)
-        moved = off_reversals(self.problem, replace(model, fit=replace(model.fit, jumps=jumps)))
-        return with_law(self.problem, moved, law_of(model))
+        along = model.fit.level + model.fit.residual
+        jumps = segment_records(self.problem, along, dear * jump_price(self.problem))
+        return with_law(self.problem, model, law_of(model), off_reversals(self.problem, along, jumps))
 
     def refined(self, model: Model) -> Model:
         """Return a model with shapes, noise and jumps fitted in turn."""
@@ -299,8 +299,7 @@ class Fitting:
                 beside = Background.of(self.problem, others, law_of(model), jumps)
                 terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
                 jumps = _off_steps(term, jumps)
-        off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
-        return with_law(self.problem, off_steps, law_of(model))
+        return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model), jumps)
 
 
 def _is_possible(model: Model) -> bool:

@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.discrepancy.alignment import Delay
+from rwa_monitor.discrepancy.base_fit import with_noise_of
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.hypotheses import describe
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
+from rwa_monitor.discrepancy.likelihood import Series
 from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.result import INDISTINGUISHABLE, FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import Background
-from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
-from rwa_monitor.discrepancy.terms import Found, Model, law_of, make_term
-from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
+from rwa_monitor.discrepancy.shape_profile import is_logarithmic, reach_between, shape_limits
+from rwa_monitor.discrepancy.terms import Found, Model, Term, law_of, make_term
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Effect, Family
+from rwa_monitor.wheel.effects.base import Effect, Family, Parameter
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
 from rwa_monitor.wheel.effects.formula import BLOCK, Formula
 from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
@@ -176,3 +177,219 @@ def _in_words(orders: FloatArray, reach: float) -> str:
     """Return ranges of orders, those nearer than a line's width joined."""
     parts = np.split(orders, np.flatnonzero(np.diff(orders) > reach) + 1)
     return ", ".join(f"{part[0]:.3g}" if part.size == 1 else f"{part[0]:.3g} to {part[-1]:.3g}" for part in parts)
+
+
+# ---- how well the parameters of a fitted model are known -------------------------------------------------------------
+# A strength given the shape is known far better than a strength whose shape is fitted too: the two trade. So the
+# derivatives of the model by its shape parameters enter the design beside the columns (Gauss–Newton; Seber & Wild,
+# Nonlinear Regression, 1989, chapter 5), with levels eliminated and the noise as coloured as it is. A model that lacks
+# something leaves a residual that is no such noise: the error is then what the residual itself shows (Newey & West,
+# Econometrica 55, 1987). A parameter whose interval of two standard deviations reaches the end of what the record can
+# show is not determined by it.
+
+
+ORDER: Final = "harmonic"
+STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
+WIDTH: Final = 2.0  # standard deviations each way: 95 %
+# Of -2 log likelihood, to the ends of a 95 % interval of a step: 0.95 = (1 - exp(-x/2))² (Y.-C. Yao, Annals of
+# Statistics 15, 1987; D. Siegmund, International Statistical Review 56, 1988).
+STEP_RISE: Final = 7.35
+STRETCHES: Final = 20  # of the samples: residuals two of them apart are taken as nearly independent
+FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residual cannot be estimated
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Standard deviations of a model's parameters.
+
+    Attributes
+    ----------
+    viscous
+        Of the viscous coefficient [N m s/rad], as if it had no bound.
+    terms
+        For each term, by parameter name; NaN for a discrete parameter.
+    """
+
+    viscous: float
+    terms: tuple[dict[str, float], ...]
+
+
+def spread(problem: Problem, model: Model) -> Spread:
+    """Return the standard deviations of the slope and of all strengths and shapes, each with all others free."""
+    problem = with_noise_of(problem, model.fit.residual)  # what an effect adds to the base's is not noise
+    # The slope counts as free even at its bound: a shape known only because the slope cannot fall further is not known.
+    columns: list[FloatArray] = [problem.speed]
+    owners: list[tuple[int, str]] = [(-1, "")]
+    exact: dict[tuple[int, str], FloatArray] = {}
+    for index, term in enumerate(model.terms):
+        for j, parameter in enumerate(term.effect.strength_parameters()):
+            columns.append(term.columns[:, j])
+            owners.append((index, parameter.name))
+        strengths = model.strengths(index)
+        for name, limits in _limits(problem, term).items():
+            slope = _derivative(problem, model, term, name, strengths, limits)
+            if slope is not None and name in _taken_as_exact(term):
+                exact[index, name] = slope
+            elif slope is not None:
+                columns.append(slope)
+                owners.append((index, name))
+    std = _standard_deviations(problem, model, np.column_stack(columns))
+    known = dict(zip(owners, std.tolist(), strict=True))
+    for index, term in enumerate(model.terms):
+        if term.effect.threshold:
+            known[index, term.effect.threshold] = _threshold_std(problem, model, index)
+    for owner, slope in exact.items():
+        known[owner] = float(_standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
+    return Spread(
+        known[-1, ""],
+        tuple(
+            {parameter.name: known.get((index, parameter.name), float("nan")) for parameter in term.effect.parameters}
+            for index, term in enumerate(model.terms)
+        ),
+    )
+
+
+def _threshold_std(problem: Problem, model: Model, index: int) -> float:
+    """Return the standard deviation of a threshold of the speed [rad/s]: its likelihood is a step at each sample.
+
+    A quarter of the range, between speeds of samples, over which -2 log likelihood rises by less than `STEP_RISE`; and
+    the noise of the speed, by which each sample may lie on the other side.
+    """
+    term = model.terms[index]
+    name = term.effect.threshold
+    low, high = shape_limits(problem, term.effect)[name]
+    others = tuple(other for i, other in enumerate(model.terms) if i != index)
+    beside = Background.of(problem, others, law_of(model), model.fit.jumps)
+
+    def criterion(at: float) -> float:
+        return beside.criterion_with(make_term(problem, term.effect, {**term.shape, name: at}, None))
+
+    speeds = np.unique(problem.speed)
+    above = int(np.searchsorted(speeds, term.shape[name]))  # the first speed that is outside
+    most = criterion(float(term.shape[name])) + STEP_RISE
+    first, last = above, above
+    while first > 1 and speeds[first - 1] > low and criterion(float(speeds[first - 1])) < most:
+        first -= 1
+    while last + 1 < speeds.size and speeds[last] < high and criterion(float(speeds[last + 1])) < most:
+        last += 1
+    lower = float(speeds[first - 1]) if first > 0 else 0.0
+    upper = float(speeds[min(last, speeds.size - 1)])
+    noise = max(record.speed_noise_rad_s for record in problem.records)
+    return float(np.hypot((upper - lower) / (2.0 * WIDTH), noise))
+
+
+def described(
+    problem: Problem, term: Term, strengths: FloatArray, std: dict[str, float], parameters: tuple[Parameter, ...]
+) -> dict[str, ParameterValue]:
+    """Return the parameters of a fitted term by name, in the given order, those not determined marked as such."""
+    limits = shape_limits(problem, term.effect)
+    names = [parameter.name for parameter in term.effect.strength_parameters()]
+    fitted = dict(zip(names, zip(strengths.tolist(), term.low.tolist(), term.high.tolist(), strict=True), strict=True))
+    values = {}
+    for parameter in parameters:
+        name, error = parameter.name, std.get(parameter.name, float("nan"))
+        if parameter.default is not None and parameter.choices == (term.shape.get(name),):
+            continue  # it was not needed
+        if parameter.linear:
+            value, low, high = fitted[name]
+            if low < value < high:  # what no part can be larger than is no bound of one that is smaller
+                low, high = parameter.low, parameter.high
+            values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
+        elif parameter.choices and not np.isfinite(error):
+            tried = f"one of {len(parameter.choices)} values tried"
+            values[name] = ParameterValue(float(term.shape[name]), None, parameter.unit, tried)
+        else:
+            values[name] = _shape(float(term.shape[name]), error, parameter.unit, limits[name])
+    return values
+
+
+def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> ParameterValue:
+    low, high = limits
+    if not low < high:
+        return ParameterValue(value, None, unit, "not determined by these data")
+    known = ParameterValue.of(value, np.nan, unit, low, high)
+    if not np.isfinite(std):
+        return known if known.note else replace(known, note="not determined by these data")
+    if is_logarithmic(low, high):
+        factor = np.exp(min(WIDTH * std / value, 50.0))
+        interval = value / factor, value * factor
+    else:
+        interval = value - WIDTH * std, value + WIDTH * std
+    if interval[0] > low and interval[1] < high:
+        return ParameterValue(value, std, unit)
+    as_well = f"{max(interval[0], low):.3g} to {min(interval[1], high):.3g} fit about as well"
+    return replace(known, note=f"{known.note or 'not determined'}: {as_well}".replace("determined: ", "determined, "))
+
+
+def _limits(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
+    """Return the range in which the records can show each shape parameter; of an order, that in which all look alike.
+
+    A parameter of which only choices are tried has none.
+    """
+    limits = shape_limits(problem, term.effect)
+    shown = {p.name: limits[p.name] for p in term.effect.shape_parameters() if p.between or not p.choices}
+    if issubclass(term.effect, TorqueRipple):
+        half = 0.5 / max(angle_range_turns(record.undrifted) for record in problem.records)
+        shown[ORDER] = term.shape[ORDER] - half, term.shape[ORDER] + half
+    return shown
+
+
+def _taken_as_exact(term: Term) -> frozenset[str]:
+    """Return the shape parameters that are at one of the values which physics expects: a whole order, a usual law."""
+    parameters = CATALOGUE[term.effect.name].parameters if term.effect.name in CATALOGUE else term.effect.parameters
+    return frozenset(p.name for p in parameters if p.choices and term.shape[p.name] in p.choices)
+
+
+def _derivative(
+    problem: Problem, model: Model, term: Term, name: str, strengths: FloatArray, limits: tuple[float, float]
+) -> FloatArray | None:
+    """Return the derivative of a term's s·torque by a shape parameter; None where the record leaves it no range."""
+    low, high = limits
+    if not low < high:
+        return None
+    value = float(term.shape[name])
+    step = STEP * (value if is_logarithmic(low, high) else high - low)
+    ends = max(value - step, low), min(value + step, high)
+    torque = [
+        make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ strengths for end in ends
+    ]
+    return np.asarray((torque[1] - torque[0]) / (ends[1] - ends[0]), dtype=np.float64)
+
+
+def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
+    """Return the standard deviation of each coefficient; columns of any scale, levels free, or one where none jumps.
+
+    The larger of two: that of the noise as it was estimated, and that of the residual as it is.
+    """
+    series = Series.of(problem, model.fit.jumps)
+    rows = np.vstack([model.fit.residual, columns.T, np.ones(problem.size)]) * series.sign
+    white, _ = series.whitened(rows, law_of(model))
+    residual, design = white[0], white[1:].T
+    variance = series.memory * float(residual @ residual) / residual.size
+    scale = np.sqrt(np.sum(design**2, axis=0))
+    scale[scale == 0] = 1.0
+    design = design / scale
+    inverse = np.linalg.pinv(design.T @ design, rcond=1e-14, hermitian=True)
+    influence = design @ inverse  # of each sample on each coefficient
+    of_noise = variance * np.sum(influence**2, axis=0)
+    std: FloatArray = np.sqrt(np.maximum(of_noise, _remembered(influence, residual))) / scale
+    return std[: columns.shape[1]]
+
+
+def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the variance of the coefficients by a residual that is correlated over a stretch of samples, float64 (p,).
+
+    The products of the scores influence · residual over all lags, weighted by a triangle as wide as a stretch: that is
+    the mean square of the sums over all windows of that width, over the width. A fit leaves less than there was:
+    of m stretches that inform a coefficient, m - 1 in m.
+    """
+    size = residual.size
+    width = max(size // STRETCHES, min(MAX_LAG, size // 2))
+    scores = influence * residual[:, None]
+    sums = np.concatenate([np.zeros((width, scores.shape[1])), np.cumsum(scores, axis=0)])
+    sums = np.concatenate([sums, np.repeat(sums[-1:], width - 1, axis=0)])
+    windows = sums[width:] - sums[:-width]
+    weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
+    informative = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
+    informative = np.maximum(informative, FEWEST_STRETCHES)
+    return np.asarray(np.sum(windows**2, axis=0) / width * informative / (informative - 1.0), dtype=np.float64)

@@ -57,6 +57,8 @@ NOTHING: Final[tuple[dict[str, float], ...]] = (  # each parameter as it is wher
     {"level_spread": 0.0},
 )
 
+NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
+
 
 def asked_gain(named: int) -> float:
     """Return by how much an effect must lower the score beside so many that are named."""
@@ -152,18 +154,16 @@ class Series:
     speed: FloatArray
     gap: IntArray
     slew: FloatArray
-    jumps: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    jumps: IntArray = field(default_factory=NO_JUMPS.copy)
     smallest_variance: float = 0.0
     memory: float = 1.0
     top_speed: float = 0.0
 
     @classmethod
-    def of(cls, problem: Problem) -> Self:
-        """Return the used samples of a problem."""
+    def of(cls, problem: Problem, jumps: IntArray = NO_JUMPS) -> Self:
+        """Return the used samples of a problem, with jumps, int64 (j,): the first sample of each new level."""
         gap = np.diff(problem.slot, prepend=0)
         gap[problem.starts[:-1][np.diff(problem.starts) > 0]] = 0
-        smallest = problem.smallest_noise_Nm**2
-        nowhere = np.zeros(0, dtype=np.int64)
         speed = problem.sign * problem.motion
         rate = np.abs(np.diff(speed, prepend=speed[0])) / np.maximum(gap, 1)
         rate[gap == 0] = 0.0
@@ -174,14 +174,10 @@ class Series:
             problem.sign * problem.speed,
             gap,
             slew / max(float(slew.max()), SMALLEST),
-            nowhere,
-            smallest,
+            jumps,
+            problem.smallest_noise_Nm**2,
             problem.memory,
         )
-
-    def with_jumps(self, jumps: IntArray) -> Series:
-        """Return the same samples with jumps, int64 (j,): the first sample of each new level."""
-        return replace(self, jumps=jumps)
 
     @property
     def several(self) -> bool:
@@ -429,22 +425,25 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
 
     law = replace(start, white=1.0, correlation=0.0)
     best, least = law, score(law)
+
+    def try_out(other: NoiseLaw, reached: float) -> None:
+        nonlocal best, least
+        best, least = min((best, least), (other, reached), key=lambda one: one[1])
+
     for _ in range(2):  # colour and growth hide each other at first
         others = best.growth, best.slew, best.level_spread
         if series.memory == 1.0 and (start.correlation > 0.0 or not again):
-            coloured = _coloured(score, best, best if best.correlation > 0.0 else start, series.size, again)
-            best, least = min((best, least), coloured, key=lambda one: one[1])
+            try_out(*_coloured(score, best, best if best.correlation > 0.0 else start, series.size, again))
         if start.growth != 0.0 or not again:
-            best, least = min((best, least), _along(score, best, "growth", LARGEST_GROWTH), key=lambda one: one[1])
+            try_out(*_along(score, best, "growth", LARGEST_GROWTH))
         if not series.jumps_within and (start.slew > 0.0 or not again):
-            best, least = min((best, least), _along(score, best, "slew", LARGEST_GROWTH, 0.0), key=lambda one: one[1])
+            try_out(*_along(score, best, "slew", LARGEST_GROWTH, 0.0))
         if best.level_spread > 0.0:
-            spread = _along(score, best, "level_spread", LARGEST_SPREAD)
-            best, least = min((best, least), spread, key=lambda one: one[1])
+            try_out(*_along(score, best, "level_spread", LARGEST_SPREAD))
         for nothing in NOTHING:  # what stood in for another parameter goes when that one is there
             plainer = replace(best, **nothing)
             if plainer != best:
-                best, least = min((best, least), (plainer, score(plainer)), key=lambda one: one[1])
+                try_out(plainer, score(plainer))
         if (best.growth, best.slew, best.level_spread) == others:
             break
     return best

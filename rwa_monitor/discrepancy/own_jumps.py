@@ -10,26 +10,28 @@ size and a sign.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price
 from rwa_monitor.discrepancy.fitting import LEAST_SHARE, Fitting
-from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.search import prune
 from rwa_monitor.discrepancy.shape_profile import shape_limits
 from rwa_monitor.discrepancy.terms import TINY, Model, Term
+from rwa_monitor.discrepancy.unexplained import with_free_curves
+from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.kernels.segmentation import optimal_curves
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.effects.base import Channels, Memory, Parameter, Shape
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape
 from rwa_monitor.wheel.effects.jump_shapes import DecayingJump, ViscousJump
 
 BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then placed to the sample
@@ -93,41 +95,35 @@ class RelaxingJumps(OwnJumps, wraps=DecayingJump):
         }
 
 
-def with_own_jumps(
-    problem: Problem,
-    model: Model,
-    simpler: Model,
-    alternatives: Callable[[Model], Sequence[Model]],
-    tried: Collection[str],
-) -> Model | None:
+def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequence[type[MeanEffect]]) -> Model | None:
     """Return the best model in which something else than the dry friction jumps; None where that does not pay.
 
     Parameters
     ----------
-    problem
-        The data.
-    model
-        The best model without.
+    fitting, model
+        Makes models of the data, and the best one without.
     simpler
         The base model: what `model` names may be what such jumps look like.
-    alternatives
-        Returns a model extended by each of the free curves: slopes that differ since the drag is no straight line are
-        a law of the speed.
-    tried
-        Names of the effects that are searched for.
+    effects
+        Those that are searched for.
     """
+    tried = {effect.name for effect in effects}
     ways = {SlopeJumps.name: _sloped, RelaxingJumps.name: _relaxing}
-    found = [with_it(problem, model, simpler) or model for name, with_it in ways.items() if name in tried]
+    found = [with_it(fitting, model, simpler) or model for name, with_it in ways.items() if name in tried]
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
-    others = Fitting(problem, jumps=True).without(best, len(best.terms) - 1)
-    return best if all(one.score > best.score for one in alternatives(others)) else None
+    # Slopes that differ since the drag is no straight line are a law of the speed.
+    others = fitting.without(best, len(best.terms) - 1)
+    outside = [effect for effect in effects if effect in UNNAMED and effect.name not in others.names]
+    alternatives = *with_free_curves(fitting, others), *fitting.extensions(others, outside)
+    return best if all(one.score > best.score for one in alternatives) else None
 
 
-def _sloped(problem: Problem, model: Model, simpler: Model) -> Model | None:
+def _sloped(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
     """Return the best model in which the viscous coefficient jumps by itself, where that predicts more than without."""
-    best, fitting = _best_with(problem, model, simpler, [_Course(problem)]), Fitting(problem, jumps=True)
+    problem = fitting.problem
+    best = _best_with(fitting, model, simpler, [_Course(problem)])
     if best is None:
         return None
     before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
@@ -137,22 +133,22 @@ def _sloped(problem: Problem, model: Model, simpler: Model) -> Model | None:
     return best if drifting.score > best.score else None
 
 
-def _relaxing(problem: Problem, model: Model, simpler: Model) -> Model | None:
+def _relaxing(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
     """Return the best model with drag that jumps by itself and relaxes, at the time constant that does best."""
-    low, high = shape_limits(problem, DecayingJumpTerm)["time_constant_s"]
+    low, high = shape_limits(fitting.problem, DecayingJumpTerm)["time_constant_s"]
     if not low < high:
         return None
     seconds = np.geomspace(low, high, int(np.log(high / low) / np.log(RATIO)) + 2).tolist()
-    return _best_with(problem, model, simpler, [_Course(problem, one) for one in seconds])
+    return _best_with(fitting, model, simpler, [_Course(fitting.problem, one) for one in seconds])
 
 
-def _best_with(problem: Problem, model: Model, simpler: Model, courses: Sequence[_Course]) -> Model | None:
+def _best_with(fitting: Fitting, model: Model, simpler: Model, courses: Sequence[_Course]) -> Model | None:
     """Return the best model with multiples of one of the courses, or None where there are none.
 
     From the given model without the catalogue's name of such jumps, and from the simpler one: what was named may be
     what they look like.
     """
-    fitting, found = Fitting(problem, jumps=True), []
+    found = []
     kept = tuple(term for term in model.terms if term.effect.name != courses[0].effect.name)
     begin = model if kept == model.terms else fitting.refitted(kept, model)
     for start in (begin, simpler) if begin.terms else (begin,):
@@ -203,8 +199,7 @@ class _Course:
 def _multiples(course: _Course, model: Model) -> Term | None:
     """Return the stretches of time with another multiple, as columns; None where it is one all over."""
     problem = course.problem
-    values, price = model.fit.level + model.fit.residual, JUMP_PENALTY * problem.log_size
-    price *= problem.noise.long_run_variance
+    values, price = model.fit.level + model.fit.residual, jump_price(problem)
     cuts: list[int] = []
     for begin, end in pairwise(problem.starts.tolist()):
         if end > begin:
@@ -291,7 +286,7 @@ def _term(course: _Course, places: IntArray) -> Term:
     parameters = tuple(Parameter(f"change_{j + 1}", unit, least, np.inf, 0.0, linear=True) for j in range(places.size))
     effect = type("OwnJumps", (course.effect,), {"parameters": parameters, "places": places, "seconds": course.seconds})
     low, high = np.full(places.size, least), np.full(places.size, np.inf)
-    return Term(effect, {}, columns, low, high, own=True, price=price + JUMP_PENALTY * places.size)
+    return Term(effect, {}, columns, low, high, price + JUMP_PENALTY * places.size)
 
 
 def _drifting(problem: Problem, term: Term) -> Term:

@@ -14,7 +14,6 @@ permutations). It is trusted for two decades and no further: a p-value is never 
 from __future__ import annotations
 
 import json
-import pkgutil
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
@@ -22,12 +21,12 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting, Progress
-from rwa_monitor.errors import InputError
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Family
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.wheel.file_content import packaged
 
 TABLE_FILE: Final = "nulls.json"
 TAIL: Final = 0.1  # share of the nulls from which on the exponential stands in
@@ -122,9 +121,7 @@ def built_in_null_distribution() -> NullTable:
     InputError
         If the file is missing from the installed package.
     """
-    text = pkgutil.get_data("rwa_monitor.discrepancy", TABLE_FILE)
-    if text is None:
-        raise InputError(TABLE_FILE, "is missing from the installed package")
+    text = packaged("rwa_monitor.discrepancy", TABLE_FILE)
     families: dict[tuple[Family, bool], tuple[Nulls, ...]] = {}
     for row in sorted(json.loads(text)["nulls"], key=lambda row: float(row["log_size"])):
         nulls = Nulls(float(row["log_size"]), np.sort(np.asarray(row["statistics"], dtype=np.float64)))

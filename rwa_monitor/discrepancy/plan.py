@@ -14,16 +14,14 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.fitting import NO_JUMPS
-from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES, not_testable
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NO_JUMPS, NoiseLaw
 from rwa_monitor.discrepancy.problem import ColumnCache, Problem
 from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, profile
 from rwa_monitor.discrepancy.terms import Model, make_term
-from rwa_monitor.discrepancy.untested import not_testable
 from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray, IntArray
 from rwa_monitor.simulation.motion import ORBIT_S

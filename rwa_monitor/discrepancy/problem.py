@@ -12,7 +12,7 @@ from typing import Any, Final, Protocol, TypeVar
 import numpy as np
 from scipy.ndimage import median_filter
 
-from rwa_monitor.discrepancy.motor_constants import ShownConstant, combined
+from rwa_monitor.discrepancy.plausible import ShownConstant, combined
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 

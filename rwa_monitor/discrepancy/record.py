@@ -22,8 +22,13 @@ from scipy.ndimage import correlate1d
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import Steps, derived_friction, steps_of
-from rwa_monitor.discrepancy.motor_constants import ShownConstant, shown_constants
-from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, without_end_stops
+from rwa_monitor.discrepancy.plausible import (
+    ShownConstant,
+    check_inertia,
+    check_plausible,
+    shown_constants,
+    without_end_stops,
+)
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.simulation.motion import wheel_angle
@@ -428,7 +433,6 @@ def _at_rest(speed: FloatArray, noise: float, dead_band: float | None) -> BoolAr
 
 LEVEL_REACH: Final = 8  # samples on each side of a reversal that show its dry friction
 SIGN_STDS: Final = 3.0  # standard deviations of the speed's noise, within which its sign is not known
-TINY: Final = 1e-300  # of what is divided by
 STRADDLES: Final = 0.98  # of the sign, mean over the interval: what is less has a reversal in it
 # Of what points miss, that means may miss, in samples that are not whole ones: of intervals that are centred, then of
 # those that end or begin with their sample, which a delay of half a slot or bristles imitate. Dead zones predict none.
@@ -469,7 +473,7 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
     means, points = (
         np.sum(missed, axis=1, where=straddles) for missed in (np.abs(drag_Nm[around] - level * along), of_points)
     )
-    left = np.where(points > 0.0, means / np.maximum(points, TINY), np.inf) / LEFT_SHARES
+    left = np.where(points > 0.0, means / np.maximum(points, 1e-300), np.inf) / LEFT_SHARES
     best = int(np.argmin(left))
     if left[best] < 1.0:
         averaged[around[np.min(shifted, axis=0)[best] < STRADDLES]] = True

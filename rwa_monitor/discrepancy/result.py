@@ -6,8 +6,15 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
+import numpy as np
+
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.score import HeldOut
+from rwa_monitor.discrepancy.terms import Model, SearchResult
 from rwa_monitor.messages import Gain, SimulatedGain, Unexplained
-from rwa_monitor.wheel.effects.base import Family
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Effect, Family
+from rwa_monitor.wheel.wheel import Wheel
 
 Verdict = Literal["adequate", "inadequate", "untestable"]
 
@@ -123,3 +130,86 @@ class DiscrepancyResult:
             "untested": [{"effect": name, "missing": missing} for name, missing in self.untested],
             "gain": self.gain and self.gain.model_dump(),
         }
+
+
+# ---- a finished search: all that reports, pictures and the extended wheel are drawn from -----------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Everything a report draws from: the data, the models tried, the answer."""
+
+    wheel: Wheel
+    problem: Problem
+    mean: SearchResult
+    scores: tuple[HeldOut, ...]  # of each nested model
+    result: DiscrepancyResult
+    taken_out: tuple[Effect, ...] = ()  # before the search, since the channels show them
+
+    @property
+    def base(self) -> Model:
+        """The base model."""
+        return self.mean.nested[0]
+
+    @property
+    def extended(self) -> Model:
+        """The base model with all mean effects found."""
+        return self.mean.nested[-1]
+
+
+# ---- the nested models --------------------------------------------------------------------------------------------
+
+
+NORMAL_95: Final = 1.96  # standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class NestedModel:
+    """One nested model, judged on held-out data.
+
+    Attributes
+    ----------
+    name
+        The effect that it adds, by its catalogue name.
+    rmse_Nm, excess_Nm
+        Root mean square residual, and what of it is beyond the noise [N m].
+    log_score
+        Mean log density per sample [nats].
+    gain, gain_half
+        Over the model before, and half of its 95 % interval by the spread over blocks [nats per sample]; None for the
+        first.
+    total, total_half
+        The same over the first model.
+    jumps
+        Jumps that the model needs for the searched recordings.
+    """
+
+    name: str
+    rmse_Nm: float
+    excess_Nm: float
+    log_score: float
+    gain: float | None
+    gain_half: float | None
+    total: float
+    total_half: float | None
+    jumps: int
+
+
+def nested_models(search: Search) -> list[NestedModel]:
+    """Return the nested models with held-out gains; intervals from the spread over held-out blocks."""
+    nested: list[NestedModel] = []
+    noise = search.problem.noise.std
+    blocks = [score.block_log_scores for score in search.scores]
+    for i, (model, score) in enumerate(zip(search.mean.nested, search.scores, strict=True)):
+        excess = float(np.sqrt(max(score.rmse_Nm**2 - noise**2, 0.0)))
+        name = f"+ {model.names[-1]}" if i else "simulation as it is"
+        of_gain: tuple[float | None, float | None] = _with_interval(blocks[i] - blocks[i - 1]) if i else (None, None)
+        of_total: tuple[float, float | None] = _with_interval(blocks[i] - blocks[0]) if i else (0.0, None)
+        jumps = int(model.fit.jumps.size)
+        nested.append(NestedModel(name, score.rmse_Nm, excess, score.log_score, *of_gain, *of_total, jumps))
+    return nested
+
+
+def _with_interval(per_block: FloatArray) -> tuple[float, float]:
+    """Return a mean over blocks and half of its 95 % interval."""
+    return float(per_block.mean()), NORMAL_95 * float(per_block.std(ddof=1)) / float(np.sqrt(per_block.size))

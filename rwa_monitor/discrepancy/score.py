@@ -18,13 +18,16 @@ from rwa_monitor.discrepancy.base_fit import (
     JUMP_PENALTY,
     Fit,
     distance_to_crossings,
+    jump_price,
+    levels,
     remove_levels,
     segment_correlated,
+    segment_records,
     segment_starts,
 )
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import TINY, Model, Term
+from rwa_monitor.discrepancy.terms import TINY, Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
@@ -45,21 +48,25 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
     again
         Whether that is the law of nearly the same model: then only near it is looked.
     """
-    series = Series.of(problem).with_jumps(model.fit.jumps)
+    series = Series.of(problem, model.fit.jumps)
     law = start or (NoiseLaw().apart if series.several else NoiseLaw())
     if problem.has_noise:
         law, _ = fit_noise(series, *regressors(series, model.terms), law, again=again and start is not None)
     return with_law(problem, model, law)
 
 
-def with_law(problem: Problem, model: Model, law: NoiseLaw) -> Model:
-    """Return a model with the coefficients that are best under a law of the noise, and its score."""
-    series = Series.of(problem).with_jumps(model.fit.jumps)
+def with_law(problem: Problem, model: Model, law: NoiseLaw, jumps: IntArray | None = None) -> Model:
+    """Return a model with the coefficients that are best under a law of the noise, and its score.
+
+    `jumps`: others than those that its fit has, int64 (j,).
+    """
+    jumps = model.fit.jumps if jumps is None else jumps
+    series = Series.of(problem, jumps)
     law = law.beside(series)
     rows, low, high = regressors(series, model.terms)
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
-    parameters = price(model.terms) + JUMP_PENALTY * model.fit.jumps.size
-    fit = _fit(problem, series, rows, coefficients, law, model.fit)
+    parameters = price(model.terms) + JUMP_PENALTY * jumps.size
+    fit = _fit(problem, series, rows, coefficients, law)
     score = deviance + series.log_size * parameters + law.price(series.size)
     return replace(model, fit=fit, law=law, score=score + contradiction(problem, model.terms, coefficients[2:]))
 
@@ -84,19 +91,17 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     exact = _placed(problem, along, np.concatenate(jumps))
     if np.array_equal(exact, model.fit.jumps):
         return model
-    other = with_law(problem, replace(model, fit=replace(model.fit, jumps=exact)), law)
-    return min(model, other, key=lambda one: one.score)
+    return min(model, with_law(problem, model, law, exact), key=lambda one: one.score)
 
 
-def off_reversals(problem: Problem, model: Model) -> Model:
-    """Return a model with one jump at most in a change of direction; it has to be scored anew.
+def off_reversals(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
+    """Return jumps with one at most in a change of direction; `along` is what a model leaves to the levels [N m].
 
     What comes and goes there within a few samples is an effect of the reversal, or the smear of a filter.
     """
     after = np.append(np.flatnonzero(~_reverses(problem)), problem.size)
-    jumps = np.unique(after[np.searchsorted(after, model.fit.jumps)])
-    jumps = _placed(problem, model.fit.level + model.fit.residual, jumps[jumps < problem.size])
-    return replace(model, fit=replace(model.fit, jumps=jumps))
+    moved = np.unique(after[np.searchsorted(after, jumps)])
+    return _placed(problem, along, moved[moved < problem.size])
 
 
 def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
@@ -210,7 +215,7 @@ class Background:
     @classmethod
     def of(cls, problem: Problem, terms: Sequence[Term], law: NoiseLaw, jumps: IntArray) -> Self:
         """Whiten what is in a model."""
-        whole = Series.of(problem).with_jumps(jumps)
+        whole = Series.of(problem, jumps)
         law = law.beside(whole)
         rows, low, high = regressors(whole, terms)
         series, first = whole.averaged(SCREENED)
@@ -252,10 +257,130 @@ def _means(rows: FloatArray, first: IntArray) -> FloatArray:
     return np.asarray(np.add.reduceat(rows, first, axis=1) / np.diff(first, append=rows.shape[1]))
 
 
-def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw, fit: Fit) -> Fit:
+def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw) -> Fit:
     """Return a fit with other coefficients; its level is the common dry friction where nothing makes it differ."""
     rest = series.sign * (series.friction - coefficients[1:] @ rows[1:])
     residual = rest - coefficients[0]
-    if fit.jumps.size or law.level_spread > 0.0:
-        residual = remove_levels(rest, segment_starts(problem, fit.jumps))
-    return Fit(fit.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual))
+    if series.jumps.size or law.level_spread > 0.0:
+        residual = remove_levels(rest, segment_starts(problem, series.jumps))
+    return Fit(series.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual))
+
+
+# ---- the same on data that a model is not fitted to ------------------------------------------------------------------
+# What an extension gains there, by the likelihood that the search counts with.
+# Blocks of time are left out in turn, and the coefficients fitted to the others; or other recordings are held out: then
+# the models stand as they are, and nothing is fitted there. Shapes and the noise's law stay as found. Levels and jumps
+# are nuisances of each recording: their price is charged where they lie.
+
+
+BLOCKS: Final = 10  # contiguous blocks of a search problem
+TRAINABLE_SHARE: Final = 0.01  # of a regressor's energy that the training blocks must hold
+LEVEL_ROUNDS: Final = 3  # of level and columns that follow it, on recordings where nothing is fitted
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Scores on held-out data.
+
+    Attributes
+    ----------
+    rmse_Nm
+        Root mean square residual [N m].
+    log_score
+        Mean log density per sample given those before it, jumps charged [nats].
+    block_log_scores
+        float64 (blocks,), the same per block, for intervals of a difference.
+    """
+
+    rmse_Nm: float
+    log_score: float
+    block_log_scores: FloatArray
+
+
+def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
+    """Score a model on blocks of time that its strengths and slope were not fitted to."""
+    series = Series.of(problem, model.fit.jumps)
+    rows, low, high = regressors(series, model.terms)
+    white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
+    energy, jumps = np.sum(white**2, axis=1), model.fit.jumps if model.fit.jumps.size else None
+    whitening = _whitening(problem, model, jumps)
+    block = np.searchsorted(_first_of(blocks, series.size), np.arange(series.size), side="right") - 1
+    residual, innovations, variance = np.zeros((3, series.size))
+    for b in range(blocks):
+        here, train = block == b, white[:, block != b]
+        # A regressor that the training blocks hardly show is not trained: it predicts nothing, rather than anything.
+        shown = np.sum(train**2, axis=1) >= TRAINABLE_SHARE * energy
+        products = (train @ train.T) * np.outer(shown, shown)
+        equations = replace(Equations.of_products(series, products, low, high, 0.0), samples=train.shape[1])
+        coefficients, _ = equations.solve()
+        variance[here] = equations.rss(coefficients) / train.shape[1]
+        rest = _residual(problem, coefficients @ rows, jumps)
+        residual[here] = rest[here]
+        innovations[here] = whitening.innovations((rest * problem.sign)[None])[0, here]
+    return _score_of(problem, whitening, residual, innovations, jumps, variance, blocks)
+
+
+def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps: bool) -> HeldOut:
+    """Score a model on recordings that it was not found on: slope, strengths, shapes and noise as fitted on `problem`.
+
+    Columns that follow the dry level follow the level that the other recordings show with that model. `jumps`: whether
+    friction may jump, so that its levels are their own there; else they are that of the searched ones.
+    """
+    other = replace(other, noise=problem.noise)
+    viscous, terms = float(model.fit.coefficients[0]), model.terms
+    drag = viscous * other.speed
+    for _ in range(LEVEL_ROUNDS):
+        rest, beside = other.z - drag, drag - viscous * other.speed
+        level = levels(other, rest, segment_records(other, rest, jump_price(other)))
+        terms = tuple(make_term(other, term.effect, term.shape, level, beside) for term in model.terms)
+        drag = np.column_stack([other.speed, *(term.columns for term in terms)]) @ model.fit.coefficients
+        if not any(depends_on_level(term.effect) for term in terms):
+            break
+    there = segment_records(other, other.z - drag, jump_price(other)) if jumps else None
+    searched = Series.of(problem, model.fit.jumps)
+    left, _ = searched.whitened(model.fit.residual * problem.sign, law_of(model))
+    residual = _residual(other, other.sign * (drag + float(np.mean(model.fit.level))), there)
+    whitening, variance = _whitening(other, model, there), np.full(other.size, float(np.mean(left**2)))
+    innovations = whitening.innovations((residual * other.sign)[None])[0]
+    return _score_of(other, whitening, residual, innovations, there, variance, BLOCKS)
+
+
+def _first_of(blocks: int, size: int) -> IntArray:
+    """Return the first sample of each of so many blocks, int64 (blocks,)."""
+    return np.linspace(0, size, blocks + 1).astype(np.int64)[:-1]
+
+
+def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -> FloatArray:
+    """Return what a torque leaves of the friction, float64 (n,), less the levels between the jumps, if any [N m]."""
+    rest = problem.z - problem.sign * torque_Nm
+    return remove_levels(rest, segment_starts(problem, jumps)) if jumps is not None else rest
+
+
+def _whitening(problem: Problem, model: Model, jumps: IntArray | None) -> Whitening:
+    """Return the filter of a model's noise; levels between jumps are not drawn from it."""
+    law = law_of(model)
+    return Whitening.of(Series.of(problem), law if jumps is None else replace(law, level_spread=0.0))
+
+
+def _score_of(
+    problem: Problem,
+    whitening: Whitening,
+    residual: FloatArray,
+    innovations: FloatArray,
+    jumps: IntArray | None,
+    variance: FloatArray,
+    blocks: int,
+) -> HeldOut:
+    """Return the scores of a residual beside jumps [N m], under a noise of a given variance, float64 (n,).
+
+    `innovations` are what of it the samples before do not show, float64 (n,) [N m].
+    """
+    series = Series.of(problem)
+    variance = np.maximum(variance, series.smallest_variance)
+    spread = np.sqrt(variance) * (1.0 if whitening.spread is None else whitening.spread) / whitening.gains[:, 0]
+    density = -np.log(np.sqrt(2.0 * np.pi) * spread) - 0.5 * innovations**2 / variance
+    if jumps is not None:
+        density[jumps] -= 0.5 * JUMP_PENALTY * problem.log_size
+    first = _first_of(blocks, series.size)
+    of_block = np.add.reduceat(density, first) / np.diff(first, append=series.size)
+    return HeldOut(float(np.sqrt(np.mean(residual**2))), float(np.mean(density)), of_block)

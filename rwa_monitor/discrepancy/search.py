@@ -6,13 +6,14 @@ How a model is made and fitted: see `fitting`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress, predicts
 from rwa_monitor.discrepancy.likelihood import asked_gain
-from rwa_monitor.discrepancy.terms import Found, Growth, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 
 MAX_EFFECTS: Final = 4
 TRIED_IN_PAIRS: Final = 2  # effects, to which a second is added
@@ -32,7 +33,7 @@ def grow(
     progress: Progress = lambda _: None,
     begin_with: Sequence[Model] = (),
     asked: Callable[[int], float] = asked_gain,
-) -> Growth:
+) -> SearchResult:
     """Add effects one after the other, and exchange them, while that pays.
 
     Parameters
@@ -52,8 +53,7 @@ def grow(
     base = fitting.base()
     testable, untestable = fitting.sort_out(effects, base)
     nested = [base, *begin_with]
-    best_rejected, rejected = -np.inf, ""
-    known: tuple[Model, tuple[tuple[Model, ...], ...]] | None = None
+    best_rejected = -np.inf
     while len(nested[-1].terms) < MAX_EFFECTS:
         nested[-1] = fitting.settled(nested[-1])
         current = nested[-1]
@@ -76,54 +76,45 @@ def grow(
             if current.score - best.score >= asked(0) + asked(1):
                 alternatives, gain = [best], least
         if gain < least:
-            best_rejected, rejected = gain, (alternatives[0].names or ("",))[-1]
+            best_rejected = gain
             break
         alternatives = [one for one in alternatives if current.score - one.score >= least]
         counted = (one for one in alternatives if len(one.terms) == named or predicts(fitting.problem, one, current))
         accepted = next(counted, None)
         if accepted is None:
             break
-        swapped, of_last = _swap(fitting, accepted, testable, progress)
-        pruned = prune(fitting, swapped, keep_last=True)
-        known = (pruned, of_last) if of_last is not None and pruned is swapped else None
-        nested.append(pruned)
-        if pruned.score >= current.score:
+        nested.append(prune(fitting, _swap(fitting, accepted, testable, progress), keep_last=True))
+        if nested[-1].score >= current.score:
             break
     final = fitting.settled(prune(fitting, min(nested, key=lambda model: model.score)))
     final = prune(fitting, final)  # beside the noise that it leaves
     nested = [*(model for model in nested if len(model.terms) < len(final.terms)), final]
-    of_final = known[1] if known is not None and known[0] is final else None
-    return Growth(tuple(nested), tuple(testable), tuple(untestable), best_rejected, rejected, of_final)
+    return SearchResult(tuple(nested), tuple(testable), tuple(untestable), best_rejected)
 
 
-def rank(fitting: Fitting, grown: Growth, progress: Progress = lambda _: None) -> SearchResult:
+def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
     """Judge each effect of the last model by itself, and find what could stand in its place."""
     model, found = grown.nested[-1], []
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
-        known = grown.alternatives
-        alternatives = known[index] if known else fitting.replacements(model, index, grown.testable)
+        alternatives = fitting.replacements(model, index, grown.testable)
         near = [one.names[-1] for one in alternatives if one.score - model.score < EQUIVALENT_WITHIN]
         equivalent = dict.fromkeys((*near, *fitting.as_good(model, index, grown.testable)))
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
-    return SearchResult(grown.nested, ranked, grown.untestable, grown.best_rejected, grown.rejected)
+    return replace(grown, found=ranked)
 
 
-def _swap(
-    fitting: Fitting, model: Model, effects: Effects, progress: Progress
-) -> tuple[Model, tuple[tuple[Model, ...], ...] | None]:
-    """Exchange effects one by one while that helps; return the alternatives of each that were tried last, too."""
-    if len(model.terms) <= 1:
-        return model, None  # the best single effect was chosen among all
-    tried: list[tuple[Model, ...]] = []
-    while len(tried) < len(model.terms):
-        progress(f"in the place of {model.names[len(tried)]}")
-        alternatives = fitting.replacements(model, len(tried), effects)
-        tried.append(tuple(alternatives))
+def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) -> Model:
+    """Exchange effects one by one while that helps; the best single one was chosen among all."""
+    index = 0
+    while 1 < len(model.terms) > index:
+        progress(f"in the place of {model.names[index]}")
+        alternatives = fitting.replacements(model, index, effects)
+        index += 1
         if alternatives and alternatives[0].score < model.score - WORTH_SWAPPING:
-            model, tried = alternatives[0], []
-    return model, tuple(tried)
+            model, index = alternatives[0], 0
+    return model
 
 
 def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:

@@ -6,7 +6,7 @@ Each shape is judged as a term (see `terms`) added to what is in the model alrea
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -15,7 +15,7 @@ from scipy import optimize
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background
-from rwa_monitor.discrepancy.terms import Term, followed_level, make_term_with
+from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import MeanEffect, Parameter
 
@@ -31,23 +31,17 @@ def profile(
     level: FloatArray | None,
     effect: type[MeanEffect],
     around: Term | None = None,
-    fixed: Mapping[str, float] | None = None,
 ) -> tuple[Term, float]:
     """Find the shape parameters with the best criterion beside what is in the model already.
 
     A coarse grid inside the record's bounds (or around a known term), then a bounded refinement: no fixed grid decides.
-    Parameters in `fixed` keep their values.
 
     Returns
     -------
     term, criterion
         The effect at its best shape, and the criterion there.
     """
-    problem, followed = background.problem, followed_level(background.problem, effect, level)
-    axes = [
-        _Axis(axis.name, (fixed[axis.name],), False, False) if fixed and axis.name in fixed else axis
-        for axis in _axes(problem, effect, around)
-    ]
+    problem, axes = background.problem, _axes(background.problem, effect, around)
     grid = dict.fromkeys(itertools.product(*(axis.points for axis in axes)))
     again = grid if around is None else {}  # the same for every model: other shapes are seldom met again
     cache: dict[tuple[float, ...], tuple[Term, float]] = {}
@@ -55,7 +49,7 @@ def profile(
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
         if values not in cache:
             shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-            term = make_term_with(problem, effect, shape, followed, keep=values in again)
+            term = make_term(problem, effect, shape, level, keep=values in again)
             cache[values] = term, background.criterion_with(term)
         return cache[values]
 
@@ -101,6 +95,11 @@ def reach_between(problem: Problem, effect: type[MeanEffect]) -> dict[str, float
     return {name: min(one[name] for one in per_record) for name in names}
 
 
+def is_logarithmic(low: float, high: float) -> bool:
+    """Return whether a shape parameter between these bounds is spaced in logarithm."""
+    return low > 0 and high / low > LOG_SPACING_FROM
+
+
 def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
     bounds = shape_limits(problem, effect)
     reach = reach_between(problem, effect) if around is not None else {}
@@ -123,7 +122,7 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
         return _Axis(parameter.name, choices, False, False)
     if not low < high:
         return _Axis(parameter.name, (low,), False, False)
-    logarithmic = low > 0 and high / low > LOG_SPACING_FROM
+    logarithmic = is_logarithmic(low, high)
     grid = np.geomspace(low, high, GRID_POINTS) if logarithmic else np.linspace(low, high, GRID_POINTS)
     if around is not None:
         centre = around.shape[parameter.name]

@@ -5,7 +5,7 @@ Which shape is the best is found in `shape_profile`, which terms make the best m
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
@@ -44,10 +44,8 @@ class Term:
         float64 (n, p) at the joined samples, multiplied by s, at unit strength.
     low, high
         float64 (p,), bounds of the strengths.
-    own
-        Whether the columns are of these data alone: effect and shape do not determine them.
-    price
-        Of the parameters, in units of log N, where that is not their number.
+    parameters
+        What the parameters cost, in units of log N: their number, shape included, where nothing else is known.
     """
 
     effect: type[MeanEffect]
@@ -55,18 +53,7 @@ class Term:
     columns: FloatArray
     low: FloatArray
     high: FloatArray
-    own: bool = False
-    price: float | None = None
-
-    @property
-    def name(self) -> Hashable:
-        """Return which columns these are, of one problem; None where effect and shape do not determine them."""
-        return None if self.own or depends_on_level(self.effect) else _name(self.effect, self.shape)
-
-    @property
-    def parameters(self) -> float:
-        """Return what the parameters cost, in units of log N: their number, shape included, where nothing is given."""
-        return len(self.effect.parameters) if self.price is None else self.price
+    parameters: float
 
 
 def make_term(
@@ -75,6 +62,8 @@ def make_term(
     shape: Shape,
     level: FloatArray | None,
     beside: FloatArray | None = None,
+    *,
+    keep: bool = False,
 ) -> Term:
     """Evaluate an effect's columns on all records.
 
@@ -85,12 +74,35 @@ def make_term(
     beside
         What effects add to the friction along the rotation, float64 (n,) [N m], for those that scale with the motor's
         torque: it overcomes that, too. None: nothing.
+    keep
+        Whether other models will ask for this shape, too.
     """
-    return make_term_with(problem, effect, shape, followed_level(problem, effect, level, beside))
+    strengths = effect.strength_parameters()
+    key = effect.name, tuple(shape.items())
+    columns, followed = problem.columns.get(key), _followed_level(problem, effect, level, beside)
+    if columns is None and followed is not None:
+        columns = _columns_with_level(effect, shape, followed)
+    if columns is None:
+        by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
+        channels = [record.undrifted if by_angle else record.channels for record in problem.records]
+        if issubclass(effect, (Formula, UnnamedEffect)):  # of any form: of that of the noise that both share, too
+            steady = [_steady_speed(record) for record in problem.records]
+            channels = [replace(one, speed_rad_s=speed) for one, speed in zip(channels, steady, strict=True)]
+        columns = _evaluate(problem, effect, shape, channels)
+        if keep and not depends_on_level(effect):
+            problem.columns.put(key, columns)
+    low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
+    if not issubclass(effect, UnnamedEffect):
+        # No part of the friction is larger than all of it: parts that cancel each other fit anything.
+        share = max(effect.largest_share(record.channels) for record in problem.records)
+        largest = np.abs(columns.T, order="C").max(axis=1, initial=0.0)
+        most = share * problem.largest_friction_Nm / np.maximum(largest, TINY)
+        low, high = np.maximum(low, -most), np.minimum(high, most)
+    return Term(effect, dict(shape), columns, low, high, _price(problem, effect, shape))
 
 
 class FollowedLevel:
-    """A level with only its strong jumps, which columns follow, and the channels that it gives; see `followed_level`.
+    """A level with only its strong jumps, which columns follow, and the channels that it gives; see `_followed_level`.
 
     The channels are the same for every shape of an effect: they are made when they are first asked for.
 
@@ -160,7 +172,7 @@ def _steady_speed(record: Record) -> FloatArray:
     return np.where(known, sums / np.where(known, share, 1.0), np.nan)
 
 
-def followed_level(
+def _followed_level(
     problem: Problem, effect: type[MeanEffect], level: FloatArray | None, beside: FloatArray | None = None
 ) -> FollowedLevel | None:
     """Return what of a level an effect's columns follow; None where they follow none.
@@ -175,45 +187,6 @@ def followed_level(
     return problem.recent.get(
         decides, price, lambda: FollowedLevel(problem.with_empty_caches(), strong_level(problem, level), added)
     )
-
-
-def make_term_with(
-    problem: Problem,
-    effect: type[MeanEffect],
-    shape: Shape,
-    followed: FollowedLevel | None,
-    *,
-    keep: bool = False,
-) -> Term:
-    """Evaluate an effect's columns, given the level that they follow: the same for many shapes of the effect.
-
-    `keep`: other models will ask for this shape, too.
-    """
-    strengths = effect.strength_parameters()
-    key = _name(effect, shape)
-    columns = problem.columns.get(key)
-    if columns is None and followed is not None:
-        columns = _columns_with_level(effect, shape, followed)
-    if columns is None:
-        by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
-        channels = [record.undrifted if by_angle else record.channels for record in problem.records]
-        if issubclass(effect, (Formula, UnnamedEffect)):  # of any form: of that of the noise that both share, too
-            steady = [_steady_speed(record) for record in problem.records]
-            channels = [replace(one, speed_rad_s=speed) for one, speed in zip(channels, steady, strict=True)]
-        columns = _evaluate(problem, effect, shape, channels)
-        if keep and not depends_on_level(effect):
-            problem.columns.put(key, columns)
-    low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
-    if not issubclass(effect, UnnamedEffect):
-        # No part of the friction is larger than all of it: parts that cancel each other fit anything.
-        share = max(effect.largest_share(record.channels) for record in problem.records)
-        most = (
-            share
-            * problem.largest_friction_Nm
-            / np.maximum(np.abs(columns.T, order="C").max(axis=1, initial=0.0), TINY)
-        )
-        low, high = np.maximum(low, -most), np.minimum(high, most)
-    return Term(effect, dict(shape), columns, low, high, price=_price(problem, effect, shape))
 
 
 def _price(problem: Problem, effect: type[MeanEffect], shape: Shape) -> float:
@@ -235,10 +208,6 @@ def _evaluate(problem: Problem, effect: type[MeanEffect], shape: Shape, channels
         np.nan_to_num(columns, copy=False)
     columns *= problem.sign[:, None]
     return columns
-
-
-def _name(effect: type[MeanEffect], shape: Shape) -> Hashable:
-    return effect.name, tuple(shape.items())
 
 
 def depends_on_level(effect: type[MeanEffect]) -> bool:
@@ -264,11 +233,6 @@ def _columns_with_level(effect: type[MeanEffect], shape: Shape, followed: Follow
     if energy <= (1e-9 * float(np.max(np.abs(level)))) ** 2 * level.size:
         return columns
     return np.asarray(columns - centred[:, None] * (centred @ columns / energy), dtype=np.float64)
-
-
-def design_of(problem: Problem, terms: Sequence[Term]) -> FloatArray:
-    """Return the columns of a model, float64 (n, 1 + p): speed, then the terms'."""
-    return np.column_stack([problem.speed, *(term.columns for term in terms)])
 
 
 def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
@@ -365,38 +329,16 @@ class SearchResult:
     ----------
     nested
         Models from the base upwards, one effect more at each step.
+    testable, untestable
+        The candidates that the data can test, and the names of those that they cannot, with what is missing.
+    best_rejected
+        Gain of the best candidate that was not accepted; -inf where none came near.
     found
-        The effects of the last model, strongest first.
-    untestable
-        Effects that this data cannot test, with what is missing.
-    best_rejected, rejected
-        Gain of the best candidate that was not accepted, and its name; -inf and "" where none came near.
-    """
-
-    nested: tuple[Model, ...]
-    found: tuple[Found, ...]
-    untestable: tuple[tuple[str, str], ...]
-    best_rejected: float
-    rejected: str
-
-
-@dataclass(frozen=True, slots=True)
-class Growth:
-    """Models grown effect by effect, before the last one is judged.
-
-    Attributes
-    ----------
-    nested, untestable, best_rejected, rejected
-        As in `SearchResult`.
-    testable
-        The candidates that the data can test.
-    alternatives
-        For each effect of the last model, that model with another in its place, best first; None where not yet known.
+        The effects of the last model, strongest first; none before they are judged.
     """
 
     nested: tuple[Model, ...]
     testable: tuple[type[MeanEffect], ...]
     untestable: tuple[tuple[str, str], ...]
     best_rejected: float
-    rejected: str
-    alternatives: tuple[tuple[Model, ...], ...] | None
+    found: tuple[Found, ...] = ()

@@ -72,6 +72,11 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
     return replace(found, nested=(*shorter(found.nested, reduced), reduced), found=left), unexplained, best
 
 
+def both(one: Unexplained | None, other: Unexplained | None) -> Unexplained | None:
+    """Return what is left unexplained by two findings, the second of them named first."""
+    return one.beside(other.signature, other.size_Nm) if one and other else one or other
+
+
 def does_nearly_all(simpler: Model, law: Model, other: Model) -> bool:
     """Return whether a law lowers the sum of squares by nearly as much as another explanation of the same does."""
     lower = simpler.fit.rss - law.fit.rss
@@ -131,7 +136,7 @@ def wandering(problem: Problem, model: Model) -> Unexplained | None:
     are not, the level wanders. Noise decorrelates: that of the catalogue (autocorrelation up to 0.95 from slot to slot)
     within some sixty slots. What lasts longer is drag, and no effect explains it.
     """
-    strong = strong_jumps(problem, model.fit).size
+    strong = strong_jumps(problem, model.fit.level + model.fit.residual).size
     weak = model.fit.jumps.size - strong
     creeping = model.fit.level - strong_level(problem, model.fit.level)
     steps = weak >= FEWEST_STEPS and weak >= STEPS_TO_JUMPS * strong
@@ -229,7 +234,7 @@ def without_unnamed(
         others = [other for other in entry.equivalent if other != term.effect.named_with_channel]
         in_words = term.effect.in_words(term.shape) + "".join(f", or {other} as well" for other in others)
         size = _size(fitting.problem, model, index)
-        left = Unexplained(signature=in_words, size_Nm=size) if left is None else left.beside(in_words, size)
+        left = both(left, Unexplained(signature=in_words, size_Nm=size))
         found = replace(found, nested=(*shorter(found.nested, reduced), reduced), found=named)
     return found, left
 

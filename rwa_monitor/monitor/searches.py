@@ -28,7 +28,7 @@ from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import Log
 
 if TYPE_CHECKING:
-    from rwa_monitor.discrepancy.finished_search import Search
+    from rwa_monitor.discrepancy.result import Search
 
 PATIENCE: Final = 2  # windows in a row whose model does not fit, before a search
 NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves

@@ -15,15 +15,20 @@ from rich.table import Table
 from rwa_monitor.discrepancy.bench import SCALED_ONLY
 from rwa_monitor.discrepancy.diagnosis_gain import WINDOWS
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.finished_search import Search, nested_models
-from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
+from rwa_monitor.discrepancy.hypotheses import (
+    CANDIDATES,
+    Detectable,
+    as_a_part,
+    candidates,
+    detectable_strengths,
+    not_testable,
+)
 from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
 from rwa_monitor.discrepancy.plan import Plan, plan
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words
-from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect
-from rwa_monitor.discrepancy.untested import Detectable, as_a_part, detectable_strengths, not_testable
+from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Search, nested_models
 from rwa_monitor.messages import Gain
 from rwa_monitor.reporting.residual_views import all_views
 from rwa_monitor.wheel.effects.catalogue import effect_class

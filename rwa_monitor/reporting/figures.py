@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from rwa_monitor.discrepancy.finished_search import Search, nested_models
+from rwa_monitor.discrepancy.result import Search, nested_models
 from rwa_monitor.reporting.residual_views import MIN_PER_BIN, View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
 

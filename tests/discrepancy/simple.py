@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 

@@ -8,7 +8,7 @@ import pytest
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.extended import extend
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, Array, record, search, swing
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.plan import plan
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy import simple
 from tests.discrepancy.simple import NOISE_NM, Array, names, sampled

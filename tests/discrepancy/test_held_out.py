@@ -11,12 +11,11 @@ from scipy.stats import norm
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting, predicts
-from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.score import regressors, with_law
+from rwa_monitor.discrepancy.result import Search
+from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, regressors, with_law
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.messages import SearchedAgain as SearchedAgainMessage
 from rwa_monitor.reporting.discrepancy_report import html, sentence

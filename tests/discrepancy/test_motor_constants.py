@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.motor_constants import GAIN_STD, combined, shown_constants
+from rwa_monitor.discrepancy.plausible import GAIN_STD, combined, shown_constants
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate

@@ -17,12 +17,12 @@ from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.found_effects import spread
 from rwa_monitor.discrepancy.hypotheses import FOLLOWS_THE_SPEED, candidates, speed_curve
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.search import search
-from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Limits, Nominal, Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing

@@ -10,9 +10,9 @@ import pytest
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.found_effects import described, spread
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.uncertainty import described, spread
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate

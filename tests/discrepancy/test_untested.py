@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.hypotheses import CANDIDATES
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES, detectable_strengths, not_testable
 from rwa_monitor.discrepancy.plan import UNINFORMATIVE, plan
-from rwa_monitor.discrepancy.untested import detectable_strengths, not_testable
+from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.reporting.discrepancy_report import absent_effects, html, sentence
 from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, record, swing
 

@@ -13,10 +13,10 @@ import pytest
 
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search, nested_models
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.p_values import with_bootstrap
 from rwa_monitor.discrepancy.plan import plan, rank_manoeuvres
+from rwa_monitor.discrepancy.result import Search, nested_models
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.messages import Unexplained
 from rwa_monitor.reporting import discrepancy_report as report
