@@ -33,8 +33,7 @@ from rwa_monitor.messages import (
 )
 from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
 from rwa_monitor.monitor.checkpoint import Checkpoint
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Carried, outputs_of
+from rwa_monitor.monitor.core import Carried, WheelCore, outputs_of
 from rwa_monitor.monitor.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.recording import (
     CHECKPOINT_PREFIX,

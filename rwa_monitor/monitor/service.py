@@ -48,8 +48,7 @@ from rwa_monitor.messages import (
 )
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, endpoints, open_session
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
+from rwa_monitor.monitor.core import Carried, Event, WheelCore, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest import Counts, Trouble
 from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
 from rwa_monitor.monitor.replay import REPEATED_SCHEMAS, RecoveredState, recover_state
