@@ -77,7 +77,8 @@ class Hub:
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
-        self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
+        # What is wrong with the dashboard itself, in words, by what it is; "" where nothing is.
+        self.notes = {"bus": "", "history": ""}
         self._posted: deque[Received] = deque(maxlen=MAX_WAITING)  # its appends are atomic
 
     def post(self, received: Received) -> None:
@@ -87,10 +88,7 @@ class Hub:
 
     def note(self, what: str, trouble: str) -> None:
         """Report to every page what is wrong with something of the dashboard, "" where nothing is."""
-        if trouble:
-            self.notes[what] = trouble
-        else:
-            self.notes.pop(what, None)
+        self.notes[what] = trouble
 
     def watched(self, wheel: str) -> bool:
         """Return whether a page shows the samples of a wheel ("spacecraft/wheel")."""
@@ -106,7 +104,7 @@ class Hub:
             entries: list[Received] = []
             if now >= beat_due:
                 beat_due = now + PERIOD_S  # a page without a beat for some seconds takes the server for gone
-                beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
+                beat = dump_json({"wall_ns": time.time_ns(), "notes": [*filter(None, self.notes.values())]})
                 entries.append(Received(BEAT_KEY, beat, time.time_ns()))
             self._hand_out(entries)
 
@@ -343,7 +341,7 @@ class Listener(BusThread):
             work()
         except HistoryError as error:
             self._retry_due_s = time.monotonic() + PERIOD_S
-            if "history" not in self.hub.notes:
+            if not self.hub.notes["history"]:
                 self.log(str(error))
             self.hub.note("history", f"{error}. {len(self._waiting)} windows wait to be stored.")
             return False

@@ -206,14 +206,14 @@ class WheelCore:
     def _take_all(self, ready: Iterable[Batch | Trouble]) -> list[Event]:
         events: list[Event] = []
         for one in ready:
-            events += self._take(one) if isinstance(one, Batch) else [one]
+            if isinstance(one, Trouble):
+                events.append(one)
+                continue
+            rows, found = self._rows(one.samples)
+            if self._stored is not None:
+                self._stored.add(rows, None)
+            events += found + self._place(rows, passed=one.passed)
         return events
-
-    def _take(self, message: Batch) -> list[Event]:
-        rows, events = self._rows(message.samples)
-        if self._stored is not None:
-            self._stored.add(rows, None)
-        return events + self._place(rows, passed=message.passed)
 
     def _rows(self, samples: Samples) -> tuple[Rows, list[Event]]:
         """Return samples that are within the wheel's limits, and what they show of the settings."""
@@ -512,7 +512,7 @@ class Windows:
             if self._done != self._next_start and ready < min(next_block, self._border):
                 return []  # nothing to work off, and many slots are screened in the time of one
         masked, faults = self.screen.run(self.ring, seen, self._border_before)
-        events = self._mask(masked, faults) if masked or faults else []
+        events = self._mask(masked, faults)
         while True:
             end = self._open[0].start + self._samples if self._open else self._done + 1
             # A full window is closed when a sample beyond it, and beyond the stencil, has come.
@@ -548,7 +548,7 @@ class Windows:
         friction, masked, faults, viscous = self.friction.friction(self.ring, start, stop, torque)
         there = np.ones(stop - start, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there, viscous) for window in self._open]
-        events = self._mask(masked, faults) if masked or faults else []
+        events = self._mask(masked, faults)
         if not confirmed or not confirmed[0]:
             return events
         # Where windows overlap, the first one to hold a slot reports it.

@@ -17,6 +17,7 @@ from threading import Event
 from typing import Any, Final, NamedTuple
 
 import zenoh
+from mcap.records import Attachment
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
@@ -40,7 +41,6 @@ from rwa_monitor.monitor.recording import (
     MAX_FILE_BYTES,
     RECORDING_SUFFIX,
     SOME_CHECKPOINTS,
-    Attached,
     Recording,
     file_sha256,
     recorded_inputs,
@@ -55,6 +55,8 @@ from rwa_monitor.words import Log, counted, first_few
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
 REPEATED_SCHEMAS: Final = (Diagnosis.schema_name(), Health.schema_name())
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Health.schema_name(), Discrepancy.schema_name())
+# Called with the recording and each checkpoint and message of it when that is done.
+OnProgress = Callable[[Recording, Attachment | EncodedMessage], None]
 
 
 @dataclass(slots=True)
@@ -86,7 +88,7 @@ class RecordingRun:
 def run_recording(
     path: Path,
     stop: Event,
-    on_progress: Callable[[Recording, Attached | EncodedMessage], None],
+    on_progress: OnProgress,
     before: RecordingRun | None = None,
 ) -> RecordingRun:
     """Run a recording while it is read, so that no more of it is in memory than the cores.
@@ -98,7 +100,7 @@ def run_recording(
     stop
         Ends it early when set.
     on_progress
-        Called with the recording and each checkpoint and message when it is done.
+        Called as what it is made of is done.
     before
         The recording before it, run, where this one holds the state of some wheels only.
 
@@ -114,12 +116,12 @@ def run_recording(
     for part in recording.parts():
         if stop.is_set():
             break
-        if isinstance(part, Attached) and not part.name.startswith(CHECKPOINT_PREFIX):
+        if isinstance(part, Attachment) and not part.name.startswith(CHECKPOINT_PREFIX):
             recording.attachments[part.name] = part.data
             continue
         # The recorder writes what a recording was made with before all else.
         setup = setup or Setup.of(recording)
-        if isinstance(part, Attached):
+        if isinstance(part, Attachment):
             key = key_of_name(part.name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
             checkpoint = Checkpoint.from_json(part.data, f"{path}: {part.name}")
             run.cores[key] = WheelCore.resume(checkpoint, setup.wheel(*key), setup.model)
@@ -198,7 +200,7 @@ def recover_state(folder: Path, setup: Setup, stop: Event, log: Log) -> Recovere
     recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
     due_s = time.monotonic() + LOG_PERIOD_S
 
-    def on_part(recording: Recording, part: Attached | EncodedMessage) -> None:
+    def on_part(recording: Recording, part: Attachment | EncodedMessage) -> None:
         nonlocal due_s
         if isinstance(part, EncodedMessage) and part.schema == Status.schema_name():
             recovered.statuses[part.topic] = part
@@ -280,7 +282,7 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[EncodedMessage]:
     return found
 
 
-def _repeated(parts: Iterable[Attached | EncodedMessage]) -> list[EncodedMessage]:
+def _repeated(parts: Iterable[Attachment | EncodedMessage]) -> list[EncodedMessage]:
     return [part for part in parts if isinstance(part, EncodedMessage) and part.schema in REPEATED_SCHEMAS]
 
 
@@ -448,7 +450,7 @@ class Report:
         return f"{files}: {what} compared: {result}"
 
 
-def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] = lambda _: None) -> Report:
+def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *_: None) -> Report:
     """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
@@ -458,8 +460,8 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
     ----------
     recordings
         A file, a folder whose recordings form a chain, or several files in order.
-    on_message
-        Called with the number of messages gone through in the running file, for progress.
+    on_progress
+        As for `run_recording`.
 
     Raises
     ------
@@ -468,7 +470,7 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
     """
     chain = _Chain()
     for path in recordings_of(recordings):
-        chain.add(path, on_message)
+        chain.add(path, on_progress)
     chain.report.bytes_equal &= not chain.report.broken
     return chain.report
 
@@ -480,16 +482,9 @@ class _Chain:
     report: Report = field(default_factory=Report)
     owed: list[EncodedMessage] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
-    def add(self, path: Path, on_message: Callable[[int], None]) -> None:
+    def add(self, path: Path, on_progress: OnProgress) -> None:
         """Run one recording and compare."""
-        gone_through = 0
-
-        def count(_recording: Recording, part: Attached | EncodedMessage) -> None:
-            nonlocal gone_through
-            gone_through += isinstance(part, EncodedMessage)
-            on_message(gone_through)
-
-        run = run_recording(path, Event(), count)
+        run = run_recording(path, Event(), on_progress)
         recording = run.recording
         settings, setup = recording.settings(), Setup.of(recording)
         self._check_link(recording, settings)

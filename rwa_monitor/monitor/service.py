@@ -220,7 +220,7 @@ class Monitor:
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self.receive(message.key, message.payload, partial(self.bus.ask_again, message), message.source)
+            self.receive(message.key, message.payload, partial(self.bus.backfill.ask_again, message), message.source)
         self.tick()
 
     def tick(self) -> None:
@@ -426,7 +426,7 @@ class Monitor:
             last_error = f"dropped {counted(self.bus.inbox.dropped, 'message')}: they come faster than can be diagnosed"
         counts = core.counts if core else Counts()
         # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
-        missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
+        missed_by_bus = self.bus.backfill.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
             last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
         status = Status(
