@@ -44,9 +44,7 @@ class FoxgloveServer(BusThread, ServerListener):
         self._schemas = {
             name: Schema(name=name, encoding="jsonschema", data=dump_json(schema)) for name, schema in schemas().items()
         }
-        self._latest: dict[
-            str, tuple[Channel, EncodedMessage]
-        ] = {}  # by topic; used from several threads
+        self._latest: dict[str, tuple[Channel, EncodedMessage]] = {}  # by topic; used from several threads
         try:
             self._server = foxglove.start_server(
                 name=SOFTWARE,

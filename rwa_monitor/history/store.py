@@ -165,20 +165,17 @@ class History(Database):
         for name in [*levels, *(name for name in COMPARED if alike and name not in levels)]:
             level = levels.get(name)
             moved = _moved(session, diagnosis, name) if alike and name in COMPARED else None
-            if moved is None or (level is None and not (moved.is_common or moved.is_alone)):
-                if level is not None:
-                    yield diagnosis.wheel, name, level, _reason(diagnosis, name)
-                continue
-            if moved.is_common:
+            if moved is not None and moved.is_common:
                 yield diagnosis.wheel, name, Level.NORMAL, ""
                 least = Level.WATCH if moved.is_large else Level.NORMAL
                 yield ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
                 continue
-            if moved.is_alone and not level:
+            if moved is not None and moved.is_alone and not level:
                 yield diagnosis.wheel, name, Level.WATCH, moved.in_words
             elif level is not None:
                 yield diagnosis.wheel, name, level, _reason(diagnosis, name)
-            yield ALL_WHEELS, name, Level.NORMAL, ""
+            if moved is not None and (moved.is_alone or level is not None):
+                yield ALL_WHEELS, name, Level.NORMAL, ""
 
     def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
         """Return the wheels of a window's spacecraft, that of the window among them."""

@@ -85,12 +85,7 @@ class RecordingRun:
     own: list[EncodedMessage] = field(default_factory=list)
 
 
-def run_recording(
-    path: Path,
-    stop: Event,
-    on_progress: OnProgress,
-    before: RecordingRun | None = None,
-) -> RecordingRun:
+def run_recording(path: Path, stop: Event, on_progress: OnProgress, before: RecordingRun | None = None) -> RecordingRun:
     """Run a recording while it is read, so that no more of it is in memory than the cores.
 
     Parameters
@@ -470,33 +465,32 @@ def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *
     """
     chain = _Chain()
     for path in recordings_of(recordings):
-        chain.add(path, on_progress)
-    chain.report.bytes_equal &= not chain.report.broken
-    return chain.report
+        chain.run(path, on_progress)
+    chain.bytes_equal &= not chain.broken
+    return chain
 
 
 @dataclass(slots=True)
-class _Chain:
-    """Runs recordings one after the other and gathers their outputs."""
+class _Chain(Report):
+    """Runs recordings one after the other, and reports what it found."""
 
-    report: Report = field(default_factory=Report)
     owed: list[EncodedMessage] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
-    def add(self, path: Path, on_progress: OnProgress) -> None:
+    def run(self, path: Path, on_progress: OnProgress) -> None:
         """Run one recording and compare."""
-        run = run_recording(path, Event(), on_progress)
-        recording = run.recording
+        done = run_recording(path, Event(), on_progress)
+        recording = done.recording
         settings, setup = recording.settings(), Setup.of(recording)
         self._check_link(recording, settings)
-        self.report.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
-        published = [output for output in run.outputs if output.schema != Carried.schema_name()]
-        self.report.messages += [(output.topic, output.payload) for output in published]
+        self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
+        published = [output for output in done.outputs if output.schema != Carried.schema_name()]
+        self.messages += [(output.topic, output.payload) for output in published]
 
-        inherited, own, replayed = run.inherited, run.own, run.outputs
+        inherited, own, replayed = done.inherited, done.own, done.outputs
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
-        elif self.report.files and inherited:
-            self.report.compare(inherited, self.owed)
+        elif self.files and inherited:
+            self.compare(inherited, self.owed)
             self.owed = []
         elif self.owed:
             self._note(recording, f"begins after {len(self.owed)} outputs that were lost with the file before it")
@@ -505,12 +499,12 @@ class _Chain:
             self._note(recording, "was not closed in order")
             replayed, lost = replayed[: len(own)], replayed[len(own) :]
             self.owed += lost
-        self.report.compare(own, replayed)
+        self.compare(own, replayed)
 
         self._search_again(recording, setup)
         if not any(message.schema == Diagnosis.schema_name() for message in recording.messages):
-            self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
-        self.report.files.append(recording.path)
+            self._note(recording, f"holds no closed window ({counted(done.inputs, 'message')} of samples)")
+        self.files.append(recording.path)
 
     def _search_again(self, recording: Recording, setup: Setup) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
@@ -518,11 +512,11 @@ class _Chain:
             if message.schema == Discrepancy.schema_name():
                 report = Discrepancy.parse(message.payload, f"{recording.path}: {message.topic}")
                 again, _ = search(job_of(report, self._inputs_of(report, recording.path), setup))
-                self.report.compare([message], [message._replace(payload=again.to_json())])
+                self.compare([message], [message._replace(payload=again.to_json())])
 
     def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[EncodedMessage]:
         """Return the messages of samples in the files so far that may hold some of what a report is about."""
-        for file in (*self.report.files, path):
+        for file in (*self.files, path):
             span = time_span(file)
             if span is not None and span[1] >= report.start_ns:
                 yield from recorded_inputs(file)
@@ -531,21 +525,21 @@ class _Chain:
         """Check that a recording names what it goes on from, and that this is as it was then."""
         named = settings.get("predecessor")
         if not isinstance(named, dict):
-            if self.report.files:
-                self._note(recording, f"names no predecessor, {self.report.files[-1].name} comes before it")
+            if self.files:
+                self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
             return
         name, sha256 = str(named.get("name", "")), named.get("sha256", "")
-        if not self.report.files:
+        if not self.files:
             self._note(recording, f"goes on from {name}, which is not replayed")
-        elif (before := self.report.files[-1]).name != name:
-            self.report.broken.append(f"{recording.path}: goes on from {name}, but {before.name} comes before it")
+        elif (before := self.files[-1]).name != name:
+            self.broken.append(f"{recording.path}: goes on from {name}, but {before.name} comes before it")
         elif sha256 is None:
             self._note(recording, f"was begun while {name} was written, and does not hold its hash")
         elif sha256 != file_sha256(before):
-            self.report.broken.append(f"{before}: is not the file that {recording.path.name} goes on from")
+            self.broken.append(f"{before}: is not the file that {recording.path.name} goes on from")
 
     def _note(self, recording: Recording, text: str) -> None:
-        self.report.notes.append(f"{recording.path}: {text}")
+        self.notes.append(f"{recording.path}: {text}")
 
 
 # ---- onto the bus ----------------------------------------------------------------------------------------------------

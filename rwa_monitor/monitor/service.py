@@ -290,9 +290,7 @@ class Monitor:
             served = self._serve(key)
             if served.key[1].endswith(REPLAY) and served.source != source:
                 self._served[served.key] = served = _Served(served.key, source=source)
-            core = served.core
-            if core is None:
-                core = self._setup.new_core(*served.key)
+            core = served.core or self._setup.new_core(*served.key)
             core.check(samples)
         except InputError as error:
             if not is_json(payload) and ask_again():
