@@ -23,20 +23,20 @@ from typing import Final, Self
 
 import zenoh
 
-from rwa_monitor.dashboard.fleet import KEYS, KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.dashboard.fleet import KEYS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord, MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
+    KINDS,
     PERIOD_S,
     REPLAY,
     Diagnosis,
     Discrepancy,
     Health,
     HealthAlarm,
-    Message,
     SamplesMessage,
     Status,
     dump_json,
@@ -248,7 +248,6 @@ def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
 # ---- messages on their way in ----------------------------------------------------------------------------------------
 
 
-RECEIVED: Final[dict[str, type[Message]]] = {**KINDS, Health.kind: Health}
 MAX_WAITING: Final = 10_000  # entries that wait for a frame, and windows that wait for the history
 BATCH: Final = 100  # windows, or reports of monitors, of one transaction: alarms of a thousand wheels take some seconds
 # Silence of a monitor that is an alarm: a restart takes some seconds, and one that diagnoses many wheels at once may be
@@ -354,9 +353,9 @@ class Listener(BusThread):
             self.on_idle()
         try:
             spacecraft, wheel, kind = split_key(key)
-            if kind not in RECEIVED:
+            if kind not in KINDS:
                 return
-            message = RECEIVED[kind].parse(payload, key)
+            message = KINDS[kind].parse(payload, key)
             if isinstance(message, SamplesMessage) and message.data == "replay":
                 key = replay_key(key)
                 wheel = split_key(key)[1]

@@ -16,12 +16,10 @@ from rwa_monitor.history.records import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import (
     INTERVALS_TILL_LATE,
     MAX_WHEELS,
-    REPORTS,
     Changepoints,
     Diagnosis,
     Discrepancy,
     Message,
-    SamplesMessage,
     Status,
     dump_json,
     health_message,
@@ -33,9 +31,6 @@ from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
-# What is shown of what goes over the bus.
-SHOWN: Final[tuple[type[Message], ...]] = (SamplesMessage, *REPORTS)
-KINDS: Final = {message.kind: message for message in SHOWN}
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history is begun with
 

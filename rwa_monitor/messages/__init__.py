@@ -586,4 +586,4 @@ class Discrepancy(WheelMessage):
 
 
 MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoints, Diagnosis, Discrepancy, Health)
-REPORTS: Final[tuple[type[Message], ...]] = (Diagnosis, Changepoints, Status, Discrepancy)  # what pages show of a wheel
+KINDS: Final = {message.kind: message for message in MESSAGES}

@@ -611,16 +611,15 @@ PUBLISHED: Final = frozenset(message.schema_name() for message in MESSAGES)
 @contextmanager
 def _new_file(target: Path) -> Iterator[IO[bytes]]:
     """Give a new file to write to; raises InputError if it exists or cannot be written."""
-    try:
-        with target.open("xb") as file:
-            yield file
-    except InputError:
-        target.unlink()  # it has no end yet
-        raise
-    except FileExistsError as error:
-        raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
-    except OSError as error:
-        raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
+    with refusing(target, "cannot be written", "--output"):
+        try:
+            with target.open("xb") as file:
+                yield file
+        except InputError:
+            target.unlink()  # it has no end yet
+            raise
+        except FileExistsError as error:
+            raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
 
 
 # ---- what a damaged recording still holds: every whole chunk, and only true messages ---------------------------------
