@@ -15,8 +15,7 @@ from dataclasses import dataclass
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.monitor.events import WindowDiagnosed
+from rwa_monitor.monitor.core import WindowDiagnosed, diagnose_samples
 from rwa_monitor.monitor.searches import PATIENCE
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.demo_satellite import WINDOW_SECONDS, Satellite, same, samples_key, simulate_satellite

@@ -232,7 +232,7 @@ def _history(seed: int, windows: int, number: int) -> dict[str, int]:
                     alarms[name].get(anomaly, Alarm()), level, closed.diagnosis.window_end_ns, policy
                 )
                 after[anomaly] = alarm._replace(phase="quiet") if alarm.phase == "returned" else alarm
-                raised[name] += sum(event.kind in {"raised", "relapsed"} for event in events)
+                raised[name] += sum(event.event in {"raised", "relapsed"} for event in events)
             alarms[name] = alarms[name] | after
     return raised
 

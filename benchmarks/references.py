@@ -24,7 +24,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, EncodedMessage, SamplesMessage, Status, samples_json
-from rwa_monitor.monitor.backfill import Arrival, Inbox
+from rwa_monitor.monitor.backfill import Backfill, Inbox
 from rwa_monitor.monitor.bus import MonitorBus
 from rwa_monitor.monitor.recorder import Recorder
 from rwa_monitor.monitor.recording import read_recording, recordings_of
@@ -218,23 +218,7 @@ class SilentBus(MonitorBus):
 
     def __init__(self) -> None:
         self.inbox = Inbox()
-
-    @property
-    def missed(self) -> dict[str, int]:
-        """Nobody's messages are lost."""
-        return {}
-
-    def take(self) -> None:
-        """Take from nobody."""
-
-    def ask_again(self, message: Arrival) -> bool:
-        """Ask nobody."""
-        del message
-        return False
-
-    def waiting(self) -> int:
-        """Count nobody's messages."""
-        return 0
+        self.backfill = Backfill(lambda *_: None, self.inbox.max_bytes)
 
     def publish(self, message: EncodedMessage) -> None:
         """Publish to nobody."""

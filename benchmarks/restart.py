@@ -34,8 +34,7 @@ from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, samples_json
 from rwa_monitor.monitor.bus import BusOptions, messages_publisher, open_session
-from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.monitor.events import outputs_of
+from rwa_monitor.monitor.core import diagnose_samples, outputs_of
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

@@ -35,8 +35,7 @@ from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel
 from rwa_monitor.messages import Diagnosis, Method
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, WindowDiagnosed
+from rwa_monitor.monitor.core import Event, WheelCore, WindowDiagnosed
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings

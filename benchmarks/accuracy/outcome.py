@@ -13,8 +13,7 @@ from rwa_monitor.diagnosis.training import LabelledFeatures
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN, false_changepoints
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import AttributedChangepoint, Method
-from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.monitor.events import WindowDiagnosed
+from rwa_monitor.monitor.core import WindowDiagnosed, diagnose_samples
 from rwa_monitor.samples import BoolArray, IntArray, Samples
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.simulation.record import Changepoints

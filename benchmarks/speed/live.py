@@ -249,11 +249,11 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
                 bus.inbox.wake.wait(0.1)
             if left == messages:
                 begin, busy = time.perf_counter(), time.thread_time()
-            left -= monitor.receive(message.key, message.payload, partial(bus.ask_again, message))
+            left -= monitor.receive(message.key, message.payload, partial(bus.backfill.ask_again, message))
             monitor.tick()
         monitor.close()
         seconds, busy_s = time.perf_counter() - begin, time.thread_time() - busy
-        account = {"lost by the bus": sum(bus.missed.values()), "dropped": bus.inbox.dropped}
+        account = {"lost by the bus": sum(bus.backfill.missed.values()), "dropped": bus.inbox.dropped}
     recordings = [read_recording(path) for path in recordings_of(folder)]
     found = [message for recording in recordings for message in recording.messages]
     inputs = [

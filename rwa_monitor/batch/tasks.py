@@ -20,8 +20,7 @@ from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.messages import Diagnosis, Method
-from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.monitor.events import WindowDiagnosed
+from rwa_monitor.monitor.core import WindowDiagnosed, diagnose_samples
 from rwa_monitor.monitor.telemetry_files import NO_DECODING, read_telemetry
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState

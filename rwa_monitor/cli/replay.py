@@ -41,7 +41,7 @@ def replay(
     if publish:
         return _publish(paths, speed, bus)
     with cli.status_line("replaying") as progress:
-        report = replay(paths, lambda done: progress(f"{done:,} messages"))
+        report = replay(paths, lambda recording, _: progress(f"{recording.share:.0%} of {recording.path.name}"))
     if compare:
         click.echo(report.long() if long else report.short())
     else:

@@ -59,7 +59,6 @@ from rwa_monitor.messages import (
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from rwa_monitor.words import RELEASE, SOFTWARE
 
-CONTENT_TYPE: Final = CONTENT_TYPE_PLAIN_0_0_4
 SAMPLES: Final = ("used", "masked", "late", "duplicate", "rejected")
 MESSAGES: Final = ("missed", "dropped", "rejected")
 
@@ -546,7 +545,7 @@ class Api:
         del request
         alarms, retired = self._history.alarms(closed=0), self._history.retired.names()
         text = metrics(self._fleet, alarms, len(self.notifier.hub.clients), retired)
-        return Response(text, media_type=CONTENT_TYPE)
+        return Response(text, media_type=CONTENT_TYPE_PLAIN_0_0_4)
 
     def recordings(self) -> Response:
         """Answer with the recordings there are, the latest first."""

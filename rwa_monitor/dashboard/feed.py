@@ -23,20 +23,20 @@ from typing import Final, Self
 
 import zenoh
 
-from rwa_monitor.dashboard.fleet import KEYS, KINDS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
+from rwa_monitor.dashboard.fleet import KEYS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord, MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
+    KINDS,
     PERIOD_S,
     REPLAY,
     Diagnosis,
     Discrepancy,
     Health,
     HealthAlarm,
-    Message,
     SamplesMessage,
     Status,
     dump_json,
@@ -77,7 +77,8 @@ class Hub:
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
-        self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
+        # What is wrong with the dashboard itself, in words, by what it is; "" where nothing is.
+        self.notes = {"bus": "", "history": ""}
         self._posted: deque[Received] = deque(maxlen=MAX_WAITING)  # its appends are atomic
 
     def post(self, received: Received) -> None:
@@ -87,10 +88,7 @@ class Hub:
 
     def note(self, what: str, trouble: str) -> None:
         """Report to every page what is wrong with something of the dashboard, "" where nothing is."""
-        if trouble:
-            self.notes[what] = trouble
-        else:
-            self.notes.pop(what, None)
+        self.notes[what] = trouble
 
     def watched(self, wheel: str) -> bool:
         """Return whether a page shows the samples of a wheel ("spacecraft/wheel")."""
@@ -106,7 +104,7 @@ class Hub:
             entries: list[Received] = []
             if now >= beat_due:
                 beat_due = now + PERIOD_S  # a page without a beat for some seconds takes the server for gone
-                beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
+                beat = dump_json({"wall_ns": time.time_ns(), "notes": [*filter(None, self.notes.values())]})
                 entries.append(Received(BEAT_KEY, beat, time.time_ns()))
             self._hand_out(entries)
 
@@ -250,7 +248,6 @@ def states(alarms: Iterable[AlarmRecord]) -> dict[str, HealthAlarm]:
 # ---- messages on their way in ----------------------------------------------------------------------------------------
 
 
-RECEIVED: Final[dict[str, type[Message]]] = {**KINDS, Health.kind: Health}
 MAX_WAITING: Final = 10_000  # entries that wait for a frame, and windows that wait for the history
 BATCH: Final = 100  # windows, or reports of monitors, of one transaction: alarms of a thousand wheels take some seconds
 # Silence of a monitor that is an alarm: a restart takes some seconds, and one that diagnoses many wheels at once may be
@@ -343,7 +340,7 @@ class Listener(BusThread):
             work()
         except HistoryError as error:
             self._retry_due_s = time.monotonic() + PERIOD_S
-            if "history" not in self.hub.notes:
+            if not self.hub.notes["history"]:
                 self.log(str(error))
             self.hub.note("history", f"{error}. {len(self._waiting)} windows wait to be stored.")
             return False
@@ -356,9 +353,9 @@ class Listener(BusThread):
             self.on_idle()
         try:
             spacecraft, wheel, kind = split_key(key)
-            if kind not in RECEIVED:
+            if kind not in KINDS:
                 return
-            message = RECEIVED[kind].parse(payload, key)
+            message = KINDS[kind].parse(payload, key)
             if isinstance(message, SamplesMessage) and message.data == "replay":
                 key = replay_key(key)
                 wheel = split_key(key)[1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any, Final, NamedTuple
 
@@ -16,12 +16,10 @@ from rwa_monitor.history.records import AlarmRecord, RetirementEvent
 from rwa_monitor.messages import (
     INTERVALS_TILL_LATE,
     MAX_WHEELS,
-    REPORTS,
     Changepoints,
     Diagnosis,
     Discrepancy,
     Message,
-    SamplesMessage,
     Status,
     dump_json,
     health_message,
@@ -33,9 +31,6 @@ from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_
 from rwa_monitor.wheel.wheel import Wheel as WheelConstants
 
 KEYS: Final = "rwa/*/*/*"  # on the bus
-# What is shown of what goes over the bus.
-SHOWN: Final[tuple[type[Message], ...]] = (SamplesMessage, *REPORTS)
-KINDS: Final = {message.kind: message for message in SHOWN}
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 REMEMBERED: Final = 50  # windows that a verdict history is begun with
 
@@ -137,9 +132,9 @@ class Rhythm:
         expected_s = max(self._intervals) if known else self._span_s
         return max(LEAST_STALE_S, INTERVALS_TILL_LATE * expected_s)
 
-    def to_json(self) -> bytes:
+    def shown(self) -> dict[str, float | None]:
         """Return it as it goes with a status in the feed."""
-        return dump_json({"wall_ns": self.wall_ns, "stale_after_s": round(self.stale_after_s, 3)})
+        return {"wall_ns": self.wall_ns, "stale_after_s": round(self.stale_after_s, 3)}
 
 
 # ---- samples thinned for a picture -----------------------------------------------------------------------------------
@@ -160,10 +155,10 @@ class DecimatedSamples:
         self._kept = _shown(Samples(np.zeros(0, dtype=np.int64), np.zeros(0)))
 
     def add(self, samples: Samples) -> Samples:
-        """Take samples in; returns those that were picked."""
-        picked = samples[self._phase :: self.stride]
+        """Take samples in; returns those that were picked, as they are shown."""
+        picked = _shown(samples[self._phase :: self.stride])
         self._phase = (self._phase - len(samples)) % self.stride
-        self._kept = concatenate([self._kept, _shown(picked)])
+        self._kept = concatenate([self._kept, picked])
         if len(self._kept) > MAX_POINTS:
             self._thin()
         return picked
@@ -189,24 +184,18 @@ class DecimatedSamples:
         return thinned_json(self._kept) if len(self._kept) else b"null"
 
 
-def thinned_json(samples: Samples) -> bytes:
-    """Return what is shown of samples as the JSON of a `SamplesMessage`."""
-    shown = _shown(samples)
-    warmth = _known(shown.bearing_temperature_degC, len(shown))
-    rounded = Samples(
-        shown.time_ns,
-        np.round(shown.speed_rad_s, 9),
-        np.round(_known(shown.friction_torque_Nm, len(shown)), 9),
-        bearing_temperature_degC=None if np.isnan(warmth).all() else warmth,  # most wheels have no sensor for it
-    )
-    return samples_json(rounded, publisher="", batch=0)
+def thinned_json(picked: Samples) -> bytes:
+    """Return samples that were picked as the JSON of a `SamplesMessage`."""
+    if np.isnan(_known(picked.bearing_temperature_degC, len(picked))).all():  # most wheels have no sensor for it
+        picked = replace(picked, bearing_temperature_degC=None)
+    return samples_json(picked, publisher="", batch=0)
 
 
 def _shown(samples: Samples) -> Samples:
     """Return time, speed, friction and bearing temperature of samples, NaN where one was not measured."""
-    friction = _known(samples.friction_torque_Nm, len(samples))
+    speed, friction = np.round(samples.speed_rad_s, 9), np.round(_known(samples.friction_torque_Nm, len(samples)), 9)
     warmth = _known(samples.bearing_temperature_degC, len(samples))
-    return Samples(samples.time_ns, samples.speed_rad_s, friction, bearing_temperature_degC=warmth)
+    return Samples(samples.time_ns, speed, friction, bearing_temperature_degC=warmth)
 
 
 def _known(values: FloatArray | None, count: int) -> FloatArray:
@@ -342,14 +331,10 @@ class Fleet:
                     wheel.status = message
                     wall_ns = received.wall_ns or 0
                     wheel.rhythm.take_status(message.last_sample_ns, wall_ns)
-                    rhythm = wheel.rhythm.to_json()
-                    pulse = b'{"reported_wall_ns":%d,"window_fill":%.4f,"telemetry":%b,"refused":%b}' % (
-                        wall_ns,
-                        message.window_fill,
-                        rhythm,
-                        dump_json(_refused(message)),
-                    )
-                    received = received._replace(beside=rhythm, brief=pulse)
+                    rhythm, fill = wheel.rhythm.shown(), round(message.window_fill, 4)
+                    pulse = {"reported_wall_ns": wall_ns, "window_fill": fill, "telemetry": rhythm}
+                    brief = dump_json(pulse | {"refused": _refused(message)})
+                    received = received._replace(beside=dump_json(rhythm), brief=brief)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from threading import Lock
 from typing import Final
 
 import foxglove
@@ -45,7 +44,6 @@ class FoxgloveServer(BusThread, ServerListener):
         self._schemas = {
             name: Schema(name=name, encoding="jsonschema", data=dump_json(schema)) for name, schema in schemas().items()
         }
-        self._lock = Lock()
         self._latest: dict[str, tuple[Channel, EncodedMessage]] = {}  # by topic; used from several threads
         try:
             self._server = foxglove.start_server(
@@ -86,8 +84,7 @@ class FoxgloveServer(BusThread, ServerListener):
             channel = Channel(view.topic, schema=schema, message_encoding="json", context=self._context)
         else:
             return
-        with self._lock:
-            self._latest[view.topic] = channel, view
+        self._latest[view.topic] = channel, view
         channel.log(view.payload, log_time=view.time_ns)
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
@@ -97,7 +94,6 @@ class FoxgloveServer(BusThread, ServerListener):
         line of the log would stand there twice, and is left out.
         """
         del client
-        with self._lock:
-            kept = self._latest.get(channel.topic)
+        kept = self._latest.get(channel.topic)
         if kept is not None and kept[1].schema != LOG_SCHEMA:
             kept[0].log(kept[1].payload, log_time=kept[1].time_ns)

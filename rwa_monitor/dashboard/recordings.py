@@ -11,7 +11,6 @@ from typing import Final
 
 from rwa_monitor.dashboard.feed import BATCH, array_json
 from rwa_monitor.dashboard.fleet import (
-    KINDS,
     MAX_POINTS,
     DecimatedSamples,
     DerivedFriction,
@@ -22,6 +21,7 @@ from rwa_monitor.dashboard.fleet import (
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
+    MESSAGES,
     Diagnosis,
     Discrepancy,
     Health,
@@ -40,7 +40,7 @@ from rwa_monitor.monitor.recording import (
 )
 from rwa_monitor.monitor.setup import Setup
 
-SHOWN: Final = {kind.schema_name(): kind for kind in KINDS.values()}
+SHOWN: Final = {message.schema_name(): message for message in MESSAGES if message is not Health}
 
 
 class RecordingFile(Message):

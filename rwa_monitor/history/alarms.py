@@ -157,7 +157,7 @@ class Alarm(NamedTuple):
 class AlarmEvent(NamedTuple):
     """A line of the audit trail: what happened, the level then, and when [ns, the wheel's clock]."""
 
-    kind: EventKind
+    event: EventKind
     level: Level
     time_ns: int
 

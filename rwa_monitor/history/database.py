@@ -128,12 +128,11 @@ def _open_engine(url: sa.URL) -> sa.Engine:
         sa.event.listen(engine, "connect", _set_up_connection)
     try:
         make_tables(engine)
-    except SQLAlchemyError as error:
+    except (SQLAlchemyError, InputError) as error:
         engine.dispose()
+        if isinstance(error, InputError):
+            raise
         raise InputError(url.render_as_string(), f"cannot be used as a history: {_reason(error)}") from error
-    except InputError:
-        engine.dispose()
-        raise
     return engine
 
 

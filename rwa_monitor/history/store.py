@@ -165,20 +165,17 @@ class History(Database):
         for name in [*levels, *(name for name in COMPARED if alike and name not in levels)]:
             level = levels.get(name)
             moved = _moved(session, diagnosis, name) if alike and name in COMPARED else None
-            if moved is None or (level is None and not (moved.is_common or moved.is_alone)):
-                if level is not None:
-                    yield diagnosis.wheel, name, level, _reason(diagnosis, name)
-                continue
-            if moved.is_common:
+            if moved is not None and moved.is_common:
                 yield diagnosis.wheel, name, Level.NORMAL, ""
                 least = Level.WATCH if moved.is_large else Level.NORMAL
                 yield ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
                 continue
-            if moved.is_alone and not level:
+            if moved is not None and moved.is_alone and not level:
                 yield diagnosis.wheel, name, Level.WATCH, moved.in_words
             elif level is not None:
                 yield diagnosis.wheel, name, level, _reason(diagnosis, name)
-            yield ALL_WHEELS, name, Level.NORMAL, ""
+            if moved is not None and (moved.is_alone or level is not None):
+                yield ALL_WHEELS, name, Level.NORMAL, ""
 
     def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
         """Return the wheels of a window's spacecraft, that of the window among them."""
@@ -208,18 +205,12 @@ class History(Database):
 
     def add_discrepancy(self, found: Discrepancy) -> bool:
         """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
+        name, text = {"spacecraft": found.spacecraft, "wheel": found.wheel}, found.to_json().decode()
         with self.session() as session:
-            row = session.get(DiscrepancyRow, (found.spacecraft, found.wheel))
+            row = session.get(DiscrepancyRow, name)
             if row is not None and row.end_ns >= found.end_ns:
                 return False
-            session.merge(
-                DiscrepancyRow(
-                    spacecraft=found.spacecraft,
-                    wheel=found.wheel,
-                    end_ns=found.end_ns,
-                    message=found.to_json().decode(),
-                )
-            )
+            session.merge(DiscrepancyRow(**name, end_ns=found.end_ns, message=text))
             return True
 
     def _advance(
@@ -236,11 +227,11 @@ class History(Database):
             row = AlarmRow(spacecraft=state.spacecraft, wheel=state.wheel, name=state.name, reason=reason)
             session.add(row)
         for happened in events:
-            if happened.kind in {"escalated", "relapsed"}:
+            if happened.event in {"escalated", "relapsed"}:
                 row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
-                    self._log(session, row, happened._replace(kind="unshelved"))
+                    self._log(session, row, happened._replace(event="unshelved"))
             self._log(session, row, happened)
         _write(row, after, time_ns)
         session.flush()
@@ -248,16 +239,8 @@ class History(Database):
 
     def _log(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
         session.info.setdefault(CHANGED, set()).add(row)
-        row.trail.append(
-            AlarmEventRow(
-                event=happened.kind,
-                level=happened.level,
-                time_ns=happened.time_ns,
-                wall_ns=self._wall_ns(),
-                person=person,
-                note=note,
-            )
-        )
+        line = AlarmEventRow(**happened._asdict(), wall_ns=self._wall_ns(), person=person, note=note)
+        row.trail.append(line)
 
     def acknowledge(self, alarm_id: int, person: str, note: str = "") -> AlarmRecord:
         """Note that somebody has seen an alarm; returns it as it stands then.
@@ -278,7 +261,7 @@ class History(Database):
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
             for happened in events:
-                self._log(session, row, happened, *((person, note) if happened.kind == "acknowledged" else ()))
+                self._log(session, row, happened, *((person, note) if happened.event == "acknowledged" else ()))
             _write(row, after, state.last_window_ns)
             if row.closed_ns is not None:
                 state.alarm_id = None
@@ -347,12 +330,8 @@ class History(Database):
 
     def estimates(self, spacecraft: str, wheel: str, limit: int = 5_000) -> list[EstimateRecord]:
         """Return the latest estimates of a wheel, the oldest first."""
-        wanted = (
-            select(EstimateRow)
-            .filter_by(spacecraft=spacecraft, wheel=wheel)
-            .order_by(EstimateRow.window_end_ns.desc(), EstimateRow.name)
-            .limit(limit)
-        )
+        wanted = select(EstimateRow).filter_by(spacecraft=spacecraft, wheel=wheel)
+        wanted = wanted.order_by(EstimateRow.window_end_ns.desc(), EstimateRow.name).limit(limit)
         with self.session() as session:
             rows = session.scalars(wanted).all()
             return [EstimateRecord.model_validate(row, from_attributes=True) for row in reversed(rows)]

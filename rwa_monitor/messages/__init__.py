@@ -68,8 +68,7 @@ class Message(BaseModel):
     @classmethod
     def json_schema(cls) -> dict[str, Any]:
         """Return the JSON Schema (draft 2020-12) of the message."""
-        mode: Literal["validation", "serialization"] = "validation" if cls.kind == "samples" else "serialization"
-        schema = cls.model_json_schema(mode=mode)
+        schema = cls.model_json_schema(mode="validation" if cls.kind == "samples" else "serialization")
         schema["title"] = cls.schema_name()
         return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 
@@ -91,14 +90,19 @@ class Message(BaseModel):
 
     def to_json(self) -> bytes:
         """Write the message; the same values always give the same bytes."""
-        content = self.model_dump(mode="python")
-        return dump_json(
-            {name: value for name, value in content.items() if value is not None or name not in self.omitted}
-        )
+        left_out = {name for name in self.omitted if getattr(self, name) is None}
+        return dump_json(self.model_dump(exclude=left_out))
 
     def encoded(self, spacecraft: str, wheel: str, time_ns: int = 0) -> EncodedMessage:
         """Return the message as it goes to the bus and into a recording: of a wheel, with a time on its clock [ns]."""
         return EncodedMessage(key_of(type(self), spacecraft, wheel), self.schema_name(), self.to_json(), time_ns)
+
+
+class WheelMessage(Message):
+    """Base of what is reported of a wheel."""
+
+    spacecraft: Name
+    wheel: Name
 
 
 class EncodedMessage(NamedTuple):
@@ -305,7 +309,7 @@ class Provenance(Message):
     prior_sha256: str
 
 
-class Diagnosis(Message):
+class Diagnosis(WheelMessage):
     """The diagnosis of one window, [window_start_ns, window_end_ns). Nothing in it depends on the wall clock.
 
     `samples` is the window's length in slots, `coverage` the share of slots with a good sample. `data` is "stored"
@@ -315,8 +319,6 @@ class Diagnosis(Message):
     kind: ClassVar[str] = "diagnosis"
     omitted: ClassVar[tuple[str, ...]] = ("source", "data")
 
-    spacecraft: Name
-    wheel: Name
     source: str | None = None
     data: Literal["stored"] | None = None
     window_start_ns: ClockNs
@@ -349,13 +351,11 @@ class ProvisionalJump(Message):
     confidence: Share
 
 
-class Changepoints(Message):
+class Changepoints(WheelMessage):
     """Jumps of the running window, provisional until its diagnosis."""
 
     kind: ClassVar[str] = "changepoints"
 
-    spacecraft: Name
-    wheel: Name
     window_start_ns: ClockNs
     changepoints: list[ProvisionalJump]
 
@@ -368,7 +368,7 @@ class HealthAlarm(Message):
     acknowledged_by: str | None
 
 
-class Health(Message):
+class Health(WheelMessage):
     """A wheel's health in brief: `severity` of its worst active anomaly, `alarms` the names of all of them.
 
     `alarm_states` are the open alarms by name, where a dashboard keeps them; a monitor has none. `data` is there where
@@ -378,8 +378,6 @@ class Health(Message):
     kind: ClassVar[str] = "health"
     omitted: ClassVar[tuple[str, ...]] = ("alarm_states", "data")
 
-    spacecraft: Name
-    wheel: Name
     verdict: Verdict
     severity: Number
     reason: str
@@ -413,7 +411,7 @@ def health_message(diagnosis: Diagnosis, data: NotLive | None = None) -> Health:
     )
 
 
-class Status(Message):
+class Status(WheelMessage):
     """How the monitor of a wheel is doing: received = used + masked + late + duplicate + rejected + queued samples.
 
     `messages_rejected` and `messages_missed` count this wheel's messages, `messages_dropped` and `queue_depth` those of
@@ -424,8 +422,6 @@ class Status(Message):
 
     kind: ClassVar[str] = "status"
 
-    spacecraft: Name
-    wheel: Name
     samples_received: Count
     samples_used: Count
     samples_masked: Count
@@ -575,13 +571,11 @@ class Gain(Message):
         return not self.is_a_loss and self.rmse_extended_Nm > self.rmse_base_Nm
 
 
-class Discrepancy(Message):
+class Discrepancy(WheelMessage):
     """What the simulation of a wheel gets wrong, the strongest effect first; from the samples start_ns … end_ns."""
 
     kind: ClassVar[str] = "discrepancy"
 
-    spacecraft: Name
-    wheel: Name
     start_ns: ClockNs
     end_ns: ClockNs
     verdict: Literal["adequate", "inadequate", "untestable"]
@@ -592,4 +586,4 @@ class Discrepancy(Message):
 
 
 MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoints, Diagnosis, Discrepancy, Health)
-REPORTS: Final[tuple[type[Message], ...]] = (Diagnosis, Changepoints, Status, Discrepancy)  # what pages show of a wheel
+KINDS: Final = {message.kind: message for message in MESSAGES}

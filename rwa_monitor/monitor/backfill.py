@@ -170,10 +170,6 @@ class _Gap:
         """Return whether an answer is awaited."""
         return self.asked_s is not None and self.answered_s is None and now_s < self.asked_s + TIMEOUT_S
 
-    def is_closed(self) -> bool:
-        """Return whether all that was missing was found."""
-        return len(self.found) >= self.before.number - self.first
-
 
 class Backfill:
     """Stands between the inbox and whoever takes messages from it.
@@ -302,7 +298,7 @@ class Backfill:
         if gap.asked_s is None or gap.is_awaited(now_s):
             return
         end_s = gap.asked_s + TIMEOUT_S if gap.answered_s is None else gap.answered_s
-        if not gap.is_closed() and gap.pauses_s:
+        if len(gap.found) < gap.before.number - gap.first and gap.pauses_s:
             if now_s >= end_s + gap.pauses_s[0]:
                 gap.pauses_s.pop(0)
                 self._ask_for(gap)

@@ -257,12 +257,17 @@ class MonitorBus:
         An open session; it is left open at the end.
     inbox
         Where samples go.
+
+    Attributes
+    ----------
+    backfill
+        Closes the gaps in what the inbox gives.
     """
 
     def __init__(self, session: zenoh.Session, inbox: Inbox) -> None:
         self.session = session
         self.inbox = inbox
-        self._backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
+        self.backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
         self._health = HealthAnswers(session)
@@ -274,24 +279,15 @@ class MonitorBus:
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
-        message = self._backfill.take(self.inbox.take)
+        message = self.backfill.take(self.inbox.take)
         if message is None:  # what was dropped is asked for when there is time for it
             for dropped in self.inbox.take_lost():
-                self._backfill.miss(dropped)
+                self.backfill.miss(dropped)
         return message
-
-    def ask_again(self, message: Arrival) -> bool:
-        """Ask for a message once more that could not be read; False where that is no use: see `Backfill.ask_again`."""
-        return self._backfill.ask_again(message)
-
-    @property
-    def missed(self) -> dict[str, int]:
-        """Messages that publishers no longer had when they were asked for them again, by key."""
-        return self._backfill.missed
 
     def waiting(self) -> int:
         """Count the messages that wait."""
-        return len(self.inbox) + len(self._backfill)
+        return len(self.inbox) + len(self.backfill)
 
     def offer_health(self) -> None:
         """Answer questions on rwa/**/health, and show that the monitor is alive by a liveliness token."""

@@ -10,17 +10,27 @@ result does not depend on how the samples are cut into messages.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 
 from rwa_monitor.changepoints.evidence import ConfirmedCandidate, WindowAccumulator
+from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import Method, ProvisionalJump
+from rwa_monitor.messages import (
+    REPLAY,
+    Changepoints,
+    Diagnosis,
+    EncodedMessage,
+    Message,
+    Method,
+    NotLive,
+    ProvisionalJump,
+    health_message,
+)
 from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
-from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.monitor.ingest import PIECE_SLOTS, Batch, Counts, Rows, Sequencer, SlotAssignment, Trouble
 from rwa_monitor.monitor.stored import MAX_WINDOWS, StoredTelemetry
 from rwa_monitor.paper import method as paper
@@ -196,14 +206,14 @@ class WheelCore:
     def _take_all(self, ready: Iterable[Batch | Trouble]) -> list[Event]:
         events: list[Event] = []
         for one in ready:
-            events += self._take(one) if isinstance(one, Batch) else [one]
+            if isinstance(one, Trouble):
+                events.append(one)
+                continue
+            rows, found = self._rows(one.samples)
+            if self._stored is not None:
+                self._stored.add(rows, None)
+            events += found + self._place(rows, passed=one.passed)
         return events
-
-    def _take(self, message: Batch) -> list[Event]:
-        rows, events = self._rows(message.samples)
-        if self._stored is not None:
-            self._stored.add(rows, None)
-        return events + self._place(rows, passed=message.passed)
 
     def _rows(self, samples: Samples) -> tuple[Rows, list[Event]]:
         """Return samples that are within the wheel's limits, and what they show of the settings."""
@@ -502,7 +512,7 @@ class Windows:
             if self._done != self._next_start and ready < min(next_block, self._border):
                 return []  # nothing to work off, and many slots are screened in the time of one
         masked, faults = self.screen.run(self.ring, seen, self._border_before)
-        events = self._mask(masked, faults) if masked or faults else []
+        events = self._mask(masked, faults)
         while True:
             end = self._open[0].start + self._samples if self._open else self._done + 1
             # A full window is closed when a sample beyond it, and beyond the stencil, has come.
@@ -538,7 +548,7 @@ class Windows:
         friction, masked, faults, viscous = self.friction.friction(self.ring, start, stop, torque)
         there = np.ones(stop - start, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there, viscous) for window in self._open]
-        events = self._mask(masked, faults) if masked or faults else []
+        events = self._mask(masked, faults)
         if not confirmed or not confirmed[0]:
             return events
         # Where windows overlap, the first one to hold a slot reports it.
@@ -560,7 +570,7 @@ class Windows:
 
     # ---- windows into diagnoses -------------------------------------------------------------------------------------
 
-    def _provisional(self, window_start: int, candidate: ConfirmedCandidate) -> ProvisionalChangepoint:
+    def _provisional(self, window_start: int, candidate: ConfirmedCandidate) -> Changepoints:
         jump = ProvisionalJump(
             index=candidate.index,
             time_ns=self.grid.time_of(window_start + candidate.index),
@@ -568,7 +578,8 @@ class Windows:
             std_Nm=candidate.std * self.wheel.torque_unit_Nm,
             confidence=candidate.confidence,
         )
-        return ProvisionalChangepoint(self.grid.time_of(window_start), jump)
+        start_ns = self.grid.time_of(window_start)
+        return Changepoints(spacecraft="", wheel="", window_start_ns=start_ns, changepoints=[jump])
 
     def _close(self, window: _OpenWindow) -> WindowDiagnosed:
         """Diagnose a window, full or not."""
@@ -695,3 +706,65 @@ class SettingsCheck:
             return []
         question = f"is sample_period_s = {expected_s:.6g} of the wheel file right?"
         return [Trouble("sample period", f"{question} The samples come every {period_s:.3g} s")]
+
+
+# ---- events and the messages made of them, which live monitor and replay share ---------------------------------------
+
+
+class WindowDiagnosed(NamedTuple):
+    """A window was closed and diagnosed.
+
+    Attributes
+    ----------
+    diagnosis
+        Of the window; no spacecraft, wheel or file is named in it.
+    features
+        What the classifiers saw, for training; they do not leave the program.
+    carried
+        The wheel's state after it.
+    """
+
+    diagnosis: Diagnosis
+    features: Features
+    carried: CarriedState
+
+    def message(self, spacecraft: str, wheel: str, source: str | None = None) -> Diagnosis:
+        """Return the diagnosis as a message; of a table `spacecraft` is "" and `source` its file."""
+        return self.diagnosis.model_copy(update={"spacecraft": spacecraft, "wheel": wheel, "source": source})
+
+
+# Changepoints are of one jump, as soon as it is confirmed; like a diagnosis they do not name the wheel yet.
+Event = Changepoints | WindowDiagnosed | Trouble
+
+
+class Carried(Message):
+    """The state that a window hands to the next one, and its hash; recorded beside the diagnosis, not published."""
+
+    kind: ClassVar[str] = "carried"
+
+    window_end_ns: int
+    sha256: str
+    state: dict[str, Any]
+
+
+def outputs_of(
+    events: Iterable[Event], spacecraft: str, wheel: str, data: NotLive | None = None
+) -> list[EncodedMessage]:
+    """Return the messages for events of a wheel, in order; all but `Carried` are published.
+
+    What a replay gives is, but for its key, what its telemetry gave live. `data` is what the samples were where that is
+    not live: old by the clock when they came, or a replay. The health alone gives notice of it.
+    """
+    outputs: list[EncodedMessage] = []
+    name = wheel.removesuffix(REPLAY)
+    for event in events:
+        if isinstance(event, Changepoints):
+            found = event.model_copy(update={"spacecraft": spacecraft, "wheel": name})
+            outputs.append(found.encoded(spacecraft, wheel, found.changepoints[0].time_ns))
+        elif isinstance(event, WindowDiagnosed):
+            diagnosis, end_ns = event.message(spacecraft, name), event.diagnosis.window_end_ns
+            state = event.carried.model_dump(mode="json")
+            carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
+            of_window = (diagnosis, carried, health_message(diagnosis, data))
+            outputs += [message.encoded(spacecraft, wheel, end_ns) for message in of_window]
+    return outputs

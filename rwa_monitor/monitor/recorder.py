@@ -611,16 +611,15 @@ PUBLISHED: Final = frozenset(message.schema_name() for message in MESSAGES)
 @contextmanager
 def _new_file(target: Path) -> Iterator[IO[bytes]]:
     """Give a new file to write to; raises InputError if it exists or cannot be written."""
-    try:
-        with target.open("xb") as file:
-            yield file
-    except InputError:
-        target.unlink()  # it has no end yet
-        raise
-    except FileExistsError as error:
-        raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
-    except OSError as error:
-        raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
+    with refusing(target, "cannot be written", "--output"):
+        try:
+            with target.open("xb") as file:
+                yield file
+        except InputError:
+            target.unlink()  # it has no end yet
+            raise
+        except FileExistsError as error:
+            raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
 
 
 # ---- what a damaged recording still holds: every whole chunk, and only true messages ---------------------------------
@@ -694,16 +693,12 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
         If a path is no recording, holds a message that is none of ours, or the target exists or cannot be written.
     """
     layout_path = target.with_name(target.stem + LAYOUT_SUFFIX)
-    for path in (target, layout_path):
-        if path.exists():
-            raise InputError(str(path), "exists already; nothing is overwritten", "--output")
     files = [file for path in paths for file in recordings_of(path)]
     translator, seen = Translator(), Seen()
     messages, problems = 0, list[str]()
-    with _new_file(target) as stream:
-        writer = TopicWriter(
-            stream, schemas(), chunk_bytes=Sink.GATHERED_BYTES
-        )  # read at once, not while a monitor writes
+    with _new_file(target) as stream, _new_file(layout_path) as layout_file:
+        # Large chunks: the file is read at once, and not while a monitor writes.
+        writer = TopicWriter(stream, schemas(), chunk_bytes=Sink.GATHERED_BYTES)
         for file in files:
             recording = read_recording(file)
             problems += [f"{file}: {problem}" for problem in recording.problems]
@@ -718,5 +713,5 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
             seen.add(views)
             messages += len(views)
         writer.finish()
-        layout_path.write_bytes(layout(seen))
+        layout_file.write(layout(seen))
     return FoxgloveFile(layout_path, messages, tuple(problems))

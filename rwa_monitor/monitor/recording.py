@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from errno import EIO
 from hashlib import file_digest
 from pathlib import Path
-from typing import Any, BinaryIO, Final, NamedTuple, TypeVar
+from typing import Any, BinaryIO, Final, TypeVar
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Schema
@@ -64,13 +64,6 @@ ALL_CHECKPOINTS: Final = "all"
 SOME_CHECKPOINTS: Final = "some"
 
 
-class Attached(NamedTuple):
-    """An attachment of a recording."""
-
-    name: str
-    data: bytes
-
-
 class Recording:
     """A recording, whose content is passed on piece by piece: a large one takes little memory.
 
@@ -107,7 +100,7 @@ class Recording:
         self._work_share = work_share
         self._file: BinaryIO
         self._size = 0
-        self._found: list[Attached | EncodedMessage] = []  # in the record at hand
+        self._found: list[Attachment | EncodedMessage] = []  # in the record at hand
         self._schemas: dict[int, str] = {}
         self._channels: dict[int, tuple[str, str]] = {}  # topic and schema
         self._lost_messages = 0
@@ -144,7 +137,7 @@ class Recording:
             if message.schema == kind.schema_name()
         ]
 
-    def parts(self) -> Iterator[Attached | EncodedMessage]:
+    def parts(self) -> Iterator[Attachment | EncodedMessage]:
         """Pass on attachments and messages in the order of the file, once, to its end or to what cannot be passed.
 
         Raises
@@ -178,7 +171,7 @@ class Recording:
             start += PIECE_BYTES - len(wanted) + 1  # what is looked for may lie across the border
         return -1
 
-    def _parts(self) -> Iterator[Attached | EncodedMessage]:
+    def _parts(self) -> Iterator[Attachment | EncodedMessage]:
         position, size = len(MCAP0_MAGIC), self._size
         while position < size and not self.finished:
             stop = self._record_end(position)
@@ -263,7 +256,7 @@ class Recording:
                 raise ValueError("more channels than any recording has")
             for key, (topic, schema) in json.loads(attachment.data).items():
                 self._channels.setdefault(int(key), (str(topic), str(schema)))
-        self._found.append(Attached(attachment.name, attachment.data))
+        self._found.append(attachment)
 
     def _is_end(self, stop: int) -> bool:
         """Return whether the data ends here: the footer names where the summary begins, which only repeats them."""

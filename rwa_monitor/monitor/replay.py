@@ -17,6 +17,7 @@ from threading import Event
 from typing import Any, Final, NamedTuple
 
 import zenoh
+from mcap.records import Attachment
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
@@ -33,15 +34,13 @@ from rwa_monitor.messages import (
 )
 from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
 from rwa_monitor.monitor.checkpoint import Checkpoint
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Carried, outputs_of
+from rwa_monitor.monitor.core import Carried, WheelCore, outputs_of
 from rwa_monitor.monitor.recorder import Predecessor, predecessor_of
 from rwa_monitor.monitor.recording import (
     CHECKPOINT_PREFIX,
     MAX_FILE_BYTES,
     RECORDING_SUFFIX,
     SOME_CHECKPOINTS,
-    Attached,
     Recording,
     file_sha256,
     recorded_inputs,
@@ -56,6 +55,8 @@ from rwa_monitor.words import Log, counted, first_few
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), Carried.schema_name())
 REPEATED_SCHEMAS: Final = (Diagnosis.schema_name(), Health.schema_name())
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Health.schema_name(), Discrepancy.schema_name())
+# Called with the recording and each checkpoint and message of it when that is done.
+OnProgress = Callable[[Recording, Attachment | EncodedMessage], None]
 
 
 @dataclass(slots=True)
@@ -84,12 +85,7 @@ class RecordingRun:
     own: list[EncodedMessage] = field(default_factory=list)
 
 
-def run_recording(
-    path: Path,
-    stop: Event,
-    on_progress: Callable[[Recording, Attached | EncodedMessage], None],
-    before: RecordingRun | None = None,
-) -> RecordingRun:
+def run_recording(path: Path, stop: Event, on_progress: OnProgress, before: RecordingRun | None = None) -> RecordingRun:
     """Run a recording while it is read, so that no more of it is in memory than the cores.
 
     Parameters
@@ -99,7 +95,7 @@ def run_recording(
     stop
         Ends it early when set.
     on_progress
-        Called with the recording and each checkpoint and message when it is done.
+        Called as what it is made of is done.
     before
         The recording before it, run, where this one holds the state of some wheels only.
 
@@ -115,12 +111,12 @@ def run_recording(
     for part in recording.parts():
         if stop.is_set():
             break
-        if isinstance(part, Attached) and not part.name.startswith(CHECKPOINT_PREFIX):
+        if isinstance(part, Attachment) and not part.name.startswith(CHECKPOINT_PREFIX):
             recording.attachments[part.name] = part.data
             continue
         # The recorder writes what a recording was made with before all else.
         setup = setup or Setup.of(recording)
-        if isinstance(part, Attached):
+        if isinstance(part, Attachment):
             key = key_of_name(part.name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
             checkpoint = Checkpoint.from_json(part.data, f"{path}: {part.name}")
             run.cores[key] = WheelCore.resume(checkpoint, setup.wheel(*key), setup.model)
@@ -199,7 +195,7 @@ def recover_state(folder: Path, setup: Setup, stop: Event, log: Log) -> Recovere
     recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
     due_s = time.monotonic() + LOG_PERIOD_S
 
-    def on_part(recording: Recording, part: Attached | EncodedMessage) -> None:
+    def on_part(recording: Recording, part: Attachment | EncodedMessage) -> None:
         nonlocal due_s
         if isinstance(part, EncodedMessage) and part.schema == Status.schema_name():
             recovered.statuses[part.topic] = part
@@ -281,7 +277,7 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[EncodedMessage]:
     return found
 
 
-def _repeated(parts: Iterable[Attached | EncodedMessage]) -> list[EncodedMessage]:
+def _repeated(parts: Iterable[Attachment | EncodedMessage]) -> list[EncodedMessage]:
     return [part for part in parts if isinstance(part, EncodedMessage) and part.schema in REPEATED_SCHEMAS]
 
 
@@ -449,7 +445,7 @@ class Report:
         return f"{files}: {what} compared: {result}"
 
 
-def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] = lambda _: None) -> Report:
+def replay(recordings: Path | Sequence[Path], on_progress: OnProgress = lambda *_: None) -> Report:
     """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
@@ -459,8 +455,8 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
     ----------
     recordings
         A file, a folder whose recordings form a chain, or several files in order.
-    on_message
-        Called with the number of messages gone through in the running file, for progress.
+    on_progress
+        As for `run_recording`.
 
     Raises
     ------
@@ -469,40 +465,32 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
     """
     chain = _Chain()
     for path in recordings_of(recordings):
-        chain.add(path, on_message)
-    chain.report.bytes_equal &= not chain.report.broken
-    return chain.report
+        chain.run(path, on_progress)
+    chain.bytes_equal &= not chain.broken
+    return chain
 
 
 @dataclass(slots=True)
-class _Chain:
-    """Runs recordings one after the other and gathers their outputs."""
+class _Chain(Report):
+    """Runs recordings one after the other, and reports what it found."""
 
-    report: Report = field(default_factory=Report)
     owed: list[EncodedMessage] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
-    def add(self, path: Path, on_message: Callable[[int], None]) -> None:
+    def run(self, path: Path, on_progress: OnProgress) -> None:
         """Run one recording and compare."""
-        gone_through = 0
-
-        def count(_recording: Recording, part: Attached | EncodedMessage) -> None:
-            nonlocal gone_through
-            gone_through += isinstance(part, EncodedMessage)
-            on_message(gone_through)
-
-        run = run_recording(path, Event(), count)
-        recording = run.recording
+        done = run_recording(path, Event(), on_progress)
+        recording = done.recording
         settings, setup = recording.settings(), Setup.of(recording)
         self._check_link(recording, settings)
-        self.report.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
-        published = [output for output in run.outputs if output.schema != Carried.schema_name()]
-        self.report.messages += [(output.topic, output.payload) for output in published]
+        self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
+        published = [output for output in done.outputs if output.schema != Carried.schema_name()]
+        self.messages += [(output.topic, output.payload) for output in published]
 
-        inherited, own, replayed = run.inherited, run.own, run.outputs
+        inherited, own, replayed = done.inherited, done.own, done.outputs
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
-        elif self.report.files and inherited:
-            self.report.compare(inherited, self.owed)
+        elif self.files and inherited:
+            self.compare(inherited, self.owed)
             self.owed = []
         elif self.owed:
             self._note(recording, f"begins after {len(self.owed)} outputs that were lost with the file before it")
@@ -511,12 +499,12 @@ class _Chain:
             self._note(recording, "was not closed in order")
             replayed, lost = replayed[: len(own)], replayed[len(own) :]
             self.owed += lost
-        self.report.compare(own, replayed)
+        self.compare(own, replayed)
 
         self._search_again(recording, setup)
         if not any(message.schema == Diagnosis.schema_name() for message in recording.messages):
-            self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
-        self.report.files.append(recording.path)
+            self._note(recording, f"holds no closed window ({counted(done.inputs, 'message')} of samples)")
+        self.files.append(recording.path)
 
     def _search_again(self, recording: Recording, setup: Setup) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
@@ -524,11 +512,11 @@ class _Chain:
             if message.schema == Discrepancy.schema_name():
                 report = Discrepancy.parse(message.payload, f"{recording.path}: {message.topic}")
                 again, _ = search(job_of(report, self._inputs_of(report, recording.path), setup))
-                self.report.compare([message], [message._replace(payload=again.to_json())])
+                self.compare([message], [message._replace(payload=again.to_json())])
 
     def _inputs_of(self, report: Discrepancy, path: Path) -> Iterator[EncodedMessage]:
         """Return the messages of samples in the files so far that may hold some of what a report is about."""
-        for file in (*self.report.files, path):
+        for file in (*self.files, path):
             span = time_span(file)
             if span is not None and span[1] >= report.start_ns:
                 yield from recorded_inputs(file)
@@ -537,21 +525,21 @@ class _Chain:
         """Check that a recording names what it goes on from, and that this is as it was then."""
         named = settings.get("predecessor")
         if not isinstance(named, dict):
-            if self.report.files:
-                self._note(recording, f"names no predecessor, {self.report.files[-1].name} comes before it")
+            if self.files:
+                self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
             return
         name, sha256 = str(named.get("name", "")), named.get("sha256", "")
-        if not self.report.files:
+        if not self.files:
             self._note(recording, f"goes on from {name}, which is not replayed")
-        elif (before := self.report.files[-1]).name != name:
-            self.report.broken.append(f"{recording.path}: goes on from {name}, but {before.name} comes before it")
+        elif (before := self.files[-1]).name != name:
+            self.broken.append(f"{recording.path}: goes on from {name}, but {before.name} comes before it")
         elif sha256 is None:
             self._note(recording, f"was begun while {name} was written, and does not hold its hash")
         elif sha256 != file_sha256(before):
-            self.report.broken.append(f"{before}: is not the file that {recording.path.name} goes on from")
+            self.broken.append(f"{before}: is not the file that {recording.path.name} goes on from")
 
     def _note(self, recording: Recording, text: str) -> None:
-        self.report.notes.append(f"{recording.path}: {text}")
+        self.notes.append(f"{recording.path}: {text}")
 
 
 # ---- onto the bus ----------------------------------------------------------------------------------------------------

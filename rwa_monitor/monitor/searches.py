@@ -23,7 +23,7 @@ from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import Discrepancy, EncodedMessage, SamplesMessage, key_of
 from rwa_monitor.monitor.setup import Setup, WheelKey
 from rwa_monitor.samples import concatenate
-from rwa_monitor.telemetry.files import write_text
+from rwa_monitor.telemetry.files import write_files
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import Log
 
@@ -173,10 +173,8 @@ class Searches:
     def _write_report(self, folder: Path, report: dict[str, str]) -> None:
         """Write the report's files; a disk that refuses costs the report, not the monitor."""
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            for name, text in report.items():
-                write_text(folder / name, text)
-        except (OSError, RwaMonitorError) as error:
+            write_files(folder, {name: text.encode() for name, text in report.items()})
+        except RwaMonitorError as error:
             self.log(f"the discrepancy report could not be written: {error}")
         else:
             self.log(f"discrepancy report in {folder}")

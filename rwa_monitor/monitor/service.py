@@ -48,8 +48,7 @@ from rwa_monitor.messages import (
 )
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, endpoints, open_session
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Carried, Event, WindowDiagnosed, outputs_of
+from rwa_monitor.monitor.core import Carried, Event, WheelCore, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest import Counts, Trouble
 from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
 from rwa_monitor.monitor.replay import REPEATED_SCHEMAS, RecoveredState, recover_state
@@ -221,7 +220,7 @@ class Monitor:
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self.receive(message.key, message.payload, partial(self.bus.ask_again, message), message.source)
+            self.receive(message.key, message.payload, partial(self.bus.backfill.ask_again, message), message.source)
         self.tick()
 
     def tick(self) -> None:
@@ -291,9 +290,7 @@ class Monitor:
             served = self._serve(key)
             if served.key[1].endswith(REPLAY) and served.source != source:
                 self._served[served.key] = served = _Served(served.key, source=source)
-            core = served.core
-            if core is None:
-                core = self._setup.new_core(*served.key)
+            core = served.core or self._setup.new_core(*served.key)
             core.check(samples)
         except InputError as error:
             if not is_json(payload) and ask_again():
@@ -427,7 +424,7 @@ class Monitor:
             last_error = f"dropped {counted(self.bus.inbox.dropped, 'message')}: they come faster than can be diagnosed"
         counts = core.counts if core else Counts()
         # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
-        missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
+        missed_by_bus = self.bus.backfill.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
             last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
         status = Status(

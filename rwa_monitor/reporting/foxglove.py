@@ -23,7 +23,7 @@ from typing import Any, Final
 
 from rwa_monitor.messages import (
     KEY_PREFIX,
-    MESSAGES,
+    KINDS,
     REPLAY,
     Changepoints,
     Diagnosis,
@@ -45,7 +45,6 @@ PART: Final = "part"
 PART_FIELDS: Final = ("probability", "severity", "estimate", "nominal_low", "nominal_high")
 LOG: Final = "log"
 LOG_SCHEMA: Final = "foxglove.Log"
-KINDS: Final = {message.kind: message for message in MESSAGES}
 
 
 class LogLevel(IntEnum):
@@ -200,7 +199,7 @@ def schemas() -> dict[str, dict[str, Any]]:
         name: {"title": name, "type": "object", "properties": {"timestamp": TIMESTAMP} | fields}
         for name, fields in own.items()
     }
-    for message in MESSAGES:
+    for message in KINDS.values():
         schema = message.json_schema()
         readable = _readable(schema, schema.get("$defs", {}))
         assert readable is not None  # every message is an object with fields

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.monitor.events import WindowDiagnosed
+from rwa_monitor.monitor.core import WindowDiagnosed, diagnose_samples
 from rwa_monitor.simulation.demo_satellite import demo_wheel, simulate_satellite
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import simulate

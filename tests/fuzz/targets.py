@@ -38,8 +38,7 @@ from rwa_monitor.messages import (
     split_key,
 )
 from rwa_monitor.monitor.bus import BusOptions, session_config
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import outputs_of
+from rwa_monitor.monitor.core import WheelCore, outputs_of
 from rwa_monitor.monitor.recorder import RecordingWriter, recover
 from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.monitor.replay import replay

@@ -31,7 +31,7 @@ def play(actions: list[object], policy: Policy) -> list[tuple[Alarm, list[str], 
             alarm, events = advance(alarm, action, time_ns, policy)
         else:
             alarm, events = acknowledge(alarm, time_ns)
-        steps.append((before, [event.kind for event in events], alarm, action))
+        steps.append((before, [one.event for one in events], alarm, action))
     return steps
 
 

@@ -18,8 +18,7 @@ from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.bus import SamplesPublisher, send
 from rwa_monitor.monitor.checkpoint import Checkpoint
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, outputs_of
+from rwa_monitor.monitor.core import Event, WheelCore, outputs_of
 from rwa_monitor.monitor.ingest import Counts
 from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.samples import Samples

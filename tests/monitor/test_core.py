@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.core import WheelCore, diagnose_samples
-from rwa_monitor.monitor.events import WindowDiagnosed
+from rwa_monitor.monitor.core import WheelCore, WindowDiagnosed, diagnose_samples
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState

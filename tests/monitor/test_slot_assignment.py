@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings
 
 from rwa_monitor.monitor.checkpoint import Checkpoint
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, WindowDiagnosed
+from rwa_monitor.monitor.core import Event, WheelCore, WindowDiagnosed
 from rwa_monitor.monitor.ingest import (
     HOLD_BACK_MESSAGES,
     TAKEOVER_MESSAGES,

@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, WindowDiagnosed
+from rwa_monitor.monitor.core import Event, WheelCore, WindowDiagnosed
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.monitor.stored import MAX_WINDOWS
 from rwa_monitor.samples import Samples

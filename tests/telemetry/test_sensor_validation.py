@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.kernels.ingest import HANGING_SLOTS, OUTSTANDING_SLOTS
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.events import Event, WindowDiagnosed
+from rwa_monitor.monitor.core import Event, WheelCore, WindowDiagnosed
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.simulation.record import simulate
