@@ -130,6 +130,8 @@ def test_an_operator_retires_a_wheel_and_sees_it_come_back(
     ):
         page.goto(running.address_with_token)
         expect(page.locator(".wheel")).to_have_count(3)
+        for name in ("wheel_1", "wheel_2"):  # the list is sorted anew with each that becomes stale
+            expect(page.locator(".wheel", has_text=name)).to_contain_text("◌ stale")
         page.locator(".wheel", has_text="wheel_1").click()
         card = page.get_by_role("region", name="On the list")
         card.get_by_label("Your name").fill("Ann")
