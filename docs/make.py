@@ -501,7 +501,7 @@ PARITY = {
 
 
 def describe(effect: type[Effect]) -> str:
-    """Return the page of an effect: formula, physics, parameters, signature, look-alikes, source.
+    """Return the page of an effect: its file, formula, physics, parameters, signature, look-alikes, source.
 
     Parameters
     ----------
@@ -516,7 +516,7 @@ def describe(effect: type[Effect]) -> str:
     lines = [
         f"# {effect.title}",
         "",
-        f"`{effect.name}` · {effect.family} effect",
+        f"`{effect.name}` · {effect.family} effect · `{effect.__module__.replace('.', '/')}.py`",
         "",
         effect.description,
         "",

@@ -56,8 +56,11 @@ def test_a_simulation_without_noise_is_adequate() -> None:
     assert search(sampled(speed, friction)).result.verdict == "adequate"
 
 
-@pytest.mark.parametrize(("phi", "missing"), [(0.0, 0.0), (0.0, 0.1), (0.5, 0.1)])
-def test_colour_is_told_from_the_derivative_of_a_noisy_speed(phi: float, missing: float) -> None:
+@pytest.mark.parametrize(
+    ("phi", "missing", "of_speed"),  # noise of the torque has a standard deviation of 0.26 in the mean
+    [(0.0, 0.0, 0.1), (0.0, 0.1, 0.4), (0.0, 0.1, 1.5), (0.5, 0.1, 0.1), (0.9, 0.1, 0.4)],
+)
+def test_colour_is_told_from_the_derivative_of_a_noisy_speed(phi: float, missing: float, of_speed: float) -> None:
     rng = np.random.default_rng(3)
     taps, slope = averaging_taps(WHEEL), derivative_taps(WHEEL.friction.derivative, WHEEL.sample_period_s)
     own = signal.lfilter([np.sqrt(1 - phi**2)], [1.0, -phi], rng.normal(size=SAMPLES))
@@ -65,7 +68,7 @@ def test_colour_is_told_from_the_derivative_of_a_noisy_speed(phi: float, missing
     walk = 0.1 * np.cumsum(rng.random(SAMPLES) < 5 / SAMPLES)  # jumps that were missed
     own, walk = (np.convolve(values, taps, "same") for values in (own, walk))
     good = np.repeat(rng.random(SAMPLES // 20) >= missing, 20)
-    fit = coloured_beyond_filter(own + 0.1 * derived + walk - walk.mean(), good, taps)
+    fit = coloured_beyond_filter(own + of_speed * derived + walk - walk.mean(), good, taps)
     if phi == 0.0:
         assert fit.penalised_gain < 10.0  # the search accepts from 25 on
     else:
