@@ -197,14 +197,19 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     Something is missing, as the curve shows: an effect need not prove that again.
     """
     progress("a formula for what has no name")
-    found = explained.found
-    most = explained.complete.score + EQUIVALENT_WITHIN
+    found, complete = explained.found, explained.complete
+    last, most = found.nested[-1], complete.score + EQUIVALENT_WITHIN
     laws, _ = approach.sort_out(formulas(explained.problem), found.nested[0])
     known, _ = approach.sort_out([effect for effect in effects if effect.name in CATALOGUE], found.nested[0])
-    models = [one for one in approach.extensions(found.nested[-1], laws) if one.score <= most]
+    of_laws, of_known = approach.extensions(last, laws), approach.extensions(last, known)
+    models = [one for one in of_laws if one.score <= most]
     most = min(most, models[0].score + EQUIVALENT_WITHIN) if models else most
-    models = [one for one in approach.extensions(found.nested[-1], known) if one.score <= most] or models
-    models = [one for one in models if len(one.terms) > len(found.nested[-1].terms)]
+    models = [one for one in of_known if one.score <= most] or models
+    is_near = not models and not found.found  # a curve of many numbers may follow more than a law does
+    if is_near:
+        models, of_laws = ([one for one in of if does_nearly_all(last, one, complete)] for of in (of_known, of_laws))
+        models = models or of_laws
+    models = [one for one in models if len(one.terms) > len(last.terms)]
     if not models:
         return explained
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
@@ -226,6 +231,9 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     found = replace(
         found, nested=(*shorter(found.nested, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
     )
+    if is_near:
+        found, leftover, complete = judge_leftover(approach, found)
+        return replace(explained, found=found, leftover=leftover, complete=complete)
     return replace(explained, found=found, leftover=None, complete=best)
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress, predicts
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress, predicts
 from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 
@@ -63,7 +63,10 @@ def grow(
             break
         if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
             simpler = fitting.without(alternatives[0], len(current.terms))
-            current = nested[-1] = min(current, simpler, key=lambda model: model.score)
+            if simpler.score < current.score - SETTLED:
+                current = nested[-1] = simpler
+                if alternatives[0].score > current.score:  # what any effect is compared with lacked them
+                    continue
         named, sign = len(current.terms), fitting.problem.sign  # levels apart name nothing more
         alternatives = [one for one in alternatives if len(one.terms) == named or not one.is_minor(-1, sign)]
         if not alternatives:

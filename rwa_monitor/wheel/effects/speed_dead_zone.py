@@ -12,6 +12,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shap
 FEWEST_RESTS: Final = 25.0  # readings that rest where the wheel moves: 3e-8 by chance
 FEWEST_HELD: Final = 4  # readings that are the same; on a grid as fine as their noise neighbours often are
 PARTS: Final = 4  # of the speeds between the edge and twice of it: a wheel that passes them is seen in each
+EVENLY: Final = 0.25  # of an even share of the readings, in each part: less is a dwell beside it
 
 
 def _shown_width(channels: Channels) -> tuple[float, float]:
@@ -117,9 +118,9 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
     passage = np.cumsum(np.append(True, ~(near[1:] & near[:-1])))
     passed = near & np.isin(passage, passage[1:][crossed & near[1:]])
     filled = np.bincount(((size[passed] / width - 1.0) * PARTS).astype(np.int64), minlength=PARTS)[:PARTS]
-    count = 1.0 * min(PARTS * int(filled.min()), int(between[crossed].sum()))
+    count = 1.0 * min(int(filled.sum()), int(between[crossed].sum()))
     count *= max(width - step_rad_s, 0.0) / width
-    if count < FEWEST_RESTS:
+    if count < FEWEST_RESTS or filled.min() < EVENLY * filled.mean():
         return None
     # A wheel that hurries through a zone which there is leaves a reading that is held for a sample or two.
     side_of_run = np.sign(reading[begins])
