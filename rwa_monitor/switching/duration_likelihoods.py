@@ -86,7 +86,7 @@ class SoftLaw(NamedTuple):
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean for start = 1."""
         broad = self.mean**2 * float(special.zeta(2.0, self.mean + start - 1))  # Σ_r m² / (m + r - 1)²
-        return (1 - SOFT_SHARE) * _survival_sum(self.law, start) + SOFT_SHARE * broad
+        return (1 - SOFT_SHARE) * self.law.survival_sum(start) + SOFT_SHARE * broad
 
 
 def _broad_survival(slots: FloatArray, mean: Number) -> FloatArray:
@@ -100,14 +100,9 @@ def broad_pmf(slots: FloatArray, mean: Number) -> FloatArray:
     return _broad_survival(slots, mean) - _broad_survival(slots + 1.0, mean)
 
 
-@lru_cache(maxsize=4096)
-def _survival_sum(law: DurationLaw, start: int) -> float:
-    return law.survival_sum(start)
-
-
 def soften(law: DurationLaw) -> SoftLaw:
     """Return the law mixed with its broad companion."""
-    return SoftLaw(law, _survival_sum(law, 1))
+    return SoftLaw(law, law.mean())
 
 
 def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -> tuple[Onset | None, ...]:

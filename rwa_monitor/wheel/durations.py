@@ -20,7 +20,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.file_content import Strict
 
 LONGEST: Final = 10**12  # slots; four thousand years at 8 Hz: longer is a wrong unit, and would leave exact integers
-EXACT_TERMS: Final = 200_000  # terms of a sum over durations that are added one by one
+EXACT_TERMS: Final = 4_096  # of a sum over durations; beyond, the law hardly changes within a slot
 
 
 class _Law(Strict):
@@ -43,26 +43,30 @@ class _Law(Strict):
         at = np.asarray(slots, dtype=np.float64)
         return np.where(at >= 1, self.survival(at) - self.survival(at + 1), 0.0)
 
+    @abstractmethod
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean duration for start = 1."""
-        end = int(np.ceil(self.longest())) + 1
-        if start >= end:
-            return 0.0
-        head = min(end, start + EXACT_TERMS)
-        total = float(self.survival(np.arange(start, head + 1)).sum())
-        if head < end:
-            # The rest of a very long law: Euler–Maclaurin on a grid that grows with the duration, error below 1e-4.
-            at = np.geomspace(head, end, EXACT_TERMS)
-            survival = self.survival(at)
-            total += float(np.trapezoid(survival, at) - 0.5 * (survival[0] - survival[-1]))
-        return total
 
     def mean(self) -> float:
         """Return the mean duration [slots]."""
         return self.survival_sum(1)
 
 
-class Uniform(_Law):
+class _PiecewiseLinear(_Law):
+    """A law whose survival function is straight between some whole numbers of slots: one at first, zero at last."""
+
+    @property
+    @abstractmethod
+    def knots(self) -> FloatArray:
+        """Those numbers, float64, increasing [slots]."""
+
+    def survival_sum(self, start: int) -> float:
+        at = np.append(float(start), self.knots[self.knots > start])
+        survival = self.survival(at)
+        return float(np.trapezoid(survival, at) + 0.5 * survival[0])  # exact for straight lines
+
+
+class Uniform(_PiecewiseLinear):
     """Every whole number of slots from `low` to `high`, both included, equally likely."""
 
     law: Literal["uniform"] = "uniform"
@@ -74,6 +78,10 @@ class Uniform(_Law):
         if self.high < self.low:
             raise ValueError(f"high ({self.high}) is below low ({self.low})")
         return self
+
+    @property
+    def knots(self) -> FloatArray:
+        return np.array([self.low, self.high + 1], dtype=np.float64)
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         at = np.asarray(slots, dtype=np.float64)
@@ -105,8 +113,8 @@ class Geometric(_Law):
     def longest(self) -> float:
         return 1.0 + 28.0 * self.mean_slots  # exp(-28) < 1e-12
 
-    def mean(self) -> float:
-        return self.mean_slots
+    def survival_sum(self, start: int) -> float:
+        return self.mean_slots * float(self.survival(start))
 
 
 class _RoundedContinuous(_Law):
@@ -117,12 +125,21 @@ class _RoundedContinuous(_Law):
         """Return P(x > value) of the continuous law."""
 
     @abstractmethod
+    def _excess(self, value: float) -> float:
+        """Return ∫ P(x > t) dt of the continuous law from a value on."""
+
+    @abstractmethod
     def _draw(self, rng: Generator, size: int) -> FloatArray:
         """Draw `size` values of the continuous law, float64."""
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         at = np.asarray(slots, dtype=np.float64)
         return np.where(at <= 1, 1.0, self._tail(np.maximum(at - 0.5, 0.5)))
+
+    def survival_sum(self, start: int) -> float:
+        # What follows changes so little within a slot that each term is the integral over it (midpoint rule).
+        end = start + EXACT_TERMS
+        return float(self.survival(np.arange(start, end)).sum()) + self._excess(end - 1.0)
 
     def sample(self, rng: Generator, size: int) -> IntArray:
         return np.clip(np.rint(self._draw(rng, size)), 1, LONGEST).astype(np.int64)
@@ -137,6 +154,10 @@ class Weibull(_RoundedContinuous):
 
     def _tail(self, value: FloatArray) -> FloatArray:
         return np.exp(-np.power(value / self.scale, self.shape))
+
+    def _excess(self, value: float) -> float:
+        order, passed = 1.0 / self.shape, (value / self.scale) ** self.shape
+        return float(self.scale * special.gamma(1.0 + order) * special.gammaincc(order, passed))
 
     def _draw(self, rng: Generator, size: int) -> FloatArray:
         return self.scale * rng.weibull(self.shape, size=size)
@@ -155,6 +176,11 @@ class Lognormal(_RoundedContinuous):
     def _tail(self, value: FloatArray) -> FloatArray:
         return np.asarray(special.ndtr(-(np.log(value) - self.mu) / self.sigma), dtype=np.float64)
 
+    def _excess(self, value: float) -> float:
+        far = (np.log(value) - self.mu) / self.sigma
+        mean = np.exp(self.mu + 0.5 * self.sigma**2)
+        return max(float(mean * special.ndtr(self.sigma - far) - value * special.ndtr(-far)), 0.0)
+
     def _draw(self, rng: Generator, size: int) -> FloatArray:
         return rng.lognormal(self.mu, self.sigma, size=size)
 
@@ -162,7 +188,7 @@ class Lognormal(_RoundedContinuous):
         return float(np.exp(self.mu + 7.1 * self.sigma) + 1.0)
 
 
-class Histogram(_Law):
+class Histogram(_PiecewiseLinear):
     """Bins [edges[i], edges[i+1]) of whole slots with weights; equally likely within a bin. What `identify` writes."""
 
     law: Literal["histogram"] = "histogram"
@@ -179,12 +205,16 @@ class Histogram(_Law):
             raise ValueError("weights must not be negative and must not all be zero")
         return self
 
+    @property
+    def knots(self) -> FloatArray:
+        return np.array(self.edges, dtype=np.float64)
+
     def survival(self, slots: ArrayLike) -> FloatArray:
         weights = np.asarray(self.weights)
         # Tails summed from the end, so that the last is exactly 0 and none is negative.
         tails = np.concatenate([np.cumsum(weights[::-1])[::-1], [0.0]])
         at = np.asarray(slots, dtype=np.float64)
-        return np.asarray(np.interp(at, np.asarray(self.edges, dtype=np.float64), tails / tails[0]))
+        return np.asarray(np.interp(at, self.knots, tails / tails[0]))
 
     def sample(self, rng: Generator, size: int) -> IntArray:
         weights = np.asarray(self.weights)

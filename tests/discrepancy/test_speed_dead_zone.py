@@ -83,6 +83,14 @@ def test_all_that_rests_in_the_zone_is_left_out_and_nothing_else(held: bool) -> 
     assert np.array_equal(zone.inside, np.abs(speed) < WIDTH)  # the hurried passage, too
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_three_passages_show_it_however_their_few_readings_fall(seed: int) -> None:
+    turns = np.interp(np.arange(1_600), [0.0, 400.0, 800.0, 1_200.0, 1_600.0], [-20.0, 60.0, -20.0, 60.0, 50.0])
+    zone = read_zone(read(turns + 0.1 * np.random.default_rng(seed).standard_normal(turns.size), held=False), 0.0)
+    assert zone is not None
+    assert zone.width_rad_s == pytest.approx(WIDTH, abs=3.0 * zone.std_rad_s)
+
+
 def stopping() -> FloatArray:
     """A wheel that stops at zero, and reads exactly zero."""
     return np.sign(passages()) * np.maximum(np.abs(passages()) - 5.0, 0.0)
