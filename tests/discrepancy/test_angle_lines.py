@@ -36,7 +36,7 @@ def record(speed: Array, order: float, rub_Nm: float, ripple_Nm: float, rng: np.
 
 
 @pytest.mark.parametrize(("seed", "order"), [(53030, 0.393), (53031, 3.07)])
-def test_a_rub_by_the_angle_is_told_with_its_order_and_feeds_no_other_name(seed: int, order: float) -> None:
+def test_a_rub_by_the_angle_is_reported_with_its_order_and_feeds_no_other_name(seed: int, order: float) -> None:
     rng = np.random.default_rng(seed)
     found = find_discrepancy([("rub", record(slow(rng), order, 4e-4, 0.0, rng))], WHEEL)
     assert not found.result.effects
@@ -95,21 +95,21 @@ def test_a_few_turns_tell_an_order_as_well_as_they_can(seed: int, turns: float, 
     found = find_discrepancy([("ripple", record(to_and_fro(turns, rng), order, 0.0, ripple_Nm, rng))], WHEEL)
     (ripple,) = found.result.effects
     assert ripple.name == "torque_ripple"
-    told = ripple.parameters["harmonic"]
-    assert told.std < 0.1 / turns
-    assert abs(told.value - order) < 4.0 * told.std
-    assert (told.value == order) is order.is_integer()  # a whole order stays where nothing contradicts it
+    order_found = ripple.parameters["harmonic"]
+    assert order_found.std < 0.1 / turns
+    assert abs(order_found.value - order) < 4.0 * order_found.std
+    assert (order_found.value == order) is order.is_integer()  # a whole order stays where nothing contradicts it
     gain = found.result.gain
     assert gain.rmse_extended_Nm < 1.03 * NOISE_NM
 
 
-def test_orders_that_look_alike_over_the_angles_travelled_are_told_together() -> None:
+def test_orders_that_look_alike_over_the_angles_travelled_are_reported_together() -> None:
     rng = np.random.default_rng(50114)
     speed = to_and_fro(0.06, rng)
     speed[COUNT // 2 : COUNT // 2 + 80] += 2 * np.pi / (80 * PERIOD_S)  # a turn further, and on as before
     found = find_discrepancy([("ripple", record(speed, 20.0, 0.0, 1.5e-5, rng))], WHEEL)
     (ripple,) = found.result.effects
-    told = ripple.parameters["harmonic"]
-    assert told.std is None
-    assert "20" in told.note
-    assert "fit about as well over 1.1 turns" in told.note
+    order_found = ripple.parameters["harmonic"]
+    assert order_found.std is None
+    assert "20" in order_found.note
+    assert "fit about as well over 1.1 turns" in order_found.note

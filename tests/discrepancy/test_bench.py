@@ -276,11 +276,11 @@ def test_behind_a_gear_inertia_friction_and_offset_are_the_wheels() -> None:
 
 
 def test_the_loss_of_a_gear_is_none_of_the_wheels_friction() -> None:
-    told = find_discrepancy([("log", geared(0.8))], GEARED.model_copy(update={"gear_efficiency": 0.8}))
+    known = find_discrepancy([("log", geared(0.8))], GEARED.model_copy(update={"gear_efficiency": 0.8}))
     # The current's noise counts more at the wheel while that drives the motor: two widths, as of heavy tails.
-    assert set(names(told)) <= {"heavy_tailed_noise"}
-    assert told.result.unexplained is None
-    assert told.extended.fit.level[[0, -1]] == pytest.approx([0.3, 0.5], rel=0.02)
+    assert set(names(known)) <= {"heavy_tailed_noise"}
+    assert known.result.unexplained is None
+    assert known.extended.fit.level[[0, -1]] == pytest.approx([0.3, 0.5], rel=0.02)
     assert "load_dependence" in names(find_discrepancy([("log", geared(0.8))], GEARED))
 
 

@@ -23,7 +23,7 @@ def runs(seed: int) -> Array:
 
 
 @pytest.mark.parametrize(("seed", "turns", "viscous"), [(50400, 300.0, False), (50401, 150.0, True)])
-def test_grease_that_channels_after_each_reversal_is_told_with_the_turns_it_takes(
+def test_grease_that_channels_after_each_reversal_is_reported_with_the_turns_it_takes(
     seed: int, turns: float, viscous: bool
 ) -> None:
     def churning(speed: Array, _: Array) -> Array:

@@ -43,7 +43,7 @@ def knee(seed: int, width: float, exponent: float) -> Search:
 
 
 @pytest.mark.parametrize(("seed", "width", "exponent"), [(50210, 6.0, 1.4), (50211, 8.0, 0.7), (50212, 12.0, 2.4)])
-def test_an_exponent_is_fitted_and_told_with_its_error(seed: int, width: float, exponent: float) -> None:
+def test_an_exponent_is_fitted_and_reported_with_its_error(seed: int, width: float, exponent: float) -> None:
     found = knee(seed, width, exponent)  # no dead zone for what another exponent leaves
     truth = {"strength_Nm": KNEE_NM, "stribeck_speed_rad_s": width, "exponent": exponent}
     assert assert_fitted(found, "stribeck", truth)["exponent"] not in {1.0, 2.0}
@@ -51,7 +51,7 @@ def test_an_exponent_is_fitted_and_told_with_its_error(seed: int, width: float, 
 
 
 @pytest.mark.parametrize(("seed", "exponent"), [(50213, 1.0), (50214, 2.0)])
-def test_a_usual_exponent_stays_where_nothing_speaks_against_it(seed: int, exponent: float) -> None:
+def test_a_usual_exponent_stays_where_nothing_contradicts_it(seed: int, exponent: float) -> None:
     (effect,) = knee(seed, 8.0, exponent).result.effects
     assert effect.parameters["exponent"].value == exponent
     assert effect.parameters["exponent"].std is not None

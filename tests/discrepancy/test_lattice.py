@@ -49,7 +49,7 @@ def test_steps_of_friction_make_no_effect_and_no_other_noise(step: float) -> Non
     assert f"friction is quantised in steps of {step * NOISE_NM * 1e6:.4g} µN m" in steps_in_words(found.problem)
 
 
-def test_steps_of_the_current_are_told_and_make_no_effect() -> None:
+def test_steps_of_the_current_are_reported_and_make_no_effect() -> None:
     speed = swing(6_000, period_s=900.0)
     samples, _ = record(speed, seed=SEED + 1)
     found = search(with_current(samples, speed, 2.4e-3))

@@ -91,7 +91,7 @@ def test_a_joint_whose_cause_is_not_in_its_table_is_not_explained_away() -> None
     assert result.gain.rmse_extended_Nm > 0.9 * result.gain.rmse_base_Nm
 
 
-def test_no_parameter_is_stated_better_than_its_gain_says() -> None:
+def test_no_parameter_is_stated_better_than_its_gain_states() -> None:
     # The noise alone would have given 65 standard errors of one, where leaving the effect out cost a deviance of 36.
     effects = [
         effect for number in range(1, 7) for effect in joint(number)[0].result.effects if effect.family == "mean"

@@ -74,7 +74,7 @@ def sets_of(samples: Samples, wheel: Wheel) -> list[set[str]]:
 
 @pytest.mark.parametrize("channel", GAIN_STD)
 @given(inertia=st.floats(0.8, 1.2), torque_constant=st.floats(0.8, 1.2))
-def test_each_channel_shows_its_constant_whatever_the_wheel_file_says(
+def test_each_channel_shows_its_constant_whatever_the_wheel_file_states(
     channel: str, inertia: float, torque_constant: float
 ) -> None:
     wheel = stated(inertia, torque_constant)

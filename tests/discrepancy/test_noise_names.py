@@ -60,7 +60,9 @@ def test_a_simulation_without_noise_is_adequate() -> None:
     ("phi", "missing", "of_speed"),  # noise of the torque has a standard deviation of 0.26 in the mean
     [(0.0, 0.0, 0.1), (0.0, 0.1, 0.4), (0.0, 0.1, 1.5), (0.5, 0.1, 0.1), (0.9, 0.1, 0.4)],
 )
-def test_colour_is_told_from_the_derivative_of_a_noisy_speed(phi: float, missing: float, of_speed: float) -> None:
+def test_colour_is_distinguished_from_the_derivative_of_a_noisy_speed(
+    phi: float, missing: float, of_speed: float
+) -> None:
     rng = np.random.default_rng(3)
     taps, slope = averaging_taps(WHEEL), derivative_taps(WHEEL.friction.derivative, WHEEL.sample_period_s)
     own = signal.lfilter([np.sqrt(1 - phi**2)], [1.0, -phi], rng.normal(size=SAMPLES))

@@ -85,8 +85,8 @@ def test_the_answer_does_not_depend_on_threads() -> None:
     assert np.array_equal(one.extended.fit.residual, other.extended.fit.residual)
 
 
-@pytest.mark.parametrize(("slots", "told"), [(1.5, False), (6.0, True)])
-def test_a_breakaway_faster_than_the_samples_is_no_more_than_a_dead_zone(slots: float, told: bool) -> None:
+@pytest.mark.parametrize(("slots", "alone"), [(1.5, False), (6.0, True)])
+def test_a_breakaway_faster_than_the_samples_is_no_more_than_a_dead_zone(slots: float, alone: bool) -> None:
     speed = swing(top=100.0, period_s=60.0)
     step = np.abs(np.diff(speed))[np.abs(speed[1:]) < 10.0].mean()
     angle = slots**2 * 0.5 * step * PERIOD_S  # what the wheel turns through in so many slots after a reversal
@@ -97,7 +97,7 @@ def test_a_breakaway_faster_than_the_samples_is_no_more_than_a_dead_zone(slots: 
     found = [e for e in find_discrepancy([("record", samples)], WHEEL).result.effects if e.family == "mean"]
     names = {name for entry in found for name in (entry.name, *entry.equivalent)}
     assert "presliding" in names
-    assert ("speed_dead_zone" not in names) is told
+    assert ("speed_dead_zone" not in names) is alone
 
 
 def test_a_threshold_of_speed_is_no_jump_at_each_of_its_crossings() -> None:

@@ -196,13 +196,13 @@ def test_real_jumps_are_left_to_the_search_with_jumps() -> None:
 
 # ---- the same in any form --------------------------------------------------------------------------------------------
 
-Told = dict[str, tuple[float, float]]
+Named = dict[str, tuple[float, float]]
 seeds = st.integers(0, 99)
 laws = st.sampled_from(["quadratic_drag", "viscous_asymmetry"])
 few = settings(max_examples=3)
 
 
-def told(*recordings: Samples, wheel: Wheel = WHEEL) -> Told:
+def strengths(*recordings: Samples, wheel: Wheel = WHEEL) -> Named:
     """Return the first strength of each effect that is named, with its standard deviation."""
     problem = problem_of(*recordings, wheel=wheel)
     found = search(Fitting(problem, jumps=False), candidates(wheel))
@@ -223,14 +223,14 @@ def hidden(law: str, seed: int) -> Samples:
 
 
 @cache
-def told_of(law: str, seed: int) -> Told:
+def strengths_of(law: str, seed: int) -> Named:
     """Return what is found in a record as it is."""
-    found = told(hidden(law, seed))
+    found = strengths(hidden(law, seed))
     assert list(found) == [law]
     return found
 
 
-def assert_same(one: Told, other: Told, scale: Callable[[str], float] = lambda _: 1.0, share: float = 1.0) -> None:
+def assert_same(one: Named, other: Named, scale: Callable[[str], float] = lambda _: 1.0, share: float = 1.0) -> None:
     """Ask for the same names, and strengths that differ by less than a share of their errors."""
     assert one.keys() == other.keys()
     for name, (value, std) in one.items():
@@ -244,14 +244,14 @@ def flipped(samples: Samples) -> Samples:
 
 @few
 @given(laws, seeds)
-def test_the_mirror_image_says_the_same(law: str, seed: int) -> None:
+def test_the_mirror_image_gives_the_same(law: str, seed: int) -> None:
     even = {"viscous_asymmetry": -1.0}
-    assert_same(told_of(law, seed), told(flipped(hidden(law, seed))), lambda name: even.get(name, 1.0), 0.05)
+    assert_same(strengths_of(law, seed), strengths(flipped(hidden(law, seed))), lambda name: even.get(name, 1.0), 0.05)
 
 
 @few
 @given(laws, seeds)
-def test_other_units_say_the_same(law: str, seed: int) -> None:
+def test_other_units_give_the_same(law: str, seed: int) -> None:
     torque, turn = 1000.0, 60.0 / (2.0 * np.pi)
     samples, nominal = hidden(law, seed), WHEEL.nominal
     wheel = WHEEL.model_copy(
@@ -268,30 +268,32 @@ def test_other_units_say_the_same(law: str, seed: int) -> None:
         samples, speed_rad_s=samples.speed_rad_s * turn, friction_torque_Nm=samples.friction_torque_Nm * torque
     )
     power = {"quadratic_drag": 2, "viscous_asymmetry": 1}
-    assert_same(told_of(law, seed), told(changed, wheel=wheel), lambda name: torque / turn ** power[name], 0.05)
+    assert_same(
+        strengths_of(law, seed), strengths(changed, wheel=wheel), lambda name: torque / turn ** power[name], 0.05
+    )
 
 
 @few
 @given(laws, seeds, st.floats(0.3, 0.7))
-def test_a_recording_in_two_pieces_says_the_same(law: str, seed: int, where: float) -> None:
+def test_a_recording_in_two_pieces_gives_the_same(law: str, seed: int, where: float) -> None:
     samples = hidden(law, seed)
     at = round(where * len(samples))
     pieces = samples[:at], samples[at:]
-    there = told(*pieces)
-    assert_same(told_of(law, seed), there)
-    assert_same(there, told(*pieces[::-1]), share=0.05)  # in any order
+    there = strengths(*pieces)
+    assert_same(strengths_of(law, seed), there)
+    assert_same(there, strengths(*pieces[::-1]), share=0.05)  # in any order
 
 
 @few
 @given(laws, seeds)
-def test_every_second_sample_says_the_same(law: str, seed: int) -> None:
+def test_every_second_sample_gives_the_same(law: str, seed: int) -> None:
     wheel = WHEEL.model_copy(update={"sample_period_s": 2.0 * PERIOD_S})
-    assert_same(told(hidden(law, seed)[::2], wheel=wheel), told_of(law, seed))
+    assert_same(strengths(hidden(law, seed)[::2], wheel=wheel), strengths_of(law, seed))
 
 
 @few
 @given(laws, seeds)
-def test_samples_put_between_say_the_same(law: str, seed: int) -> None:
+def test_samples_put_between_give_the_same(law: str, seed: int) -> None:
     samples = hidden(law, seed)
     wheel = WHEEL.model_copy(update={"sample_period_s": 0.5 * PERIOD_S})
     at = np.arange(2 * len(samples) - 1) / 2.0
@@ -304,7 +306,7 @@ def test_samples_put_between_say_the_same(law: str, seed: int) -> None:
         speed_rad_s=between(samples.speed_rad_s),
         friction_torque_Nm=between(samples.friction_torque_Nm),
     )
-    assert_same(told_of(law, seed), told(denser, wheel=wheel))
+    assert_same(strengths_of(law, seed), strengths(denser, wheel=wheel))
 
 
 def test_a_free_curve_follows_what_spans_decades_of_the_speed() -> None:

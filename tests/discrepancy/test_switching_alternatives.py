@@ -83,7 +83,7 @@ def test_what_stands_out_at_a_reversal_is_no_jump_of_a_system(seed: int) -> None
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_one_system_more_is_told_from_other_laws(seed: int) -> None:
+def test_one_system_more_is_distinguished_from_other_laws(seed: int) -> None:
     level = level_of((*KNOWN.fss, EXTRA), np.arange(COUNT), seed)
     assert named(level, some_speed(seed), seed) == ["extra_switching_system"]
 
@@ -108,7 +108,7 @@ def test_jumps_that_decay_are_no_system(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("seed", "factor"), [(1, 0.4), (2, 2.5)])
-def test_other_laws_are_told_from_one_system_more(seed: int, factor: float) -> None:
+def test_other_laws_are_distinguished_from_one_system_more(seed: int, factor: float) -> None:
     level = level_of(with_durations(factor * HURRY).fss, np.arange(COUNT), seed)
     assert named(level, some_speed(seed), seed) == ["wrong_duration_law"]
 
@@ -122,7 +122,7 @@ def test_a_law_may_be_wrong_for_one_configuration_alone(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_jumps_that_the_speed_triggers_are_told_from_other_laws(seed: int) -> None:
+def test_jumps_that_the_speed_triggers_are_distinguished_from_other_laws(seed: int) -> None:
     speed = some_speed(seed)
     rate = np.exp(0.02 * (speed - speed.max()))  # four e-folds from the lowest to the highest speed
     clock = np.floor(np.cumsum(rate / rate.mean())).astype(np.int64)

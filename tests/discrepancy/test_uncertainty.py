@@ -78,7 +78,7 @@ def test_stated_errors_hold_what_the_model_lacks(name: str) -> None:
     assert np.mean(within) >= 0.9
 
 
-def test_a_shape_that_the_record_does_not_determine_has_no_error_and_says_so() -> None:
+def test_a_shape_that_the_record_does_not_determine_has_no_error_and_states_so() -> None:
     # A fifth of the strength: the drag is seen to bend, but hardly how.
     exponent = fitted("sublinear_viscous", 3000, strength_Nm=4.0e-6)["exponent"]
     assert exponent.std is None

@@ -59,7 +59,7 @@ def test_a_drift_that_grows_ever_faster_is_not_explained_away_by_jumps() -> None
     assert result.unexplained.size_Nm == pytest.approx(beside_levels.std(), rel=0.1)
 
 
-def test_the_period_of_a_short_rub_is_told_not_that_of_a_harmonic() -> None:
+def test_the_period_of_a_short_rub_is_reported_not_that_of_a_harmonic() -> None:
     count = 20_000
     rub = 2 * NOISE_NM * (np.mod(np.arange(count) * PERIOD_S, 130.0) < 6.0)
     samples, _ = record(swing(count), effect=lambda speed, level: rub * np.sign(speed))

@@ -41,7 +41,7 @@ def test_an_effect_too_weak_to_show_is_listed_with_the_strength_that_would() -> 
     assert "% of all friction" in untested["sublinear_viscous"]
 
 
-def test_what_was_tested_is_told_from_what_was_not_excited_and_what_is_not_testable() -> None:
+def test_what_was_tested_is_distinguished_from_what_was_not_excited_and_what_is_not_testable() -> None:
     # At one speed: time alone shows a drift, no motion shows a law of speed, no channel the temperature.
     found = search(np.full(COUNT, 120.0))
     assert found.result.verdict == "untestable"
