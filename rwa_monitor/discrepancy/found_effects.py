@@ -13,12 +13,11 @@ from rwa_monitor.discrepancy.base_fit import with_noise_of
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.hypotheses import describe
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
-from rwa_monitor.discrepancy.likelihood import Series
 from rwa_monitor.discrepancy.own_jumps import OwnJumps
 from rwa_monitor.discrepancy.p_values import built_in_null_distribution
-from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import INDISTINGUISHABLE, FoundEffect, ParameterValue
-from rwa_monitor.discrepancy.score import Background
+from rwa_monitor.discrepancy.score import Background, standard_deviations
 from rwa_monitor.discrepancy.shape_profile import is_logarithmic, reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import Found, Model, Term, law_of, make_term
 from rwa_monitor.samples import FloatArray
@@ -194,8 +193,6 @@ WIDTH: Final = 2.0  # standard deviations each way: 95 %
 # Of -2 log likelihood, to the ends of a 95 % interval of a step: 0.95 = (1 - exp(-x/2))² (Y.-C. Yao, Annals of
 # Statistics 15, 1987; D. Siegmund, International Statistical Review 56, 1988).
 STEP_RISE: Final = 7.35
-STRETCHES: Final = 20  # of the samples: residuals two of them apart are taken as nearly independent
-FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residual cannot be estimated
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,13 +230,13 @@ def spread(problem: Problem, model: Model) -> Spread:
             elif slope is not None:
                 columns.append(slope)
                 owners.append((index, name))
-    std = _standard_deviations(problem, model, np.column_stack(columns))
+    std = standard_deviations(problem, model, np.column_stack(columns))
     known = dict(zip(owners, std.tolist(), strict=True))
     for index, term in enumerate(model.terms):
         if term.effect.threshold:
             known[index, term.effect.threshold] = _threshold_std(problem, model, index)
     for owner, slope in exact.items():
-        known[owner] = float(_standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
+        known[owner] = float(standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
     return Spread(
         known[-1, ""],
         tuple(
@@ -354,42 +351,3 @@ def _derivative(
         make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ strengths for end in ends
     ]
     return np.asarray((torque[1] - torque[0]) / (ends[1] - ends[0]), dtype=np.float64)
-
-
-def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
-    """Return the standard deviation of each coefficient; columns of any scale, levels free, or one where none jumps.
-
-    The larger of two: that of the noise as it was estimated, and that of the residual as it is.
-    """
-    series = Series.of(problem, model.fit.jumps)
-    rows = np.vstack([model.fit.residual, columns.T, np.ones(problem.size)]) * series.sign
-    white, _ = series.whitened(rows, law_of(model))
-    residual, design = white[0], white[1:].T
-    variance = series.memory * float(residual @ residual) / residual.size
-    scale = np.sqrt(np.sum(design**2, axis=0))
-    scale[scale == 0] = 1.0
-    design = design / scale
-    inverse = np.linalg.pinv(design.T @ design, rcond=1e-14, hermitian=True)
-    influence = design @ inverse  # of each sample on each coefficient
-    of_noise = variance * np.sum(influence**2, axis=0)
-    std: FloatArray = np.sqrt(np.maximum(of_noise, _remembered(influence, residual))) / scale
-    return std[: columns.shape[1]]
-
-
-def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
-    """Return the variance of the coefficients by a residual that is correlated over a stretch of samples, float64 (p,).
-
-    The products of the scores influence · residual over all lags, weighted by a triangle as wide as a stretch: that is
-    the mean square of the sums over all windows of that width, over the width. A fit leaves less than there was:
-    of m stretches that inform a coefficient, m - 1 in m.
-    """
-    size = residual.size
-    width = max(size // STRETCHES, min(MAX_LAG, size // 2))
-    scores = influence * residual[:, None]
-    sums = np.concatenate([np.zeros((width, scores.shape[1])), np.cumsum(scores, axis=0)])
-    sums = np.concatenate([sums, np.repeat(sums[-1:], width - 1, axis=0)])
-    windows = sums[width:] - sums[:-width]
-    weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
-    informative = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
-    informative = np.maximum(informative, FEWEST_STRETCHES)
-    return np.asarray(np.sum(windows**2, axis=0) / width * informative / (informative - 1.0), dtype=np.float64)

@@ -26,7 +26,7 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_starts,
 )
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
-from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.terms import TINY, Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -264,6 +264,69 @@ def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: Float
     if series.jumps.size or law.level_spread > 0.0:
         residual = remove_levels(rest, segment_starts(problem, series.jumps))
     return Fit(series.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual))
+
+
+# ---- how well the coefficients of a model are known ------------------------------------------------------------------
+# A model that lacks something leaves a residual that remembers longer than the law of its noise: then the error is what
+# the residual itself shows (W. K. Newey, K. D. West, Econometrica 55, 1987).
+
+
+STRETCHES: Final = 20  # of the samples: residuals two of them apart are taken as nearly independent
+FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residual cannot be estimated
+
+
+def wald(problem: Problem, model: Model) -> FloatArray:
+    """Return the square of each term's strength over its standard deviation, of several the largest, float64 (terms,).
+
+    Where the residual is noise of the fitted law, that is about what the term gains (A. Wald, Trans. AMS 54, 1943).
+    Infinite in a record so short that only the law shows what its noise remembers.
+    """
+    if problem.size < STRETCHES * MAX_LAG:
+        return np.full(len(model.terms), np.inf)
+    columns = [term.columns for term in model.terms]
+    std = standard_deviations(problem, model, np.column_stack([problem.speed, *columns]))[1:]
+    ratios = np.square(model.fit.coefficients[1:] / np.maximum(std, TINY))
+    first = np.cumsum([0, *(one.shape[1] for one in columns[:-1])])
+    return np.maximum.reduceat(ratios, first)
+
+
+def standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
+    """Return the standard deviation of each coefficient; columns of any scale, levels free, or one where none jumps.
+
+    The larger of two: that of the noise as it was estimated, and that of the residual as it is.
+    """
+    series = Series.of(problem, model.fit.jumps)
+    rows = np.vstack([model.fit.residual, columns.T, np.ones(problem.size)]) * series.sign
+    white, _ = series.whitened(rows, law_of(model))
+    residual, design = white[0], white[1:].T
+    variance = series.memory * float(residual @ residual) / residual.size
+    scale = np.sqrt(np.sum(design**2, axis=0))
+    scale[scale == 0] = 1.0
+    design = design / scale
+    inverse = np.linalg.pinv(design.T @ design, rcond=1e-14, hermitian=True)
+    influence = design @ inverse  # of each sample on each coefficient
+    of_noise = variance * np.sum(influence**2, axis=0)
+    std: FloatArray = np.sqrt(np.maximum(of_noise, _remembered(influence, residual))) / scale
+    return std[: columns.shape[1]]
+
+
+def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the variance of the coefficients by a residual that is correlated over a stretch of samples, float64 (p,).
+
+    The products of the scores influence · residual over all lags, weighted by a triangle as wide as a stretch: that is
+    the mean square of the sums over all windows of that width, over the width. A fit leaves less than there was:
+    of m stretches that inform a coefficient, m - 1 in m.
+    """
+    size = residual.size
+    width = max(size // STRETCHES, min(MAX_LAG, size // 2))
+    scores = influence * residual[:, None]
+    sums = np.concatenate([np.zeros((width, scores.shape[1])), np.cumsum(scores, axis=0)])
+    sums = np.concatenate([sums, np.repeat(sums[-1:], width - 1, axis=0)])
+    windows = sums[width:] - sums[:-width]
+    weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
+    informative = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
+    informative = np.maximum(informative, FEWEST_STRETCHES)
+    return np.asarray(np.sum(windows**2, axis=0) / width * informative / (informative - 1.0), dtype=np.float64)
 
 
 # ---- the same on data that a model is not fitted to ------------------------------------------------------------------

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress, predicts
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress
 from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 
@@ -82,7 +82,7 @@ def grow(
             best_rejected = gain
             break
         alternatives = [one for one in alternatives if current.score - one.score >= least]
-        counted = (one for one in alternatives if len(one.terms) == named or predicts(fitting.problem, one, current))
+        counted = (one for one in alternatives if len(one.terms) == named or fitting.counts(one, current))
         accepted = next(counted, None)
         if accepted is None:
             break
@@ -125,7 +125,7 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
-        minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
+        minor = minor or [one for index, one in enumerate(simpler) if not fitting.counts(model, one, index)]
         plainer = None if keep_last or minor else fitting.plainer(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)
