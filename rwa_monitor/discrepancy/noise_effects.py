@@ -10,6 +10,7 @@ import numpy as np
 from scipy import optimize
 from scipy.ndimage import binary_dilation, correlate1d
 
+from rwa_monitor.discrepancy.base_fit import NEAR_CROSSING, distance_to_crossings
 from rwa_monitor.discrepancy.found_effects import as_found
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
@@ -169,6 +170,9 @@ def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
 def _views(problem: Problem, model: Model) -> list[_View]:
     """Return each record's residual along the rotation on its slots [N m], and which slots count."""
     residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
+    # What stands out only around a change of direction is friction that no law has exactly.
+    turning = distance_to_crossings(problem, np.arange(problem.size)) <= NEAR_CROSSING
+    turning &= 2 * np.count_nonzero(turning) < problem.size
     views = []
     for record, residual, begin, end in zip(
         problem.records, residuals, problem.starts[:-1], problem.starts[1:], strict=True
@@ -177,6 +181,7 @@ def _views(problem: Problem, model: Model) -> list[_View]:
         # A few far outliers are sojourns too short to be segmented; many are heavy tails.
         outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
         good = good & ~outlier if np.count_nonzero(outlier) <= FEW_OUTLIERS else good.copy()
+        good[problem.slot[begin:end][turning[begin:end]]] = False
         for jump in model.fit.jumps[(model.fit.jumps >= begin) & (model.fit.jumps < end)]:
             at = int(problem.slot[jump])
             good[max(at - AROUND_JUMPS, 0) : at + AROUND_JUMPS] = False
