@@ -84,7 +84,9 @@ class DelayTerm(CurrentDelay):
         pulses = 0.0 if channels.averaged else (0.5 + shape[LEAD]) * before + (0.5 - shape[LEAD]) * after
         # The rest changes slowly and is known from a noisy speed: its slope is taken over several slots.
         reach = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
-        smooth = np.nan_to_num(channels.optional("motor_torque_Nm") - dry)
+        smooth, at = channels.optional("motor_torque_Nm") - dry, np.arange(len(channels))
+        known = np.isfinite(smooth)
+        smooth = np.interp(at, at[known], smooth[known]) if known.any() else np.zeros(at.size)
         slope = correlate1d(smooth, reach / float(reach @ reach), mode="nearest")
         return stack((pulses + slope) / channels.sample_period_s), None
 

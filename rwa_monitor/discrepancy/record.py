@@ -179,7 +179,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     good, direction = channels.good, channels.direction
     moving = good & ~_at_rest(speed, noise, wheel.window.dead_band_rad_s) & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan), noise)
-    channels = replace(channels, averaged=bool(averaged.any()))
+    # A dead zone of the readings hides the reversals that would show whether samples are means.
+    channels = replace(channels, averaged=bool(averaged.any()) or motion.zone is not None)
     used = moving & ~averaged
     return Record(
         source=source,

@@ -57,7 +57,7 @@ class Channels:
     bus_voltage_V
         Supply voltage [V], or None.
     averaged
-        Whether samples are known to be means over their interval, and not of a moment.
+        Whether samples are means over their interval, or may be: nothing shows that they are of a moment.
     """
 
     time_s: FloatArray
