@@ -40,7 +40,7 @@ from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assig
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.kernels.running_sums import STRIDE, lagged_products
 from rwa_monitor.kernels.structure import BLOCK
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.switching_systems import jumping_chain_law
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
@@ -161,7 +161,7 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     n = np.maximum(sums.n, 1.0)
     spread, cross = sums.xx - sums.x * sums.x / n, sums.xz - sums.x * sums.z / n
     # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
-    shown = (sums.n >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(sums.xx, 1e-300))
+    shown = (sums.n >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(sums.xx, TINY))
     if np.count_nonzero(shown) < 2 or not variance > 0.0:
         return np.zeros(0), np.zeros(0)
     spread, cross = spread[shown], cross[shown]

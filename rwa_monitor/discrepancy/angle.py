@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.messages import Unexplained
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.torque_ripple import (
     LOWEST_ORDER,
     MANY_TURNS,
@@ -112,7 +112,7 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | float | None:
         return None
     if not flips:
         return order
-    std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), 1e-300))
+    std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), TINY))
     # The harmonics that are sure, laid on the slots.
     sure = SURE_HARMONIC * at.size * float(np.var(values))
     kept = [k for k in range(1, MOST_HARMONICS + 1) if k == 1 or abs(_sum(values, at, k * order)) ** 2 > sure]
@@ -172,7 +172,7 @@ def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatAr
     middle = (np.arange(len(blocks)) + 0.5) * near
     # The median of an exponential law is log 2 of its mean.
     around = np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0))
-    return power / np.maximum(around, np.finfo(np.float64).tiny), order
+    return power / np.maximum(around, TINY), order
 
 
 def _refined(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:
@@ -282,7 +282,7 @@ def smooth_phase(sums: ComplexArray, noise: FloatArray, walk: float) -> FloatArr
     FloatArray
         float64 (m,) [rad], unwrapped.
     """
-    amplitude2 = max(float(np.sum(np.abs(sums) ** 2 - 2.0 * noise)) / max(sums.size, 1), 1e-300)
+    amplitude2 = max(float(np.sum(np.abs(sums) ** 2 - 2.0 * noise)) / max(sums.size, 1), TINY)
     spread = np.maximum(noise, 1e-3 * amplitude2) / amplitude2  # of a phase, to first order
     first = int(np.argmax(np.abs(sums)))
     mean, variance = np.empty(sums.size), np.empty(sums.size)

@@ -32,7 +32,7 @@ from rwa_monitor.discrepancy.problem import (
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.segmentation import decafs, fpop, segment_sums
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.torque_balance import averaging_taps
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -207,7 +207,7 @@ def least_squares(problem: Problem, design: FloatArray, jumps: IntArray) -> Floa
 
 def _solved(problem: Problem, gram: FloatArray, moment: FloatArray) -> FloatArray:
     """Solve the normal equations; the first coefficient, of viscous friction, is bounded from below by the problem."""
-    scale = np.sqrt(np.maximum(gram.diagonal(), 1e-300))
+    scale = np.sqrt(np.maximum(gram.diagonal(), TINY))
     # A prior on the slope as weak as one sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:
         weight = problem.top_speed**2 * 1e-3
@@ -238,7 +238,7 @@ def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
         weighted = rise * weight[:, None]
         coefficients = _solved(problem, rise.T @ weighted, weighted.T @ z)
         residual = z - rise @ coefficients
-        scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
+        scale = max(float(np.median(np.abs(residual))) / 0.6745, TINY)
         weight = np.square(np.maximum(1.0 - np.square(residual / (TUKEY * scale)), 0.0))
     return coefficients
 

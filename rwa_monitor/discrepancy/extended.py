@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.record import temperature_range
 from rwa_monitor.discrepancy.result import Search, simulated_gain
 from rwa_monitor.discrepancy.terms import Model
 from rwa_monitor.messages import SimulatedGain
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.base import Effect
 from rwa_monitor.wheel.effects.catalogue import build, effect_class, mean_effects, to_block
 from rwa_monitor.wheel.file_content import rounded
@@ -232,7 +232,7 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
         return nominal, "one speed"
     known = np.array([nominal.dry_torque_Nm, nominal.viscous_Nm_s_rad])
     without, beside = (np.array([law.dry_Nm, law.viscous_Nm_s_rad]) for law in (before, after))
-    unit = np.maximum(np.abs(known), 1e-300)
+    unit = np.maximum(np.abs(known), TINY)
     if np.sum(((known - beside) / unit) ** 2) <= np.sum(((known - without) / unit) ** 2):
         return nominal, "kept"
     dry, viscous = np.maximum(known + beside - without, LEAST_SHARE * known).tolist()

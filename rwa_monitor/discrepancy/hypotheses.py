@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.score import Background, term_rows
 from rwa_monitor.discrepancy.shape_profile import middle_shape, shape_limits
 from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, available, depends_on_level, law_of, make_term
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.effects.formula import FORMULAS, Formula
@@ -282,7 +282,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         # A column that follows the level is in proportion to friction itself: its bounds are what is likely.
         # A strength in N m is what the effect reaches in a motion that shows it whole.
         peak = strength * max(float(np.max(np.abs(column))), 1.0 if parameter.unit == "N m" else 0.0)
-        there = float(np.sqrt(column**2 @ problem.z**2 / max(float(column @ column), np.finfo(np.float64).tiny)))
+        there = float(np.sqrt(column**2 @ problem.z**2 / max(float(column @ column), TINY)))
         peak = peak / there if there > 0 else np.inf
         large = (share > TOO_LARGE or peak > TOO_LARGE_AT_PEAK) and not depends_on_level(effect)
         found.append(Detectable(effect.name, parameter.name, strength, parameter.unit, share, peak, beyond or large))

@@ -11,7 +11,7 @@ from typing import ClassVar, Final
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, stack
 from rwa_monitor.wheel.effects.jump_shapes import DecayingJump, ViscousJump
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
@@ -42,7 +42,7 @@ class JumpTerm(MeanEffect):
         level = channels.optional("dry_level_Nm")
         change = np.nan_to_num(np.diff(level))
         # Levels are differences of sums: what is smaller than rounding is no jump.
-        index = np.flatnonzero(np.abs(change) > 1e-9 * np.max(np.abs(np.nan_to_num(level)), initial=1e-300)) + 1
+        index = np.flatnonzero(np.abs(change) > 1e-9 * np.max(np.abs(np.nan_to_num(level)), initial=TINY)) + 1
         return cls.wraps.columns(channels, Jumps(index.astype(np.int64), change[index - 1]), shape), None
 
 

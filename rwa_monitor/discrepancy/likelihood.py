@@ -21,7 +21,7 @@ from scipy.ndimage import maximum_filter1d
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.kernels.state_space import filter_gains, whiten
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
@@ -35,7 +35,6 @@ STRETCHES: Final = 10
 ROUNDS: Final = 4  # of coefficients and noise in turn
 SETTLED: Final = 0.1  # of the score
 LEAST_PIVOT: Final = 1e-4  # of regressors of length 1, from which elimination keeps enough digits
-SMALLEST: Final = 1e-300  # of what is divided by
 # Ends of the noise's parameters, beyond which a law is no other one: shares of white noise from 3e-4 to 1 - 3e-4,
 # memory of up to a thousand samples, growth by a factor of a hundred, levels a thousand noises apart.
 WIDEST_SHARE: Final = 8.0
@@ -173,7 +172,7 @@ class Series:
             problem.sign,
             problem.sign * problem.speed,
             gap,
-            slew / max(float(slew.max()), SMALLEST),
+            slew / max(float(slew.max()), TINY),
             jumps,
             problem.smallest_noise_Nm**2,
             problem.memory,
@@ -347,7 +346,7 @@ class Equations:
     def solve(self) -> tuple[FloatArray, float]:
         """Return the coefficients within their bounds, and the deviance with the best scale."""
         squares = self.gram.diagonal()
-        left = squares > SMALLEST  # of the others, levels leave nothing: they have no strength
+        left = squares > TINY  # of the others, levels leave nothing: they have no strength
         scale = np.sqrt(np.where(left, squares, 1.0))
         gram, moment = self.gram / np.outer(scale, scale), np.where(left, self.moment / scale, 0.0)
         factor, failed = linalg.lapack.dpotrf(gram)
@@ -361,7 +360,7 @@ class Equations:
             root = np.sqrt(np.maximum(values, 1e-12 * values[-1]))
             bounded = optimize.lsq_linear((vectors * root).T, (vectors.T @ moment) / root, (low, high), method="bvls")
             solution = np.clip(bounded.x, low, high)
-        variance = max(self.rss(solution / scale), SMALLEST) / self.samples + self.smallest_variance
+        variance = max(self.rss(solution / scale), TINY) / self.samples + self.smallest_variance
         deviance = float(self.samples * np.log(variance) + self.log_determinant) / self.memory
         return np.clip(solution / scale, self.low, self.high), deviance
 

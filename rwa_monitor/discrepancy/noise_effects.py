@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law
 from rwa_monitor.discrepancy.terms import Model, law_of
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import TINY, BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, curvature_std
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, NOISE_EFFECTS
@@ -258,8 +258,8 @@ def _speed_beside_tails(view: _View) -> LikelihoodFit:
         scaled = view.residual / factor
         both = tails.fit(scaled, view.channels, view.good)
     # Each gain is over a Gaussian law of its own residual's size.
-    smaller = float(np.mean(view.residual[usable] ** 2)) / max(float(np.mean(scaled[usable] ** 2)), 1e-300)
-    of_sizes = 0.5 * count * float(np.log(max(smaller, 1e-300))) - float(np.sum(np.log(factor[usable])))
+    smaller = float(np.mean(view.residual[usable] ** 2)) / max(float(np.mean(scaled[usable] ** 2)), TINY)
+    of_sizes = 0.5 * count * float(np.log(max(smaller, TINY))) - float(np.sum(np.log(factor[usable])))
     gain = both.log_likelihood_gain - alone.log_likelihood_gain + of_sizes
     return replace(fit, log_likelihood_gain=max(gain, 0.0))
 
@@ -268,7 +268,7 @@ def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) 
     """Return by what a residual of Student's law is multiplied to be Gaussian."""
     nu = tails.values["degrees_of_freedom"]
     scale2 = float(np.mean(residual[usable] ** 2)) * max(nu - 2, 0.05) / nu
-    return np.asarray(np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, 1e-300))), dtype=np.float64)
+    return np.asarray(np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, TINY))), dtype=np.float64)
 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:

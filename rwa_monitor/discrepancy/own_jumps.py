@@ -26,11 +26,11 @@ from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.search import prune
 from rwa_monitor.discrepancy.shape_profile import shape_limits
-from rwa_monitor.discrepancy.terms import TINY, Model, Term
+from rwa_monitor.discrepancy.terms import Model, Term
 from rwa_monitor.discrepancy.unexplained import with_free_curves
 from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.kernels.segmentation import optimal_curves
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape
 from rwa_monitor.wheel.effects.jump_shapes import DecayingJump, ViscousJump
 

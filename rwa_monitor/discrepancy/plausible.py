@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.samples import TINY, BoolArray, FloatArray, Samples
 from rwa_monitor.wheel.effects.base import Quantity
 from rwa_monitor.wheel.effects.catalogue import mean_effects
 from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
@@ -278,7 +278,7 @@ def first_slope(design: FloatArray, target: FloatArray) -> tuple[float, float]:
     design, target
         float64 (n, p) and (n,), n > p; the noise is taken to be white.
     """
-    scale = np.maximum(np.sqrt(np.mean(design**2, axis=0)), np.finfo(np.float64).tiny)
+    scale = np.maximum(np.sqrt(np.mean(design**2, axis=0)), TINY)
     inner = design / scale
     inverse = np.linalg.pinv(inner.T @ inner, rcond=1e-12, hermitian=True)
     slopes = inverse @ inner.T @ target

@@ -14,7 +14,7 @@ from scipy.ndimage import median_filter
 
 from rwa_monitor.discrepancy.plausible import ShownConstant, combined
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 
 # ---- the noise of the samples ----------------------------------------------------------------------------------------
 
@@ -77,7 +77,7 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     stands_out = np.flatnonzero(np.abs(covariance[: most + 1]) > 4.0 * 1.65 * np.sqrt(2.0 / size) * sill)
     apart = np.diff(stands_out, prepend=0, append=np.inf) > LONGEST_QUIET
     covariance[int(np.append(0, stands_out)[np.argmax(apart)]) + 1 :] = 0.0
-    return Noise(max(float(np.sqrt(sill)), 1e-300), covariance, max(long_run_variance(covariance), 1e-300))
+    return Noise(max(float(np.sqrt(sill)), TINY), covariance, max(long_run_variance(covariance), TINY))
 
 
 def long_run_variance(covariance: FloatArray) -> float:

@@ -30,7 +30,7 @@ from rwa_monitor.discrepancy.plausible import (
     without_end_stops,
 )
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples, SlotGrid
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TINY, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
@@ -474,7 +474,7 @@ def averages_over_reversals(speed_rad_s: FloatArray, drag_Nm: FloatArray, noise_
     means, points = (
         np.sum(missed, axis=1, where=straddles) for missed in (np.abs(drag_Nm[around] - level * along), of_points)
     )
-    left = np.where(points > 0.0, means / np.maximum(points, 1e-300), np.inf) / LEFT_SHARES
+    left = np.where(points > 0.0, means / np.maximum(points, TINY), np.inf) / LEFT_SHARES
     best = int(np.argmin(left))
     if left[best] < 1.0:
         averaged[around[np.min(shifted, axis=0)[best] < STRADDLES]] = True

@@ -27,8 +27,8 @@ from rwa_monitor.discrepancy.base_fit import (
 )
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
 from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
-from rwa_monitor.discrepancy.terms import TINY, Model, Term, depends_on_level, law_of, make_term
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
+from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
 SCREENED: Final = 20_000  # means of samples, of which screening uses no more
@@ -276,18 +276,16 @@ FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residua
 
 
 def wald(problem: Problem, model: Model) -> FloatArray:
-    """Return the square of each term's strength over its standard deviation, of several the largest, float64 (terms,).
+    """Return the square of each term's torque over the standard deviation of its size, float64 (terms,).
 
     Where the residual is noise of the fitted law, that is about what the term gains (A. Wald, Trans. AMS 54, 1943).
     Infinite in a record so short that only the law shows what its noise remembers.
     """
     if problem.size < STRETCHES * MAX_LAG:
         return np.full(len(model.terms), np.inf)
-    columns = [term.columns for term in model.terms]
-    std = standard_deviations(problem, model, np.column_stack([problem.speed, *columns]))[1:]
-    ratios = np.square(model.fit.coefficients[1:] / np.maximum(std, TINY))
-    first = np.cumsum([0, *(one.shape[1] for one in columns[:-1])])
-    return np.maximum.reduceat(ratios, first)
+    torques = np.column_stack([term.columns @ model.strengths(i) for i, term in enumerate(model.terms)])
+    std = standard_deviations(problem, model, np.column_stack([torques, problem.speed]))[:-1]
+    return np.where(torques.any(axis=0), 1.0 / np.maximum(std**2, TINY), 0.0)
 
 
 def standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
@@ -324,7 +322,7 @@ def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
     sums = np.concatenate([sums, np.repeat(sums[-1:], width - 1, axis=0)])
     windows = sums[width:] - sums[:-width]
     weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
-    informative = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
+    informative = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), TINY)
     informative = np.maximum(informative, FEWEST_STRETCHES)
     return np.asarray(np.sum(windows**2, axis=0) / width * informative / (informative - 1.0), dtype=np.float64)
 

@@ -22,12 +22,10 @@ from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Shape
 from rwa_monitor.wheel.effects.formula import Formula
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
-
-TINY: Final = 1e-100  # of what is divided by
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +138,7 @@ class FollowedLevel:
     def channels(self) -> list[Channels]:
         """The channels of each record with this level, and with the motor torque that would overcome it."""
         problem, added = self.problem, self.level + self.beside
-        slope = float((problem.z - added) @ problem.speed / max(float(problem.speed @ problem.speed), 1e-300))
+        slope = float((problem.z - added) @ problem.speed / max(float(problem.speed @ problem.speed), TINY))
         per_record = []
         levels, drags = problem.spread(self.level), problem.spread(added)
         for record, dry, drag in zip(problem.records, levels, drags, strict=True):

@@ -21,7 +21,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, make_term
 from rwa_monitor.discrepancy.unnamed import CURVES, UNNAMED, Periodic, PeriodicDrag, PeriodicRub, UnnamedEffect
 from rwa_monitor.messages import Unexplained
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import TINY, FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
 NEARLY_ALL: Final = 0.9  # of the sum of squares that another explains
@@ -249,5 +249,5 @@ def _size(problem: Problem, model: Model, index: int) -> float:
     first = segment_starts(problem, model.fit.jumps)
     torque = remove_levels(model.terms[index].columns @ model.strengths(index), first)
     along = remove_levels(problem.speed, first)
-    torque = torque - along * float(along @ torque) / max(float(along @ along), np.finfo(np.float64).tiny)
+    torque = torque - along * float(along @ torque) / max(float(along @ along), TINY)
     return float(np.sqrt(np.mean(torque**2)))

@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record, temperature_range, without_known_effects
 from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import make_term
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS, mean_effects, to_block, viscous_per_K
 from rwa_monitor.wheel.wheel import Nominal, Wheel
@@ -161,7 +161,7 @@ def _with_law(records: Sequence[Record], start: Wheel, bare: Wheel, effect: Mean
         [without_known_effects(record, wheel_of(effect.values[strength])) for record in records], bare
     )
     fitted = fit(problem)
-    wheel = wheel_of(max(float(fitted.coefficients[0]), np.finfo(np.float64).tiny))
+    wheel = wheel_of(max(float(fitted.coefficients[0]), TINY))
     seen = temperature_range(records)
     assert seen is not None
     per_cent = 100.0 * viscous_per_K(wheel, seen.middle)
@@ -185,7 +185,7 @@ def _with_spread(plain: Heat, records: Sequence[Record], bare: Wheel) -> Heat:
     mean, count = float(slopes.mean()), len(records)
     # The spread of a few is known badly: as wide as recordings to come need it (Student).
     few = float(stats.t.ppf(ONE_SIDED, count - 1) / stats.norm.ppf(ONE_SIDED) * np.sqrt(1.0 + 1.0 / count))
-    spread = float(np.std(slopes, ddof=1)) / max(mean, np.finfo(np.float64).tiny)
+    spread = float(np.std(slopes, ddof=1)) / max(mean, TINY)
     if spread < LEAST_SPREAD or slopes.min() <= 0.0:
         return plain
     own = [

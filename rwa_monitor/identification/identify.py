@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.duration_laws import LearnedLaw, learn_laws
 from rwa_monitor.identification.heat import learn_heat
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, TINY, FloatArray, IntArray, Samples
 from rwa_monitor.switching.jump_attribution import (
     TIERS,
     JumpAttribution,
@@ -366,7 +366,7 @@ def friction_errors(problem: Problem) -> tuple[float, float]:
     """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
     variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
     inner = problem.speed - mean
-    viscous_std = math.sqrt(variance / max(float(inner @ inner), 1e-300))
+    viscous_std = math.sqrt(variance / max(float(inner @ inner), TINY))
     return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
 
 
@@ -376,7 +376,7 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
     More data would not help where there is another `cause`.
     """
     errors = dict(
-        zip(("base dry", "viscous"), np.array(friction_errors(problem)) / (base, max(viscous, 1e-300)), strict=True)
+        zip(("base dry", "viscous"), np.array(friction_errors(problem)) / (base, max(viscous, TINY)), strict=True)
     )
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > LARGEST_ERROR:

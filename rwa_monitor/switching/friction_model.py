@@ -20,7 +20,7 @@ import numpy as np
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
 from rwa_monitor.changepoints.stage_results import SwitchingPath
 from rwa_monitor.kernels.friction import solve_cases
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
@@ -211,7 +211,7 @@ def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, 
     typical_level, typical_jump
         Sizes in this window: the scale of everything that neither of them gives.
     """
-    jump = typical_jump if typical_jump > 0 else max(abs(typical_level), 1e-300)
+    jump = typical_jump if typical_jump > 0 else max(abs(typical_level), TINY)
     if carried and carried.base_dry:
         drifted = carried.base_dry.drifted()
         held = Case(drifted.held, drifted.mean, max(drifted.std, 1e-6 * abs(drifted.mean)))
