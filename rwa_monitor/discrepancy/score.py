@@ -75,6 +75,8 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     """Return a scored model with the jumps that are the best of all beside its coefficients, where the score falls."""
     assert model.law is not None, "the model is scored"
     series, law = Series.of(problem), model.law
+    if law.white > 1.0 - law.memory**2:
+        return model  # AR(1) noise of such a memory has so small innovations that every white sample would be a jump
     # Along the rotation, the noise of the torque changes its sign where the direction does.
     spread = series.spread(law)
     variance = series.memory * float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
