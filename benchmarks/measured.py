@@ -23,8 +23,8 @@ from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.terms import Model, make_term
+from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.samples import FloatArray, Samples
-from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.wheel.wheel import Wheel

@@ -8,6 +8,7 @@ change with a line in the changelog; everything else may change at any time.
 
 from __future__ import annotations
 
+from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     """Import the public names when they are asked for: the command's --help needs none of what is behind them."""
     if name == "__version__":
-        return import_module("rwa_monitor.build").build()
+        return _build()
     if name == "plot":
         return import_module("rwa_monitor.plot")
     if name == "__all__":
@@ -34,3 +35,35 @@ def __getattr__(name: str) -> Any:
 def __dir__() -> list[str]:
     """Name what there is."""
     return sorted([*globals(), *__getattr__("__all__")])
+
+
+@cache
+def _build() -> str:
+    """Return the version of the installed package; between releases its local part names the commit.
+
+    It belongs to what nobody compares: `--version`, the settings of a recording, a report's foot. In diagnoses stands
+    the release alone (`rwa_monitor.words`), for their bytes must not differ from commit to commit.
+
+    Returns
+    -------
+    str
+        `0.1.0` of a release; `0.1.0.post1.dev12+g8e3a56a12` of commit 8e3a56a12 (PEP 440, as setuptools-scm writes it),
+        `….d20261121` behind it if files were changed there; `….editable` behind it where the package was installed so
+        that its files can have changed since (PEP 610); `0+unknown` where it was not installed, only found on the path.
+    """
+    import json
+    from importlib.metadata import PackageNotFoundError, distribution
+    from pathlib import Path
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
+    try:
+        installed = distribution("rwa-monitor")
+    except PackageNotFoundError:
+        return "0+unknown"
+    origin = json.loads(installed.read_text("direct_url.json") or "{}")
+    editable = origin.get("dir_info", {}).get("editable")
+    folder = Path(url2pathname(urlsplit(origin["url"]).path)) if editable else Path(str(installed.locate_file("")))
+    if (folder / "rwa_monitor").resolve() != Path(__file__).resolve().parent:
+        return "0+unknown"
+    return f"{installed.version}{'.' if '+' in installed.version else '+'}editable" if editable else installed.version

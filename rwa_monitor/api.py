@@ -39,14 +39,14 @@ from rwa_monitor.monitor.core import Event, WheelCore, WindowDiagnosed
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.monitor.replay import Report
 from rwa_monitor.monitor.replay import replay as replay_recordings
+from rwa_monitor.monitor.setup import read_model, read_scenario, read_wheel
 from rwa_monitor.monitor.telemetry_files import read_telemetry
-from rwa_monitor.reporting.trends import CoefficientTrend, wheel_trends
+from rwa_monitor.reporting.diagnoses import CoefficientTrend, wheel_trends
 from rwa_monitor.samples import Samples, Timeliness
 from rwa_monitor.simulation.record import Telemetry
 from rwa_monitor.simulation.record import simulate as simulate_telemetry
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import PathLike, display_name
 from rwa_monitor.telemetry.reader import joined, only_wheel, read_decoding
 from rwa_monitor.threads import on_threads, one_thread_of_algebra

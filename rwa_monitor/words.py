@@ -1,6 +1,6 @@
 """How the program names itself in what it writes, and how times, counts and lists are written for a person.
 
-The version of the installed package, which names the commit it was built from, is `rwa_monitor.__version__` (build.py).
+The version of the installed package, which names the commit it was built from, is `rwa_monitor.__version__`.
 """
 
 from __future__ import annotations

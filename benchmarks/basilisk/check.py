@@ -13,7 +13,7 @@ from pathlib import Path
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.identification.identify import identify
-from rwa_monitor.telemetry.configuration import read_wheel
+from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.table import read_table
 
 COULOMB_NM, VISCOUS = 1.6e-3, 5.3e-6  # as in record.py

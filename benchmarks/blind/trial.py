@@ -20,7 +20,7 @@ from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.score import held_out
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Model, Term, make_term
-from rwa_monitor.telemetry.configuration import read_wheel
+from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.table import read_table, write_csv
 from rwa_monitor.wheel.effects.base import MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.cage_instability import CageInstability

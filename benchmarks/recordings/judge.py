@@ -18,7 +18,7 @@ import numpy as np
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.errors import InputError
-from rwa_monitor.telemetry.configuration import read_wheel
+from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.table import read_table
 
 OFFSET = "torque_bias coulomb_asymmetry"

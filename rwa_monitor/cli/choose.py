@@ -81,7 +81,7 @@ def manoeuvre(
     --plan`. Exit code 1 where no change of the speed decides.
     """
     from rwa_monitor.diagnosis.manoeuvre import deciding_manoeuvres
-    from rwa_monitor.telemetry.configuration import read_model, read_wheel
+    from rwa_monitor.monitor.setup import read_model, read_wheel
 
     found = deciding_manoeuvres(read_wheel(wheel), read_model(model), friction, certainty, speed)
     if json:

@@ -60,7 +60,7 @@ def dashboard(
     from rwa_monitor.dashboard.recordings import import_recordings
     from rwa_monitor.history.store import History
     from rwa_monitor.monitor.bus import endpoints, open_session
-    from rwa_monitor.telemetry.configuration import read_wheel
+    from rwa_monitor.monitor.setup import read_wheel
 
     cli.warn_if_alone(bus)
     options = DashboardOptions(

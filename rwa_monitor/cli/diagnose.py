@@ -16,7 +16,7 @@ from rwa_monitor.errors import InputError
 if TYPE_CHECKING:
     from rwa_monitor.batch.tasks import CarriedStates, Diagnose
     from rwa_monitor.messages import Diagnosis, Method
-    from rwa_monitor.reporting.trends import WindowFriction
+    from rwa_monitor.reporting.diagnoses import WindowFriction
 
 
 class AtOnce(NamedTuple):
@@ -72,9 +72,8 @@ def diagnose(
     will leave the nominal range; not with --json.
     """
     from rwa_monitor.batch.tasks import Diagnose
-    from rwa_monitor.reporting.diagnosis_text import has_too_few_samples, render
-    from rwa_monitor.reporting.trends import window_friction
-    from rwa_monitor.telemetry.configuration import read_model, read_wheel
+    from rwa_monitor.monitor.setup import read_model, read_wheel
+    from rwa_monitor.reporting.diagnoses import has_too_few_samples, render, window_friction
     from rwa_monitor.words import counted
 
     if carry and many != AtOnce():
@@ -148,7 +147,7 @@ def _at_once(task: Diagnose, recordings: cli.Recordings, many: AtOnce) -> Iterat
 
 def _print_trends(by_wheel: dict[tuple[str, str], list[WindowFriction]]) -> None:
     """Print what the windows of each wheel together show of its friction."""
-    from rwa_monitor.reporting.trends import wheel_trends
+    from rwa_monitor.reporting.diagnoses import wheel_trends
 
     for (spacecraft, wheel), windows in by_wheel.items():
         starts = [window["dry"].window_start_ns for window in windows]

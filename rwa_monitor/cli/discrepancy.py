@@ -167,7 +167,7 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
 def _write_report(found: Search, sources: list[str], folder: Path) -> None:
     from hashlib import sha256
 
-    from rwa_monitor.build import build
+    from rwa_monitor import __version__
     from rwa_monitor.discrepancy.extended import extend
     from rwa_monitor.reporting.discrepancy_report import html
     from rwa_monitor.telemetry.files import write_text
@@ -175,7 +175,7 @@ def _write_report(found: Search, sources: list[str], folder: Path) -> None:
     report = json.dumps(found.result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     write_text(folder / "report.json", report)
     write_text(folder / "extended_wheel.toml", extend(found, sha256(report.encode()).hexdigest()).to_toml())
-    write_text(folder / "report.html", html(found, sources, build()))
+    write_text(folder / "report.html", html(found, sources, __version__))
 
 
 def _plan_json(entry: PlannedManoeuvre) -> dict[str, object]:

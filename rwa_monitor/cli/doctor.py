@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -75,13 +75,17 @@ NOT_ON_BOARD: Final = frozenset({"jinja2", "joblib", "scikit-learn"})
 
 def _packages() -> str:
     """Check that every package that the program needs is there, and return which are, and what which extra lacks."""
-    from importlib.metadata import requires, version
+    from importlib.metadata import Distribution, requires, version
 
     needed: defaultdict[str, list[str]] = defaultdict(list)  # by extra, "" for what the program needs
     for line in requires("rwa-monitor") or ():
         extra = re.search(r"extra == ['\"]([^'\"]+)['\"]", line)
         needed[extra[1] if extra else ""].append(re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0])
-    missing = {extra: _missing(names) for extra, names in needed.items() if extra not in {"build", "dev"}}
+    missing = {
+        extra: [name for name in names if not any(Distribution.discover(name=name))]
+        for extra, names in needed.items()
+        if extra not in {"build", "dev"}
+    }
     without = missing.pop("")
     if not NOT_ON_BOARD.issuperset(without):
         raise RwaMonitorError(f"{', '.join(without)} missing; run `pip install .` again")
@@ -90,13 +94,6 @@ def _packages() -> str:
         there.append(f"no {', '.join(without)} (a monitor alone needs none)")
     extras = [f"no {extra} (pip install 'rwa-monitor[{extra}]')" for extra, lacking in missing.items() if lacking]
     return f"{', '.join(there)}; extras: {', '.join(extras) or 'all'}"
-
-
-def _missing(names: Iterable[str]) -> list[str]:
-    """Return those of some packages that are not installed."""
-    from importlib.metadata import Distribution
-
-    return [name for name in names if not any(Distribution.discover(name=name))]
 
 
 def _kernels() -> str:
@@ -114,7 +111,7 @@ def _kernels() -> str:
 
 def _wheel(wheel_file: Path | None) -> str:
     """Check that the wheel file can be used, and return what it lacks."""
-    from rwa_monitor.telemetry.configuration import read_wheel
+    from rwa_monitor.monitor.setup import read_wheel
     from rwa_monitor.words import counted
 
     wheel = read_wheel(wheel_file)
@@ -125,7 +122,7 @@ def _wheel(wheel_file: Path | None) -> str:
 
 def _model(model_file: Path | None) -> str:
     """Check that the model can be used."""
-    from rwa_monitor.telemetry.configuration import read_model
+    from rwa_monitor.monitor.setup import read_model
 
     model = read_model(model_file)
     names = sorted(anomaly.name for anomaly in model.anomalies)
@@ -137,7 +134,7 @@ def _model(model_file: Path | None) -> str:
 
 def look_at_wheel_folder(folder: Path) -> str:
     """Check that the wheel files of single wheels can be used, and return what they lack."""
-    from rwa_monitor.telemetry.configuration import read_wheel_folder
+    from rwa_monitor.monitor.setup import read_wheel_folder
     from rwa_monitor.words import FEW, counted, first_few
 
     wheels = read_wheel_folder(folder)

@@ -110,7 +110,7 @@ def _print(scores: Sequence[tuple[str, dict[str, Scores]]]) -> None:
     """Print a line for each kind and detector."""
     from rich.table import Table
 
-    from rwa_monitor.reporting.diagnosis_text import UNKNOWN
+    from rwa_monitor.reporting.diagnoses import UNKNOWN
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     table.add_column("anomaly", no_wrap=True)

@@ -33,7 +33,7 @@ def export(wheel: Path, target: str, output: Path) -> int:
     """
     from rwa_monitor.export import FORMATS
     from rwa_monitor.export.model import friction_model
-    from rwa_monitor.telemetry.configuration import read_wheel
+    from rwa_monitor.monitor.setup import read_wheel
     from rwa_monitor.telemetry.files import display_name, write_files
 
     model = friction_model(read_wheel(wheel), display_name(wheel))

@@ -72,8 +72,8 @@ def train(labels_file: Path, wheel: Path, output: Path, scheduler: str | None, w
     """
     from rwa_monitor.batch.tasks import ReadFeatures, each
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
+    from rwa_monitor.monitor.setup import read_wheel
     from rwa_monitor.paper.classification import with_classifiers
-    from rwa_monitor.telemetry.configuration import read_wheel
     from rwa_monitor.telemetry.files import display_name, write_text
     from rwa_monitor.telemetry.labels import read_labels
     from rwa_monitor.words import counted

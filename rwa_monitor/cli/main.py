@@ -114,9 +114,9 @@ class Program(click.Group):
 def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
     del param
     if wanted and not ctx.resilient_parsing:
-        from rwa_monitor.build import build
+        from rwa_monitor import __version__
 
-        click.echo(f"{PROGRAM} {build()}")
+        click.echo(f"{PROGRAM} {__version__}")
         ctx.exit()
 
 

@@ -330,7 +330,7 @@ def known_wheel(wheel_file: Path | None, *, motor_off: bool) -> Wheel | None:
     InputError
         If the file cannot be used; if the motor shall be off and no inertia is known.
     """
-    from rwa_monitor.telemetry.configuration import read_wheel
+    from rwa_monitor.monitor.setup import read_wheel
 
     wheel = read_wheel(wheel_file) if wheel_file else None
     if not motor_off:

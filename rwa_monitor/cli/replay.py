@@ -78,13 +78,12 @@ def recover(recording: Path, output: Path) -> int:
 
     What is lost is logged on stderr, and the exit code is 3 then.
     """
-    from rwa_monitor.monitor.recorder import recover as save
+    from rwa_monitor.monitor.recorder import recover
     from rwa_monitor.words import counted
 
-    recovery = save(recording, output)
-    cli.log(*recovery.lost)
-    cli.log(f"{output}: {counted(recovery.messages, 'message')} saved")
-    return cli.UNREADABLE if recovery.lost else 0
+    saved = recover(recording, output)
+    cli.log(*saved.problems, f"{output}: {counted(saved.messages, 'message')} saved")
+    return cli.UNREADABLE if saved.problems else 0
 
 
 @click.command(short_help="Recordings for Foxglove, with a layout.")
@@ -96,10 +95,10 @@ def foxglove(recordings: tuple[Path, ...], output: Path) -> int:
     Every sample is a message, friction's parts and its jumps have topics, and what concerns an operator is a
     foxglove.Log. OUT.layout.json is the layout for it, and for the same wheels live (dashboard --foxglove).
     """
-    from rwa_monitor.monitor.recorder import write_foxglove
+    from rwa_monitor.monitor.recorder import layout_of, write_foxglove
     from rwa_monitor.words import counted
 
     written = write_foxglove(recordings, output)
-    cli.log(*written.problems)
-    cli.log(f"{output}: {counted(written.messages, 'message')}; the layout for Foxglove is {written.layout}")
+    found = f"{output}: {counted(written.messages, 'message')}; the layout for Foxglove is {layout_of(output)}"
+    cli.log(*written.problems, found)
     return cli.UNREADABLE if written.problems else 0

@@ -67,8 +67,7 @@ def run(
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.monitor.service import STORED_AFTER_S, RunOptions, Supervisor, run
-    from rwa_monitor.monitor.setup import Setup
-    from rwa_monitor.telemetry.configuration import read_model, read_wheel, read_wheel_folder
+    from rwa_monitor.monitor.setup import Setup, read_model, read_wheel, read_wheel_folder
 
     common = read_wheel(wheel)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}

@@ -127,9 +127,9 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
     """Simulate what the options ask for."""
     import numpy as np
 
+    from rwa_monitor.monitor.setup import read_scenario, read_wheel
     from rwa_monitor.simulation.datasets import LabelledWindow
     from rwa_monitor.simulation.record import simulate
-    from rwa_monitor.telemetry.configuration import read_scenario, read_wheel
 
     scenario, wheel = read_scenario(scenario_file), read_wheel(wheel_file)
     telemetry = simulate(scenario, wheel, np.random.default_rng(seed))

@@ -25,7 +25,7 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     """
     from contextlib import ExitStack
 
-    from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
+    from rwa_monitor.dashboard.space_packets import Bridge, UdpAddress, listening, run_bridge
     from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, endpoints, open_session
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
@@ -73,11 +73,10 @@ def packets(
     The definition (--xtce) and the packets follow from the wheels, --apid, --wheel and --model: give both the same.
     Without --to only the definition is written. Alarms come from a dashboard on the bus; without one there are none.
     """
-    from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter
+    from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
     from rwa_monitor.messages import PERIOD_S
-    from rwa_monitor.monitor.bridge import UdpAddress
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.telemetry.configuration import read_model, read_wheel
+    from rwa_monitor.monitor.setup import read_model, read_wheel
     from rwa_monitor.telemetry.files import display_name, write_text
 
     if to is None and xtce is None:

@@ -34,17 +34,15 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from rwa_monitor.build import build
+from rwa_monitor import __version__, messages
 from rwa_monitor.dashboard.feed import AlarmNotifier, Client, array_json, frame, pulse
 from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, VerdictHistory, Wheel, record_entry
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, recorded_samples, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import STORED_ALARM
-from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord, RetirementEvent, TrendRecord, trends
+from rwa_monitor.history.database import AlarmRecord, EstimateRecord, HistoryError, RetirementEvent, TrendRecord, trends
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
-    REPLAY,
     AlarmLevel,
     Changepoints,
     Diagnosis,
@@ -53,8 +51,6 @@ from rwa_monitor.messages import (
     SamplesMessage,
     Status,
     Verdict,
-    dump_json,
-    key_of,
 )
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from rwa_monitor.words import RELEASE, SOFTWARE
@@ -80,7 +76,7 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
     found = _Metrics()
     with fleet.lock:
         for spacecraft, wheel, known in fleet.wheels():
-            if (spacecraft, wheel) not in retired and not wheel.endswith(REPLAY):
+            if (spacecraft, wheel) not in retired and not wheel.endswith(messages.REPLAY):
                 _add_wheel(partial(found.add, spacecraft=spacecraft, wheel=wheel), known)
     alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in retired]
     stored = [alarm for alarm in alarms if alarm.name.endswith(STORED_ALARM)]
@@ -92,7 +88,7 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, retired: 
         about = "Alarms of stored telemetry, with times of then, that nobody has acknowledged, by level."
         found.add("rwa_stored_alarms", about, sum(alarm.level == level for alarm in stored), level=level)
     found.add("rwa_dashboard_pages", "Pages that are open.", clients)
-    found.add("rwa_dashboard_info", "Always 1; the labels name what runs.", 1, software=SOFTWARE, build=build())
+    found.add("rwa_dashboard_info", "Always 1; the labels name what runs.", 1, software=SOFTWARE, build=__version__)
     return generate_latest(found).decode()
 
 
@@ -426,7 +422,7 @@ class Api:
         self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # by what the latest window was
 
     def _first_frame(self) -> str:
-        first = [Received("dashboard/software", dump_json({"software": SOFTWARE}), None)]
+        first = [Received("dashboard/software", messages.dump_json({"software": SOFTWARE}), None)]
         try:
             first += self._snapshot()
         except HistoryError:
@@ -441,7 +437,9 @@ class Api:
         """Return what a page needs first: live wheels, those only of the history, the alarms, retired wheels."""
         history, live = self._history, self._fleet.snapshot()
         known = {entry.key for entry in live}
-        earlier = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
+        earlier = [
+            Received(messages.key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()
+        ]
         earlier = [entry for entry in earlier if entry.key not in known]
         retired = [record_entry(event, "retirement") for event in history.retired.latest()]
         return [*live, *earlier, *(record_entry(alarm, "alarm") for alarm in history.alarms()), *retired]
@@ -460,7 +458,7 @@ class Api:
             known[name] = [*self._earlier[name][1].recent]
         fields = RecentWindows.model_fields
         columns = {"/".join(name): zip(*rows, strict=True) for name, rows in known.items() if rows}
-        return _json(dump_json({name: dict(zip(fields, rows, strict=True)) for name, rows in columns.items()}))
+        return _json(messages.dump_json({name: dict(zip(fields, rows, strict=True)) for name, rows in columns.items()}))
 
     def wheel(self, spacecraft: str, wheel: str) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
@@ -592,8 +590,8 @@ def _json(content: bytes) -> Response:
     return Response(content, media_type="application/json")
 
 
-def _list(messages: Iterable[Message]) -> Response:
-    return _json(array_json(message.to_json() for message in messages))
+def _list(listed: Iterable[Message]) -> Response:
+    return _json(array_json(message.to_json() for message in listed))
 
 
 async def _refused(request: Request, error: Exception) -> Response:

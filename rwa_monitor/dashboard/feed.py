@@ -23,27 +23,13 @@ from typing import Final, Self
 
 import zenoh
 
+from rwa_monitor import messages
 from rwa_monitor.dashboard.fleet import KEYS, REMEMBERED, Fleet, Received, Wheel, record_entry, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
-from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord, MonitorState, RetirementEvent
+from rwa_monitor.history.database import AlarmRecord, HistoryError, MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import (
-    KINDS,
-    PERIOD_S,
-    REPLAY,
-    Diagnosis,
-    Discrepancy,
-    Health,
-    HealthAlarm,
-    SamplesMessage,
-    Status,
-    dump_json,
-    health_message,
-    replay_key,
-    split_key,
-)
+from rwa_monitor.messages import PERIOD_S, Diagnosis, Discrepancy, Health, HealthAlarm, SamplesMessage, Status
 from rwa_monitor.monitor.bus import BusThread, BusWatch, HealthAnswers
 from rwa_monitor.samples import SECONDS_PER_HOUR
 from rwa_monitor.words import Log, time_text
@@ -73,7 +59,7 @@ class Client:
 
 
 class Hub:
-    """Gathers what comes and hands it out. Everything but `post` and `note` belongs to the event loop."""
+    """Gathers what comes and hands it out. Everything but `post` and `notes` belongs to the event loop."""
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
@@ -85,10 +71,6 @@ class Hub:
         """Take a message, from any thread; it is dropped while no page is open."""
         if self.clients:
             self._posted.append(received)
-
-    def note(self, what: str, trouble: str) -> None:
-        """Report to every page what is wrong with something of the dashboard, "" where nothing is."""
-        self.notes[what] = trouble
 
     def watched(self, wheel: str) -> bool:
         """Return whether a page shows the samples of a wheel ("spacecraft/wheel")."""
@@ -104,7 +86,7 @@ class Hub:
             entries: list[Received] = []
             if now >= beat_due:
                 beat_due = now + PERIOD_S  # a page without a beat for some seconds takes the server for gone
-                beat = dump_json({"wall_ns": time.time_ns(), "notes": [*filter(None, self.notes.values())]})
+                beat = messages.dump_json({"wall_ns": time.time_ns(), "notes": [*filter(None, self.notes.values())]})
                 entries.append(Received(BEAT_KEY, beat, time.time_ns()))
             self._hand_out(entries)
 
@@ -207,7 +189,7 @@ class AlarmNotifier:
         with self._publishing:  # else what was read before a change could be published after it
             latest, records = self._history.windows(spacecraft, wheel, 1), self._history.open_alarms(spacecraft, wheel)
             if latest:
-                health = health_message(latest[0])
+                health = messages.health_message(latest[0])
             elif wheel == ALL_WHEELS:
                 health = shared_health(spacecraft, records)
             else:
@@ -306,7 +288,7 @@ class Listener(BusThread):
         if check_is_due:
             self._check_due_s = now_s + PERIOD_S
             trouble = self._watch.trouble()
-            self.hub.note("bus", trouble)
+            self.hub.notes["bus"] = trouble
             if now_s >= self._retry_due_s:  # before what may take long: here all that has come so far is read
                 self._report_monitors(trouble)
         if self._waiting and now_s >= self._retry_due_s:
@@ -342,9 +324,9 @@ class Listener(BusThread):
             self._retry_due_s = time.monotonic() + PERIOD_S
             if not self.hub.notes["history"]:
                 self.log(str(error))
-            self.hub.note("history", f"{error}. {len(self._waiting)} windows wait to be stored.")
+            self.hub.notes["history"] = f"{error}. {len(self._waiting)} windows wait to be stored."
             return False
-        self.hub.note("history", "")
+        self.hub.notes["history"] = ""
         return True
 
     def receive(self, key: str, payload: bytes) -> None:
@@ -352,13 +334,13 @@ class Listener(BusThread):
         if len(self._waiting) >= BATCH:
             self.on_idle()
         try:
-            spacecraft, wheel, kind = split_key(key)
-            if kind not in KINDS:
+            spacecraft, wheel, kind = messages.split_key(key)
+            if kind not in messages.KINDS:
                 return
-            message = KINDS[kind].parse(payload, key)
+            message = messages.KINDS[kind].parse(payload, key)
             if isinstance(message, SamplesMessage) and message.data == "replay":
-                key = replay_key(key)
-                wheel = split_key(key)[1]
+                key = messages.replay_key(key)
+                wheel = messages.split_key(key)[1]
         except InputError:
             return
         if isinstance(message, Health):
@@ -368,7 +350,7 @@ class Listener(BusThread):
         known = self._wheel(spacecraft, wheel)
         if known is None:
             return
-        wall_ns, replayed = time.time_ns(), wheel.endswith(REPLAY)
+        wall_ns, replayed = time.time_ns(), wheel.endswith(messages.REPLAY)
         if isinstance(message, SamplesMessage):
             self._receive_samples(known, key, message, wall_ns)
             return
@@ -387,9 +369,9 @@ class Listener(BusThread):
             self._waiting.append(message)
 
     def _receive_samples(self, known: Wheel, key: str, message: SamplesMessage, wall_ns: int) -> None:
-        spacecraft, wheel, _ = split_key(key)
+        spacecraft, wheel, _ = messages.split_key(key)
         self._telemetry_arrived(spacecraft, wheel)
-        if not wheel.endswith(REPLAY):
+        if not wheel.endswith(messages.REPLAY):
             self._monitors.expect(spacecraft, wheel)
         elif message.time_ns[0] < known.decimated.last_ns:
             known = self.fleet.begin(spacecraft, wheel, []) or known  # a replay that begins from the start

@@ -12,19 +12,9 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rwa_monitor.history.records import AlarmRecord, RetirementEvent
-from rwa_monitor.messages import (
-    INTERVALS_TILL_LATE,
-    MAX_WHEELS,
-    Changepoints,
-    Diagnosis,
-    Discrepancy,
-    Message,
-    Status,
-    dump_json,
-    health_message,
-    samples_json,
-)
+from rwa_monitor import messages
+from rwa_monitor.history.database import AlarmRecord, RetirementEvent
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, SlotGrid, concatenate
 from rwa_monitor.wheel.torque_balance import half_width, mended_friction, motor_torque
@@ -102,7 +92,7 @@ class Rhythm:
 
     def __init__(self) -> None:
         self.wall_ns: int | None = None
-        self._span_s = FIRST_STALE_S / INTERVALS_TILL_LATE
+        self._span_s = FIRST_STALE_S / messages.INTERVALS_TILL_LATE
         self._last_sample_ns: int | None = None
         self._intervals: deque[float] = deque(maxlen=RHYTHMS)
 
@@ -130,7 +120,7 @@ class Rhythm:
         """Silence after which the samples are no longer those of now [s]."""
         known = len(self._intervals) >= RHYTHMS // 2
         expected_s = max(self._intervals) if known else self._span_s
-        return max(LEAST_STALE_S, INTERVALS_TILL_LATE * expected_s)
+        return max(LEAST_STALE_S, messages.INTERVALS_TILL_LATE * expected_s)
 
     def shown(self) -> dict[str, float | None]:
         """Return it as it goes with a status in the feed."""
@@ -188,7 +178,7 @@ def thinned_json(picked: Samples) -> bytes:
     """Return samples that were picked as the JSON of a `SamplesMessage`."""
     if np.isnan(_known(picked.bearing_temperature_degC, len(picked))).all():  # most wheels have no sensor for it
         picked = replace(picked, bearing_temperature_degC=None)
-    return samples_json(picked, publisher="", batch=0)
+    return messages.samples_json(picked, publisher="", batch=0)
 
 
 def _shown(samples: Samples) -> Samples:
@@ -254,24 +244,22 @@ class VerdictHistory:
     since_ns: int | None = None
     windows: int = 0
     recent: deque[tuple[int, str, bool, float]] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
-    _last: Diagnosis | None = None
 
     def extend(self, diagnoses: Iterable[Diagnosis]) -> None:
         """Take in windows, the oldest first; one that is not later than the last one changes nothing."""
         for window in diagnoses:
-            before = self._last
-            if before is not None and window.window_end_ns <= before.window_end_ns:
+            last_ns, verdict, *_ = self.recent[-1] if self.recent else (None, None)
+            if last_ns is not None and window.window_end_ns <= last_ns:
                 continue
-            if before is None or before.verdict != window.verdict:
+            if verdict != window.verdict:
                 self.since_ns, self.windows = window.window_start_ns, 0
             self.windows += 1
-            severity = health_message(window).severity
+            severity = messages.health_message(window).severity
             self.recent.append((window.window_end_ns, window.verdict, window.model_adequate, severity))
-            self._last = window
 
     def to_json(self) -> bytes:
         """Return it as it goes with a diagnosis in the feed."""
-        return dump_json({"since_ns": self.since_ns, "windows": self.windows})
+        return messages.dump_json({"since_ns": self.since_ns, "windows": self.windows})
 
 
 @dataclass(slots=True)
@@ -310,7 +298,7 @@ class Fleet:
     def begin(self, spacecraft: str, wheel: str, earlier: list[Diagnosis]) -> Wheel | None:
         """Return a wheel, known from now on with its earlier windows alone; None where there are too many."""
         with self.lock:
-            if len(self._wheels) >= MAX_WHEELS:
+            if len(self._wheels) >= messages.MAX_WHEELS:
                 return None
             known = Wheel(DerivedFriction(self.setup.wheel(spacecraft, wheel)))
             known.verdicts.extend(earlier)
@@ -333,8 +321,8 @@ class Fleet:
                     wheel.rhythm.take_status(message.last_sample_ns, wall_ns)
                     rhythm, fill = wheel.rhythm.shown(), round(message.window_fill, 4)
                     pulse = {"reported_wall_ns": wall_ns, "window_fill": fill, "telemetry": rhythm}
-                    brief = dump_json(pulse | {"refused": _refused(message)})
-                    received = received._replace(beside=dump_json(rhythm), brief=brief)
+                    brief = messages.dump_json(pulse | {"refused": _refused(message)})
+                    received = received._replace(beside=messages.dump_json(rhythm), brief=brief)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]

@@ -9,6 +9,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
+from rwa_monitor import messages
 from rwa_monitor.dashboard.feed import BATCH, array_json
 from rwa_monitor.dashboard.fleet import (
     MAX_POINTS,
@@ -20,17 +21,7 @@ from rwa_monitor.dashboard.fleet import (
 )
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import (
-    MESSAGES,
-    Diagnosis,
-    Discrepancy,
-    Health,
-    Message,
-    SamplesMessage,
-    dump_json,
-    key_of,
-    split_key,
-)
+from rwa_monitor.messages import Diagnosis, Discrepancy, Health, Message, SamplesMessage
 from rwa_monitor.monitor.recording import (
     RECORDING_SUFFIX,
     Recording,
@@ -40,7 +31,7 @@ from rwa_monitor.monitor.recording import (
 )
 from rwa_monitor.monitor.setup import Setup
 
-SHOWN: Final = {message.schema_name(): message for message in MESSAGES if message is not Health}
+SHOWN: Final = {message.schema_name(): message for message in messages.MESSAGES if message is not Health}
 
 
 class RecordingFile(Message):
@@ -87,7 +78,7 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     recording = read_recording(path)
     entries = list(_entries(recording))
     # Reading stops at what is damaged; the page shows it.
-    problems = dump_json(recording.problems)
+    problems = messages.dump_json(recording.problems)
     return b'{"problems":' + problems + b',"entries":' + array_json(entries) + b"}"
 
 
@@ -97,7 +88,7 @@ def recorded_samples(folder: Path | None, window: Diagnosis) -> bytes:
     "null" where there are none.
     """
     start_ns, end_ns = window.window_start_ns, window.window_end_ns
-    topic = key_of(SamplesMessage, window.spacecraft, window.wheel)
+    topic = messages.key_of(SamplesMessage, window.spacecraft, window.wheel)
     decimated = DecimatedSamples()
     for entry in reversed(list_recordings(folder)):
         if entry.first_ns is None or entry.last_ns is None or entry.first_ns >= end_ns or entry.last_ns < start_ns:
@@ -134,7 +125,7 @@ def _entries(recording: Recording) -> Iterator[bytes]:
         if message.schema not in SHOWN:
             continue
         shown = SHOWN[message.schema].parse(message.payload, f"{recording.path.name}: {message.topic}")
-        name = split_key(message.topic)[:2]
+        name = messages.split_key(message.topic)[:2]
         wheel = fleet.wheel(*name) or fleet.begin(*name, [])
         entry = Received(message.topic, shown.to_json(), message.publish_ns)
         if wheel is not None and isinstance(shown, SamplesMessage):

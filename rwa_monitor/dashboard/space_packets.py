@@ -1,34 +1,51 @@
-"""Verdicts and alarms as CCSDS space packets (133.0-B-2), and their XTCE definition: one list of fields makes both.
+"""CCSDS space packets (133.0-B-2) over UDP: verdicts and alarms out, telemetry onto the bus.
 
+One list of fields makes the packets that go out, and their XTCE definition.
 Each wheel has an APID of its own, and two kinds of packets: its diagnosis of a window, and its alarms, all of them,
 whenever one changes. A text that is too long is cut, a number that is not known is NaN, and a part or an alarm that the
 definition does not name is left out; of such alarms the highest level stands under `other`.
+
+The bridge is bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for
+`PERIOD_S`, wheels are those of the map. What comes faster than it is read, the system drops: the packets' sequence
+count shows it.
 """
 
 from __future__ import annotations
 
 import re
+import socket
 import struct
+import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from functools import cache, partial
 from operator import attrgetter
+from threading import Event
 from typing import Any, Final, NamedTuple, Self, get_args
 
 import zenoh
 
 from rwa_monitor.diagnosis.findings import DRY_UNIT, VISCOUS_UNIT
 from rwa_monitor.diagnosis.model import Model, models_for
-from rwa_monitor.errors import InputError
+from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.history.alarms import BOUNDS, MODEL_ALARM, MONITOR_ALARM, WINDOW_POLICY, Level
-from rwa_monitor.messages import AlarmLevel, AlarmPhase, Diagnosis, Health, Verdict, split_key
-from rwa_monitor.monitor.bridge import UdpAddress
-from rwa_monitor.monitor.bus import OUTPUT_HISTORY, BusThread
+from rwa_monitor.messages import LOG_PERIOD_S, PERIOD_S, AlarmLevel, AlarmPhase, Diagnosis, Health, Verdict, split_key
+from rwa_monitor.monitor.bus import IDLE_WAIT_S, OUTPUT_HISTORY, BusThread, SamplesPublisher
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
-from rwa_monitor.telemetry.ccsds_packets import HEADER, SEQUENCE_MODULUS, UNSEGMENTED
+from rwa_monitor.telemetry.ccsds_packets import (
+    HEADER,
+    SEQUENCE_MODULUS,
+    UNSEGMENTED,
+    PacketDecoder,
+    WheelPackets,
+    packet_notes,
+    split_packets,
+)
 from rwa_monitor.telemetry.reader import MAX_APID
 from rwa_monitor.wheel.wheel import Wheel
-from rwa_monitor.words import SOFTWARE, Log
+from rwa_monitor.words import SOFTWARE, Log, counted
 
 SECONDARY: Final = struct.Struct(">IHB")  # behind the primary header: seconds, their fractions, kind
 TEXT_BYTES: Final = 256
@@ -251,8 +268,7 @@ class PacketSender(BusThread):
 
     def __init__(self, session: zenoh.Session, writer: PacketWriter, address: UdpAddress, log: Log) -> None:
         self.packets = 0
-        self._session, self._writer, self._log = session, writer, log
-        self._logged: set[str] = set()
+        self._session, self._writer, self._log = session, writer, cache(log)
         self._socket, self._place = address.open()
         super().__init__(session, "space packets", *(f"rwa/*/*/{message.kind}" for message in KINDS.values()))
 
@@ -275,6 +291,144 @@ class PacketSender(BusThread):
                 self._socket.sendto(packet, self._place)
                 self.packets += 1
         except (InputError, OSError) as error:
-            if str(error) not in self._logged:
-                self._logged.add(str(error))
-                self._log(f"a packet is not sent: {error}")
+            self._log(f"a packet is not sent: {error}")
+
+
+# ---- telemetry from packets onto the bus -----------------------------------------------------------------------------
+
+
+MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can hold
+RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
+
+
+class UdpAddress(NamedTuple):
+    """Where datagrams come in, or go to."""
+
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str, option: str) -> UdpAddress:
+        """Read [HOST:]PORT; the host is 127.0.0.1 by default, and an IPv6 address stands in brackets."""
+        host, _, port = text.rpartition(":")
+        if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 2**16:
+            raise InputError(option, f"{text!r} is no [HOST:]PORT such as 127.0.0.1:5005")
+        return cls(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port))
+
+    def open(self) -> tuple[socket.socket, Any]:
+        """Return a socket for it, and it as the socket takes it; raises RwaMonitorError if there is none such."""
+        try:
+            family, kind, protocol, _, place = socket.getaddrinfo(*self, type=socket.SOCK_DGRAM)[0]
+        except OSError as error:
+            raise RwaMonitorError(f"{self.host}: there is no such address: {error.strerror or error}") from error
+        return socket.socket(family, kind, protocol), place
+
+
+@contextmanager
+def listening(address: UdpAddress) -> Iterator[socket.socket]:
+    """Give a socket that receives what is sent to an address; raises RwaMonitorError if that cannot be had."""
+    receiver, place = address.open()
+    with receiver:
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        receiver.settimeout(IDLE_WAIT_S)
+        try:
+            receiver.bind(place)
+        except OSError as error:
+            where = f"{address.host} port {address.port}"
+            raise RwaMonitorError(f"{where} cannot be listened on: {error.strerror or error}") from error
+        yield receiver
+
+
+class Bridge:
+    """Turns datagrams into batches of samples and hands them on.
+
+    Parameters
+    ----------
+    decoder
+        Reads the packets.
+    sinks
+        Where each wheel's samples go, by key.
+    batch_samples
+        Samples of one message at most.
+
+    Attributes
+    ----------
+    datagrams, samples
+        How many came in, how many went out.
+    """
+
+    def __init__(self, decoder: PacketDecoder, sinks: Mapping[str, SamplesPublisher], batch_samples: int) -> None:
+        self.datagrams = 0
+        self.samples = 0
+        self._decoder = decoder
+        self._sinks = sinks
+        self._batch_samples = batch_samples
+        self._sent_s = float("-inf")
+
+    def take(self, datagram: bytes) -> None:
+        """Take a datagram of one packet or several, one after the other."""
+        self.datagrams += 1
+        packets = list(split_packets(datagram))
+        rest = datagram[sum(map(len, packets)) :]
+        if rest or not datagram:
+            packets.append(rest)  # no whole packet: the decoder counts it as such
+        for packet in packets:
+            for wheel in self._decoder.take(packet):
+                if len(wheel) >= self._batch_samples:
+                    self._send(wheel)
+
+    def tick(self, now_s: float) -> None:
+        """Send what waits, each `PERIOD_S`."""
+        if now_s - self._sent_s >= PERIOD_S:
+            self._sent_s = now_s
+            self.send_all()
+
+    def send_all(self) -> None:
+        """Send all that waits."""
+        for wheel in self._decoder.wheels:
+            if len(wheel):
+                self._send(wheel)
+
+    def _send(self, wheel: WheelPackets) -> None:
+        samples = wheel.samples()
+        self._sinks[wheel.key].put(samples)
+        self.samples += len(samples)
+
+    def counts(self) -> dict[str, Any]:
+        """Return what became of everything so far, as JSON has it."""
+        counts = asdict(self._decoder.counts)
+        counts["unknown_apids"] = sorted(counts["unknown_apids"])
+        return {"datagrams": self.datagrams, **counts, "samples": self.samples}
+
+    def log_warnings(self, log: Log) -> None:
+        """Log what was left out and what is missing so far."""
+        counts = self._decoder.counts
+        if counts.bad:
+            log(f"{counted(counts.bad, 'packet')} cannot be read, the first: {counts.first_bad}")
+        for note in packet_notes(counts):
+            log(note)
+
+
+def run_bridge(
+    bridge: Bridge,
+    receiver: socket.socket,
+    stop: Event,
+    log: Log,
+    on_tick: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Hand on what a socket receives until stopped; what is left out is logged, each line once.
+
+    `on_tick` is called with the time of a clock that only goes forward [s], many times a second.
+    """
+    log, next_warnings_s = cache(log), 0.0
+    while not stop.is_set():
+        with suppress(TimeoutError):
+            bridge.take(receiver.recv(MAX_DATAGRAM_BYTES))
+        now_s = time.monotonic()
+        bridge.tick(now_s)
+        on_tick(now_s)
+        if now_s >= next_warnings_s:
+            next_warnings_s = now_s + LOG_PERIOD_S
+            bridge.log_warnings(log)
+    bridge.send_all()
+    bridge.log_warnings(log)

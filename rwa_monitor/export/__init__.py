@@ -11,9 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from rwa_monitor.export.basilisk import basilisk_files
-from rwa_monitor.export.c_source import c_files
-from rwa_monitor.export.detector import detector_files
-from rwa_monitor.export.fmu import fmu_files
+from rwa_monitor.export.c_source import c_files, detector_files, fmu_files
 from rwa_monitor.export.model import FrictionModel, to_json
 
 

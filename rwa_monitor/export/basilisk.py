@@ -12,8 +12,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.export.c_source import SWEEP_S, c_files, render, rms, sweep, torque
-from rwa_monitor.export.fmu import shared_library
+from rwa_monitor.export.c_source import SWEEP_S, c_files, render, rms, shared_library, sweep, torque
 from rwa_monitor.export.model import FrictionModel
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect

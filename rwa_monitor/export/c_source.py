@@ -1,20 +1,42 @@
-"""The friction model as one C99 file and its header: no allocation, libm alone; what leaving effects out costs."""
+"""What is written in C: the friction model, alone or in an FMU, and the settings of the onboard detector.
+
+The model is one C99 file and its header: no allocation, libm alone; beside what it leaves out stands what that costs.
+The FMU has sources and a binary for Linux, for model exchange and co-simulation. Layout, schemas and functions:
+Functional Mock-up Interface Specification 3.0, Modelica Association, 2022. The settings are of
+`kernels/onboard/rwa_detector.h`.
+"""
 
 from __future__ import annotations
 
+import io
+import math
+import os
+import platform
 import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import zipfile
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
 import numpy as np
 
-from rwa_monitor.export.model import FrictionModel, Part, literal
+from rwa_monitor.changepoints.evidence import UNKNOWN_TAIL, WindowAccumulator
+from rwa_monitor.changepoints.noise import TAIL_RATIO, largest_outlier, outlier_chance
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.export.model import INPUTS, FrictionModel, Part, literal
+from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.simulation.record import COUPLING_ROUNDS, couple
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
+from rwa_monitor.wheel.effects.catalogue import viscous_effects
 from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 from rwa_monitor.words import SOFTWARE
 
@@ -141,3 +163,109 @@ def c_files(model: FrictionModel) -> dict[str, str]:
             rounds=COUPLING_ROUNDS,
         ),
     }
+
+
+# ---- the same as an FMU ----------------------------------------------------------------------------------------------
+
+
+# No contraction to fused multiply-add: the bits of the package's own kernels.
+FLAGS: Final = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-shared")
+
+
+def fmu_files(model: FrictionModel) -> dict[str, bytes]:
+    """Return the FMU by the name of its file: the same model gives the same bytes with the same compiler.
+
+    Raises
+    ------
+    InputError
+        If there is no C compiler.
+    RwaMonitorError
+        If it fails.
+    """
+    sources = c_files(model)
+    token = sha256("".join(sources.values()).encode()).hexdigest()
+    sources["rwa_fmi3.c"] = render("rwa_fmi3.c", model, token=token, temperature=ORIGIN_degC)
+    description = render("modelDescription.xml", model, token=token, temperature=ORIGIN_degC, inputs=INPUTS)
+    contents = {
+        "modelDescription.xml": description.encode(),
+        f"binaries/{platform.machine()}-linux/rwa_friction.so": shared_library(sources, "--to fmu"),
+        "sources/buildDescription.xml": render("buildDescription.xml", model).encode(),
+        **{f"sources/{name}": text.encode() for name, text in sources.items()},
+    }
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in contents.items():
+            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)  # dated 1980, whenever written
+    return {"rwa_friction.fmu": file.getvalue()}
+
+
+def shared_library(sources: dict[str, str], place: str, hidden: bool = True) -> bytes:
+    """Compile C sources with the system's compiler, or that of the environment's CC; errors as in `fmu_files`.
+
+    Where `hidden`, only functions that ask for it are seen from outside: two FMUs in one process do not mix.
+    """
+    compiler = shlex.split(os.environ.get("CC", "cc"))
+    if sys.platform != "linux":
+        raise InputError(place, "writes a binary for Linux; --to c gives the source, for any system")
+    if not compiler or shutil.which(compiler[0]) is None:
+        raise InputError(place, "needs a C compiler (cc, or $CC): apt-get install gcc; --to c needs none")
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in sources.items():
+            Path(folder, name).write_text(text, encoding="utf-8")
+        units = [name for name in sources if name.endswith(".c")]
+        visibility = ["-fvisibility=hidden"] if hidden else []
+        command = [*compiler, *FLAGS, *visibility, *units, "-lm", "-o", "model.so"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603 - $CC is the user's
+        if done.returncode != 0:
+            raise RwaMonitorError(f"{place}: {compiler[0]} fails: {done.stderr.strip()[:500]}")
+        return Path(folder, "model.so").read_bytes()
+
+
+# ---- the settings of the onboard detector, for one wheel -------------------------------------------------------------
+
+
+NODES: Final = 257  # RWA_TAIL_NODES
+NOT_ONBOARD: Final = ("angle_per_x", "stretch_hop")  # settings of the structure, which the detector does not collect
+
+
+def detector_files(model: FrictionModel) -> dict[str, bytes]:
+    """Return `rwa_detector_settings.h`: what the monitor derives from the wheel file before a window's first sample.
+
+    Of noise with heavy tails the largest outlier needs Student's t, which is tabulated over the ratio of two quantiles.
+
+    Raises
+    ------
+    InputError
+        If the wheel's viscous friction is more than its coefficient times the speed, which the detector takes it for.
+    """
+    wheel = model.wheel
+    if viscous := viscous_effects(wheel):
+        names = " and ".join(effect.name for effect in viscous)
+        what = f"{names} changes its viscous friction, which the detector takes to be in proportion to the speed"
+        raise InputError(f"wheel {wheel.name}", f"{what}: remove the effect, or run the monitor", "effect")
+    slots, asked = wheel.window.samples, wheel.window.run_length
+    settings = WindowAccumulator(wheel).settings._asdict()
+    ratio = np.geomspace(TAIL_RATIO[0], TAIL_RATIO[-1], NODES).tolist()
+    ratio[0] = float(np.nextafter(TAIL_RATIO[0], np.inf))  # at the first, tails are Gaussian
+
+    def largest(chance: float, factor: float) -> list[float]:
+        return [factor * largest_outlier((math.inf, CHI_MEDIAN, one * CHI_MEDIAN), 1.0, chance) for one in ratio]
+
+    chance = outlier_chance(slots)
+    fields: dict[str, float | list[float]] = {
+        "slots": slots,
+        **{name: value for name, value in settings.items() if name not in NOT_ONBOARD},
+        "tail_ratio": ratio,
+        "tail_outlier": largest(chance, 1.0),
+        "tail_sure": largest(chance, UNKNOWN_TAIL) if asked is None else largest(1.0 / asked, 1.0),
+    }
+    lines = [f"    .{name} = {_literal(value)}," for name, value in fields.items()]
+    head = f"/* Of wheel file {wheel.sha256()}; do not edit, export again. */"
+    begin, end = "static const rwa_detector_settings rwa_detector_of_wheel = {", "};"
+    return {"rwa_detector_settings.h": "\n".join([head, begin, *lines, end, ""]).encode()}
+
+
+def _literal(value: float | list[float]) -> str:
+    if isinstance(value, list):
+        return "{" + ", ".join(map(repr, value)) + "}"
+    return "NAN" if math.isnan(value) else repr(value)

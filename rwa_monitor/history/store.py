@@ -18,41 +18,22 @@ from sqlalchemy import delete, func, select, tuple_
 from sqlalchemy.orm import Session, selectinload
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.alarms import (
-    ALL_WHEELS,
-    COMPARED,
-    FEWEST_WHEELS,
-    LATEST,
-    MODEL_ALARM,
-    MONITOR_ALARM,
-    MONITOR_POLICY,
-    MOST_EARLIER,
-    MOST_WHEELS,
-    STORED_ALARM,
-    WINDOW_POLICY,
-    Alarm,
-    AlarmEvent,
-    EventKind,
-    Level,
-    Moved,
-    Policy,
-    acknowledge,
-    advance,
-    moved,
-    observe,
-    shift_of,
-)
+from rwa_monitor.history import alarms
+from rwa_monitor.history.alarms import Alarm, AlarmEvent, Level, Policy
 from rwa_monitor.history.database import (
     AlarmEventRow,
+    AlarmRecord,
     AlarmRow,
     AlarmStateRow,
     Database,
     DiagnosisRow,
     DiscrepancyRow,
+    EstimateRecord,
     EstimateRow,
+    MonitorState,
+    RetirementEvent,
     WheelEventRow,
 )
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord, MonitorState, RetirementEvent
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 
@@ -125,12 +106,12 @@ class History(Database):
         session.flush()
         end_ns = diagnosis.window_end_ns
         for wheel, name, level, reason in self._observed(session, diagnosis):
-            key = (diagnosis.spacecraft, wheel, name + (STORED_ALARM if diagnosis.data else ""))
+            key = (diagnosis.spacecraft, wheel, name + (alarms.STORED_ALARM if diagnosis.data else ""))
             if level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
                 continue  # an alarm that never had cause to be needs no row
             state = _state_of(session, key)
             if end_ns > state.last_window_ns:  # an older window changes no live alarm
-                self._advance(session, state, level, end_ns, WINDOW_POLICY, reason)
+                self._advance(session, state, level, end_ns, alarms.WINDOW_POLICY, reason)
             elif diagnosis.data and level > Level.NORMAL:
                 self._raise_earlier(session, state, diagnosis, name)
         session.flush()
@@ -138,12 +119,12 @@ class History(Database):
 
     def _raise_earlier(self, session: Session, state: AlarmStateRow, diagnosis: Diagnosis, name: str) -> None:
         """Raise an alarm of stored telemetry by a window that comes after later ones, with those around it in time."""
-        policy, end = WINDOW_POLICY, DiagnosisRow.window_end_ns
+        policy, end = alarms.WINDOW_POLICY, DiagnosisRow.window_end_ns
         of_wheel = select(DiagnosisRow.message).filter_by(spacecraft=state.spacecraft, wheel=state.wheel)
         before = of_wheel.where(end < diagnosis.window_end_ns).order_by(end.desc()).limit(policy.n - 1)
         after = of_wheel.where(end > diagnosis.window_end_ns).order_by(end).limit(policy.n - 1)
         around = [*reversed(session.scalars(before).all()), diagnosis.to_json().decode(), *session.scalars(after)]
-        seen = [observe(Diagnosis.parse(text.encode(), "history")).get(name) for text in around]
+        seen = [alarms.observe(Diagnosis.parse(text.encode(), "history")).get(name) for text in around]
         levels = [level for level in seen if level is not None]
         together = (sorted(levels[i : i + policy.n], reverse=True) for i in range(len(levels) - policy.k + 1))
         level = max((some[policy.k - 1] for some in together if len(some) >= policy.k), default=Level.NORMAL)
@@ -159,23 +140,24 @@ class History(Database):
 
         A window that is undecided by itself gives no level, but where its siblings decide.
         """
-        siblings, levels = self._wheels_of(session, diagnosis), observe(diagnosis)
+        siblings, levels = self._wheels_of(session, diagnosis), alarms.observe(diagnosis)
         # Dumps arrive in any order, perhaps before those of the siblings: each is judged by itself.
-        alike = not diagnosis.data and not diagnosis.partial and FEWEST_WHEELS <= len(siblings) <= MOST_WHEELS
-        for name in [*levels, *(name for name in COMPARED if alike and name not in levels)]:
+        several = alarms.FEWEST_WHEELS <= len(siblings) <= alarms.MOST_WHEELS
+        alike = several and not diagnosis.data and not diagnosis.partial
+        for name in [*levels, *(name for name in alarms.COMPARED if alike and name not in levels)]:
             level = levels.get(name)
-            moved = _moved(session, diagnosis, name) if alike and name in COMPARED else None
+            moved = _moved(session, diagnosis, name) if alike and name in alarms.COMPARED else None
             if moved is not None and moved.is_common:
                 yield diagnosis.wheel, name, Level.NORMAL, ""
                 least = Level.WATCH if moved.is_large else Level.NORMAL
-                yield ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
+                yield alarms.ALL_WHEELS, name, max(level or Level.NORMAL, least), moved.in_words
                 continue
             if moved is not None and moved.is_alone and not level:
                 yield diagnosis.wheel, name, Level.WATCH, moved.in_words
             elif level is not None:
                 yield diagnosis.wheel, name, level, _reason(diagnosis, name)
             if moved is not None and (moved.is_alone or level is not None):
-                yield ALL_WHEELS, name, Level.NORMAL, ""
+                yield alarms.ALL_WHEELS, name, Level.NORMAL, ""
 
     def _wheels_of(self, session: Session, diagnosis: Diagnosis) -> set[str]:
         """Return the wheels of a window's spacecraft, that of the window among them."""
@@ -197,10 +179,10 @@ class History(Database):
         """
         with self.session() as session:
             for report in reports:
-                state = _state_of(session, (report.spacecraft, report.wheel, MONITOR_ALARM))
+                state = _state_of(session, (report.spacecraft, report.wheel, alarms.MONITOR_ALARM))
                 time_ns = max(state.last_window_ns, 0) if report.time_ns is None else report.time_ns
                 level = Level.WARNING if report.silent else Level.NORMAL
-                self._advance(session, state, level, time_ns, MONITOR_POLICY, report.reason)
+                self._advance(session, state, level, time_ns, alarms.MONITOR_POLICY, report.reason)
             return _changed(session)
 
     def add_discrepancy(self, found: Discrepancy) -> bool:
@@ -218,7 +200,7 @@ class History(Database):
     ) -> None:
         """Take a level into an alarm, and write down what it means."""
         row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
-        after, events = advance(_alarm(state, row), level, time_ns, policy)
+        after, events = alarms.advance(_alarm(state, row), level, time_ns, policy)
         state.recent = "".join(str(int(level)) for level in after.recent)
         state.last_window_ns = time_ns
         if row is None:
@@ -255,9 +237,9 @@ class History(Database):
         with self.session() as session:
             row, state = self._open_alarm(session, alarm_id)
             alarm = _alarm(state, row)
-            if row.name.endswith(STORED_ALARM):  # what was then needs no normal window now
+            if row.name.endswith(alarms.STORED_ALARM):  # what was then needs no normal window now
                 alarm = alarm._replace(phase="returned")
-            after, events = acknowledge(alarm, state.last_window_ns)
+            after, events = alarms.acknowledge(alarm, state.last_window_ns)
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
             for happened in events:
@@ -279,7 +261,7 @@ class History(Database):
         """
         with self.session() as session:
             row, state = self._open_alarm(session, alarm_id)
-            kind: EventKind = "shelved" if seconds else "unshelved"
+            kind: alarms.EventKind = "shelved" if seconds else "unshelved"
             until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
             row.shelved_until_wall_ns = until_ns if seconds else None
             self._log(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
@@ -348,7 +330,7 @@ class History(Database):
             AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
         )
         with self.session() as session:
-            found = session.execute(states.where(AlarmStateRow.name == MONITOR_ALARM)).all()
+            found = session.execute(states.where(AlarmStateRow.name == alarms.MONITOR_ALARM)).all()
             return {(spacecraft, wheel): bool(level) for spacecraft, wheel, level in found}
 
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
@@ -365,7 +347,7 @@ class History(Database):
             return _records(row for query in (open_ones, ended) for row in session.scalars(query))
 
 
-def _moved(session: Session, diagnosis: Diagnosis, name: str) -> Moved | None:
+def _moved(session: Session, diagnosis: Diagnosis, name: str) -> alarms.Moved | None:
     """Return how a coefficient of a window's wheel moved beside its siblings; None where that cannot be compared.
 
     Of each wheel the latest window counts that ends within one window's length of this one.
@@ -374,7 +356,7 @@ def _moved(session: Session, diagnosis: Diagnosis, name: str) -> Moved | None:
     wanted = (
         select(EstimateRow)
         .filter_by(spacecraft=diagnosis.spacecraft, name=name)
-        .where(EstimateRow.window_end_ns > diagnosis.window_end_ns - (MOST_EARLIER + LATEST) * length)
+        .where(EstimateRow.window_end_ns > diagnosis.window_end_ns - (alarms.MOST_EARLIER + alarms.LATEST) * length)
         .where(EstimateRow.window_end_ns < diagnosis.window_end_ns + length)
         .order_by(EstimateRow.window_end_ns)
     )
@@ -387,10 +369,10 @@ def _moved(session: Session, diagnosis: Diagnosis, name: str) -> Moved | None:
         numbers = np.array([(row.value, row.std) for row in rows], dtype=np.float64)  # None becomes NaN
         values, stds = numbers.T
         low, high = (np.nan if bound is None else bound for bound in (latest.nominal_low, latest.nominal_high))
-        shift = shift_of(values, stds, np.array([row.active for row in rows]), (low, high))
+        shift = alarms.shift_of(values, stds, np.array([row.active for row in rows]), (low, high))
         if latest.window_end_ns >= diagnosis.window_end_ns - length and shift is not None:
             shifts[wheel] = shift
-    return moved(name, diagnosis.wheel, shifts)
+    return alarms.moved(name, diagnosis.wheel, shifts)
 
 
 def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
@@ -436,7 +418,7 @@ def _records(rows: Iterable[AlarmRow]) -> list[AlarmRecord]:
 
 
 def _reason(diagnosis: Diagnosis, name: str) -> str:
-    if name != MODEL_ALARM:
+    if name != alarms.MODEL_ALARM:
         return diagnosis.reason
     suspected = f"; suspected: {diagnosis.suspected_effect}" if diagnosis.suspected_effect else ""
     return f"The friction model does not fit this wheel's telemetry{suspected}."
@@ -551,8 +533,8 @@ class RetiredWheels:
             else:
                 if not retire:
                     raise InputError(source, "is not retired")
-                alarms = select(AlarmRow.name).filter_by(**name, closed_ns=None).where(AlarmRow.phase != "acknowledged")
-                if waiting := session.scalars(alarms).all():
+                waits = select(AlarmRow.name).filter_by(**name, closed_ns=None).where(AlarmRow.phase != "acknowledged")
+                if waiting := session.scalars(waits).all():
                     raise InputError(source, f"has alarms to acknowledge first: {', '.join(waiting)}")
                 time_ns = session.scalar(select(func.max(DiagnosisRow.window_end_ns)).filter_by(**name))
             event = RetirementEvent(

@@ -199,7 +199,7 @@ class Backfill:
         self._gaps: dict[str, _Gap] = {}
         self._held_bytes = 0
         self._ready: deque[Arrival] = deque()
-        self._no_use: OrderedDict[str, None] = OrderedDict()  # who writes what cannot be read: an ordered set
+        self._no_use: deque[str] = deque(maxlen=MAX_WHEELS)  # who writes what cannot be read
 
     def __len__(self) -> int:
         """Count the messages that wait here."""
@@ -244,9 +244,7 @@ class Backfill:
         """
         source, number = unread.source, unread.number
         if unread.again:
-            self._no_use[source] = None
-            if len(self._no_use) > MAX_WHEELS:
-                self._no_use.popitem(last=False)
+            self._no_use.append(source)
         if not source or source in self._no_use:
             return False
         gap = _Gap(number, Arrival(unread.key, b"", source, number + 1, is_gap=True), pauses_s=[], unread=unread)

@@ -14,22 +14,13 @@ from typing import Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 
+from rwa_monitor import messages
 from rwa_monitor.changepoints.evidence import ConfirmedCandidate, WindowAccumulator
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import (
-    REPLAY,
-    Changepoints,
-    Diagnosis,
-    EncodedMessage,
-    Message,
-    Method,
-    NotLive,
-    ProvisionalJump,
-    health_message,
-)
+from rwa_monitor.messages import Changepoints, Diagnosis, EncodedMessage, Message, Method, NotLive, ProvisionalJump
 from rwa_monitor.monitor.checkpoint import Checkpoint, Slots
 from rwa_monitor.monitor.ingest import PIECE_SLOTS, Batch, Counts, Rows, Sequencer, SlotAssignment, Trouble
 from rwa_monitor.monitor.stored import MAX_WINDOWS, StoredTelemetry
@@ -650,7 +641,7 @@ def without_positions(carried: CarriedState) -> CarriedState:
     return carried.model_copy(update={"fss": systems})
 
 
-# ---- whether samples fit the wheel file at all ----------------------------------------------------------------------
+# ---- whether samples fit the wheel file at all -----------------------------------------------------------------------
 
 
 ENOUGH: Final = 64  # steps of time that show the period; samples beyond a limit that are no single wild readings
@@ -756,7 +747,7 @@ def outputs_of(
     not live: old by the clock when they came, or a replay. The health alone gives notice of it.
     """
     outputs: list[EncodedMessage] = []
-    name = wheel.removesuffix(REPLAY)
+    name = wheel.removesuffix(messages.REPLAY)
     for event in events:
         if isinstance(event, Changepoints):
             found = event.model_copy(update={"spacecraft": spacecraft, "wheel": name})
@@ -765,6 +756,6 @@ def outputs_of(
             diagnosis, end_ns = event.message(spacecraft, name), event.diagnosis.window_end_ns
             state = event.carried.model_dump(mode="json")
             carried = Carried(window_end_ns=end_ns, sha256=event.carried.sha256(), state=state)
-            of_window = (diagnosis, carried, health_message(diagnosis, data))
+            of_window = (diagnosis, carried, messages.health_message(diagnosis, data))
             outputs += [message.encoded(spacecraft, wheel, end_ns) for message in of_window]
     return outputs

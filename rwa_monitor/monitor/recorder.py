@@ -36,23 +36,15 @@ from typing import IO, Any, Final, NamedTuple, cast
 
 from mcap.writer import CompressionType, Writer
 
+from rwa_monitor import messages
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import (
-    LOG_PERIOD_S,
-    MAX_MESSAGE_BYTES,
-    MAX_WHEELS,
-    MESSAGES,
-    PERIOD_S,
-    EncodedMessage,
-    dump_json,
-)
+from rwa_monitor.messages import EncodedMessage, dump_json
 from rwa_monitor.monitor.recording import (
-    ALL_CHECKPOINTS,
     CHANNELS_ATTACHMENT,
     CHECKPOINT_PREFIX,
     RECORDING_SUFFIX,
     SETTINGS_ATTACHMENT,
-    SOME_CHECKPOINTS,
+    Held,
     Recording,
     file_sha256,
     read_recording,
@@ -134,7 +126,7 @@ class Recorder:
     _begun_s: float = field(default=0.0, init=False)
     _synced_s: float = field(default=0.0, init=False)
     _retry_s: float = field(default=float("-inf"), init=False)
-    _retry_period_s: float = field(default=PERIOD_S, init=False)
+    _retry_period_s: float = field(default=messages.PERIOD_S, init=False)
     _refused_topics: set[str] = field(default_factory=set, init=False)
     # In every file.
     _schemas_bytes: int = field(default_factory=lambda: len(dump_json(message_schemas())), init=False)
@@ -159,19 +151,19 @@ class Recorder:
         try:
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
                 part.unlink()  # of a run that was killed while it began a file
-            self._writer = self._new_file(self.predecessor, ALL_CHECKPOINTS, checkpoints, inherited)
+            self._writer = self._new_file(self.predecessor, "all", checkpoints, inherited)
         except OSError as error:
             self._fail(error, now_s)
             return
         self.error = ""
-        self._retry_period_s = PERIOD_S
+        self._retry_period_s = messages.PERIOD_S
         self._begun_s = self._synced_s = now_s
         self.predecessor = None
 
     def _new_file(
         self,
         predecessor: Predecessor | None,
-        which: str,
+        which: Held,
         checkpoints: Checkpoints,
         inherited: Sequence[EncodedMessage] = (),
     ) -> RecordingWriter:
@@ -189,7 +181,7 @@ class Recorder:
 
         return RecordingWriter(path, attachments(), self.wall_ns, inherited)
 
-    def _settings_of(self, predecessor: Predecessor | None, which: str) -> bytes:
+    def _settings_of(self, predecessor: Predecessor | None, which: Held) -> bytes:
         """Return the settings that a recording holds."""
         return dump_json(
             {
@@ -204,10 +196,10 @@ class Recorder:
     def refused(self, key: str, payload: bytes) -> None:
         """Record a message that was refused, as it came (the first 8 MiB of it)."""
         # What comes on more keys than a process has wheels goes on one topic.
-        if key not in self._refused_topics and len(self._refused_topics) >= MAX_WHEELS:
+        if key not in self._refused_topics and len(self._refused_topics) >= messages.MAX_WHEELS:
             key = "rwa"
         self._refused_topics.add(key)
-        self.write(EncodedMessage(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES]))
+        self.write(EncodedMessage(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[: messages.MAX_MESSAGE_BYTES]))
 
     def sync(self, now_s: float) -> None:
         """Bring everything to the disk now."""
@@ -241,7 +233,7 @@ class Recorder:
         # Checkpoints of many wheels may be larger than a file should be; then they are at most half of it.
         written, begin = self._writer.size, self._writer.size_at_begin
         full = written > max(self.max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
-        if now_s - self._synced_s >= PERIOD_S:
+        if now_s - self._synced_s >= messages.PERIOD_S:
             self.sync(now_s)
         if self._ending is not None:
             if not busy or now_s - self._moved_s >= BUSY_MOVE_S:
@@ -257,7 +249,7 @@ class Recorder:
         assert ending is not None
         try:
             self._ensure_room(ending.size_at_begin)
-            self._writer = self._new_file(Predecessor(ending.path.name, None), SOME_CHECKPOINTS, {})
+            self._writer = self._new_file(Predecessor(ending.path.name, None), "some", {})
         except OSError as error:
             self.close(now_s)  # it is whole, whatever becomes of the next one
             self._fail(error, now_s)
@@ -284,13 +276,13 @@ class Recorder:
                 self._writer.attach(_attachment_of(name), data)
             if not self._left:
                 self._writer.sync()
-                self._end(ALL_CHECKPOINTS)
+                self._end("all")
                 self._writer.sync()
                 self._writer.size_at_begin = self._writer.size
         except OSError as error:
             self._fail(error, now_s)
 
-    def _end(self, which: str) -> None:
+    def _end(self, which: Held) -> None:
         """Close the file before, if wheels are left in it or not, and write into the new one what it was."""
         if self._ending is not None and self._writer is not None:
             self._ending.close()
@@ -304,7 +296,7 @@ class Recorder:
             return
         writer = self._writer
         try:
-            self._end(SOME_CHECKPOINTS)
+            self._end("some")
             writer.close()
         except OSError as error:
             self._fail(error, now_s)
@@ -365,7 +357,7 @@ class Recorder:
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
         self._retry_s = now_s + self._retry_period_s
-        self._retry_period_s = min(2.0 * self._retry_period_s, LOG_PERIOD_S)
+        self._retry_period_s = min(2.0 * self._retry_period_s, messages.LOG_PERIOD_S)
         self.abandon()
 
 
@@ -496,7 +488,7 @@ class TopicWriter:
 
 def message_schemas() -> dict[str, Any]:
     """Return the JSON Schemas of the bus's messages by name."""
-    return {message.schema_name(): message.json_schema() for message in MESSAGES}
+    return {message.schema_name(): message.json_schema() for message in messages.MESSAGES}
 
 
 class RecordingWriter(TopicWriter):
@@ -605,7 +597,13 @@ def _sync_folder(folder: Path) -> None:
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
 LAYOUT_SUFFIX: Final = ".layout.json"
-PUBLISHED: Final = frozenset(message.schema_name() for message in MESSAGES)
+
+
+class Written(NamedTuple):
+    """How many messages were written, and a line for each part that could not be read; none when all was whole."""
+
+    messages: int
+    problems: list[str]
 
 
 @contextmanager
@@ -625,22 +623,7 @@ def _new_file(target: Path) -> Iterator[IO[bytes]]:
 # ---- what a damaged recording still holds: every whole chunk, and only true messages ---------------------------------
 
 
-class Recovery(NamedTuple):
-    """What was saved and what was lost.
-
-    Attributes
-    ----------
-    messages
-        Messages saved.
-    lost
-        One line per part that could not be read; empty when the file was whole (exit code 0, otherwise 3).
-    """
-
-    messages: int
-    lost: tuple[str, ...]
-
-
-def recover(source: Path, target: Path) -> Recovery:
+def recover(source: Path, target: Path) -> Written:
     """Copy what `source` still holds into a whole recording `target`.
 
     Times, topics and bytes of messages and attachments stay as they are, and so does their order; of a large file only
@@ -651,13 +634,13 @@ def recover(source: Path, target: Path) -> Recovery:
     InputError
         If `source` is no MCAP file at all, or `target` exists or cannot be written.
     """
-    recording, messages = Recording(source), 0
+    recording, saved = Recording(source), 0
     with _new_file(target) as file:
         writer = TopicWriter(file, message_schemas(), PROFILE)
         for part in recording.parts():
             if isinstance(part, EncodedMessage):
                 writer.write(part)
-                messages += 1
+                saved += 1
             elif part.name != CHANNELS_ATTACHMENT:
                 writer.attach(part.name, part.data)
         lost = list(recording.problems)
@@ -668,21 +651,18 @@ def recover(source: Path, target: Path) -> Recovery:
         writer.finish()
         file.flush()
         os.fsync(file.fileno())
-    return Recovery(messages, tuple(lost))
+    return Written(saved, lost)
 
 
 # ---- recordings for Foxglove -----------------------------------------------------------------------------------------
 
 
-class FoxgloveFile(NamedTuple):
-    """What was written: the layout's path, the number of messages, and a line for each part that could not be read."""
-
-    layout: Path
-    messages: int
-    problems: tuple[str, ...]
+def layout_of(target: Path) -> Path:
+    """Return where the layout of a file for Foxglove lies."""
+    return target.with_name(target.stem + LAYOUT_SUFFIX)
 
 
-def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
+def write_foxglove(paths: Sequence[Path], target: Path) -> Written:
     """Write recordings (files, or folders of them) as one MCAP file for Foxglove, the layout beside it.
 
     The recordings are left as they are. What Foxglove has no use for is left out: refused messages and carried states.
@@ -692,11 +672,10 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
     InputError
         If a path is no recording, holds a message that is none of ours, or the target exists or cannot be written.
     """
-    layout_path = target.with_name(target.stem + LAYOUT_SUFFIX)
     files = [file for path in paths for file in recordings_of(path)]
     translator, seen = Translator(), Seen()
-    messages, problems = 0, list[str]()
-    with _new_file(target) as stream, _new_file(layout_path) as layout_file:
+    written, problems, published = 0, list[str](), {message.schema_name() for message in messages.MESSAGES}
+    with _new_file(target) as stream, _new_file(layout_of(target)) as layout_file:
         # Large chunks: the file is read at once, and not while a monitor writes.
         writer = TopicWriter(stream, schemas(), chunk_bytes=Sink.GATHERED_BYTES)
         for file in files:
@@ -705,13 +684,13 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> FoxgloveFile:
             views = [
                 view
                 for message in recording.messages
-                if message.schema in PUBLISHED
+                if message.schema in published
                 for view in translator.translate(message.topic, message.payload)
             ]
             for view in sorted(views, key=lambda view: view.time_ns):
                 writer.write(view._replace(publish_ns=view.time_ns))
             seen.add(views)
-            messages += len(views)
+            written += len(views)
         writer.finish()
         layout_file.write(layout(seen))
-    return FoxgloveFile(layout_path, messages, tuple(problems))
+    return Written(written, problems)

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator, Sequence
 from errno import EIO
 from hashlib import file_digest
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeVar
+from typing import Any, BinaryIO, Final, Literal, TypeVar
 
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Schema
@@ -28,12 +28,14 @@ from mcap.writer import MCAP0_MAGIC
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage, Message, SamplesMessage
 from rwa_monitor.monitor.checkpoint import MAX_CHECKPOINT_BYTES
-from rwa_monitor.telemetry.files import PIECE_BYTES, display_name, opened
-from rwa_monitor.telemetry.mcap_chunk import (
+from rwa_monitor.telemetry.files import (
     MAX_CHUNK_BYTES,
     MESSAGE,
     MESSAGE_HEAD,
+    PIECE_BYTES,
     RECORD_HEAD,
+    display_name,
+    opened,
     records_in,
     stream_of,
     unpacked,
@@ -52,7 +54,6 @@ MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records o
 MAX_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
-_CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
 _FOOTER: Final = struct.Struct("<BQQQI8s")  # these, where the summary begins, and its offsets, checksum, the magic
 _ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
 CHANNELS_ATTACHMENT: Final = "channels.json"
@@ -60,8 +61,7 @@ SETTINGS_ATTACHMENT: Final = "settings.json"
 CHECKPOINT_PREFIX: Final = "checkpoint/"  # of the attachments' names
 # Of which wheels a recording holds the state ("checkpoints" in its settings): of some while the wheels are brought over
 # from the recording before, which holds the state of the others.
-ALL_CHECKPOINTS: Final = "all"
-SOME_CHECKPOINTS: Final = "some"
+Held = Literal["all", "some"]
 
 
 class Recording:
@@ -414,11 +414,10 @@ def time_span(path: Path) -> tuple[int, int] | None:
     with opened(path) as file:
         for _ in range(MAX_RECORDS):
             file.seek(position)
-            head = file.read(RECORD_HEAD.size + _CHUNK_SPAN.size)
-            if len(head) < RECORD_HEAD.size + _CHUNK_SPAN.size or head[0] == Opcode.DATA_END:
+            head = file.read(_CHUNK_HEAD.size)
+            if len(head) < _CHUNK_HEAD.size or head[0] == Opcode.DATA_END:
                 break
-            opcode, length = RECORD_HEAD.unpack_from(head)
-            start_ns, end_ns = _CHUNK_SPAN.unpack_from(head, RECORD_HEAD.size)
+            opcode, length, start_ns, end_ns, _, _ = _CHUNK_HEAD.unpack(head)
             if opcode == Opcode.CHUNK and end_ns:
                 first_ns, last_ns = first_ns or start_ns or end_ns, max(last_ns, end_ns)
             position += RECORD_HEAD.size + length

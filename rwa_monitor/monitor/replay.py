@@ -19,19 +19,9 @@ from typing import Any, Final, NamedTuple
 import zenoh
 from mcap.records import Attachment
 
+from rwa_monitor import messages
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import (
-    LOG_PERIOD_S,
-    Changepoints,
-    Diagnosis,
-    Discrepancy,
-    EncodedMessage,
-    Health,
-    SamplesMessage,
-    Status,
-    replay_key,
-    split_key,
-)
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, EncodedMessage, Health, SamplesMessage, Status
 from rwa_monitor.monitor.bus import LINGER_S, messages_publisher, paced
 from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import Carried, WheelCore, outputs_of
@@ -40,7 +30,6 @@ from rwa_monitor.monitor.recording import (
     CHECKPOINT_PREFIX,
     MAX_FILE_BYTES,
     RECORDING_SUFFIX,
-    SOME_CHECKPOINTS,
     Recording,
     file_sha256,
     recorded_inputs,
@@ -135,7 +124,7 @@ def run_recording(path: Path, stop: Event, on_progress: OnProgress, before: Reco
 
 def _run_input(path: Path, recorded: EncodedMessage, setup: Setup, run: RecordingRun) -> None:
     """Feed a message of samples to its core."""
-    key = split_key(recorded.topic)[:2]
+    key = messages.split_key(recorded.topic)[:2]
     message = SamplesMessage.parse(recorded.payload, f"{path}: {recorded.topic}")
     if key not in run.cores:
         run.cores[key] = setup.new_core(*key)
@@ -193,14 +182,14 @@ def recover_state(folder: Path, setup: Setup, stop: Event, log: Log) -> Recovere
     """
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
     recovered = RecoveredState(predecessor_of(paths[0]) if paths else None)
-    due_s = time.monotonic() + LOG_PERIOD_S
+    due_s = time.monotonic() + messages.LOG_PERIOD_S
 
     def on_part(recording: Recording, part: Attachment | EncodedMessage) -> None:
         nonlocal due_s
         if isinstance(part, EncodedMessage) and part.schema == Status.schema_name():
             recovered.statuses[part.topic] = part
         if time.monotonic() >= due_s:
-            due_s = time.monotonic() + LOG_PERIOD_S
+            due_s = time.monotonic() + messages.LOG_PERIOD_S
             log(f"recovering the state from {recording.path}: {recording.share:.0%} of it done")
 
     for place, path in enumerate(paths):
@@ -235,7 +224,7 @@ def _needed_before(path: Path, settings: dict[str, Any], earlier: Sequence[Path]
 
     A monitor that ended while it brought the wheels from one recording over into the next left two.
     """
-    if settings.get("checkpoints") != SOME_CHECKPOINTS:
+    if settings.get("checkpoints") != "some":
         return None
     before = (settings.get("predecessor") or {}).get("name")
     if earlier and earlier[0].name == before:
@@ -487,7 +476,7 @@ class _Chain(Report):
         self.messages += [(output.topic, output.payload) for output in published]
 
         inherited, own, replayed = done.inherited, done.own, done.outputs
-        if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
+        if settings.get("checkpoints") == "some":  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
         elif self.files and inherited:
             self.compare(inherited, self.owed)
@@ -584,7 +573,7 @@ def replay_to_bus(
         inputs = ((message.time_ns, message.topic, message.payload) for message in recorded_inputs(recordings))
         for topic, payload in paced(inputs, speed, stop):
             if topic not in publishers:
-                publishers[topic] = messages_publisher(session, replay_key(topic))
+                publishers[topic] = messages_publisher(session, messages.replay_key(topic))
             publishers[topic].put(payload)
             sent += 1
         stop.wait(LINGER_S)

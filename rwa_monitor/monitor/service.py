@@ -26,26 +26,9 @@ from typing import Any, Final, NamedTuple
 
 import zenoh
 
-from rwa_monitor.build import build
+from rwa_monitor import __version__, messages
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import (
-    INTERVALS_TILL_LATE,
-    LOG_PERIOD_S,
-    MAX_CLOCK_NS,
-    MAX_WHEELS,
-    PERIOD_S,
-    REPLAY,
-    Diagnosis,
-    EncodedMessage,
-    Health,
-    SamplesMessage,
-    Status,
-    health_message,
-    is_json,
-    key_of,
-    replay_key,
-    split_key,
-)
+from rwa_monitor.messages import REPLAY, Diagnosis, EncodedMessage, Health, SamplesMessage, Status
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.monitor.core import Carried, Event, WheelCore, WindowDiagnosed, outputs_of
@@ -101,7 +84,7 @@ class RunOptions:
     max_record_bytes: int | None = None
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
-    status_period_s: float = PERIOD_S
+    status_period_s: float = messages.PERIOD_S
     stored_after_s: float = STORED_AFTER_S
     log_verdicts: bool = True
 
@@ -124,7 +107,7 @@ class _Served:
     source: str = ""  # of a replay: who publishes it in Zenoh
     data: Timeliness = "live"  # what the latest samples were
     on_wall_clock: bool = False  # whether some samples were of now by this machine's clock
-    health_ns: int = -MAX_CLOCK_NS  # end of the window that the latest health is of
+    health_ns: int = -messages.MAX_CLOCK_NS  # end of the window that the latest health is of
     verdicts: dict[Timeliness, tuple[str, ...]] = field(default_factory=dict)  # and what is anomalous, as last logged
     windows: int = 0
     diagnosis_s: float | None = None
@@ -192,7 +175,7 @@ class Monitor:
         for key, core in recovered.cores.items():
             self._served[key] = served = _Served(key, core)
             with suppress(KeyError, InputError):  # there is none, or it is of another release
-                status = recovered.statuses[key_of(Status, *key)]
+                status = recovered.statuses[messages.key_of(Status, *key)]
                 served.on_wall_clock = Status.parse(status.payload, status.topic).on_wall_clock
         if self.recorder is not None:
             self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), recovered.unrecorded)
@@ -239,7 +222,7 @@ class Monitor:
             if now_s >= served.status_due_s:
                 served.status_due_s = now_s + self.options.status_period_s
                 # Every one is published; one in this time is recorded.
-                record = now_s - served.status_recorded_s >= LOG_PERIOD_S
+                record = now_s - served.status_recorded_s >= messages.LOG_PERIOD_S
                 if record:
                     served.status_recorded_s = now_s
                 self._status(served, record=record)
@@ -281,11 +264,11 @@ class Monitor:
             Whether the message is dealt with; False where it will come again.
         """
         try:
-            if not self._is_ours(*split_key(key)[:2]):
+            if not self._is_ours(*messages.split_key(key)[:2]):
                 return True
             message = SamplesMessage.parse(payload, key)
             if message.data == "replay":
-                key = replay_key(key)
+                key = messages.replay_key(key)
             samples = message.samples()
             served = self._serve(key)
             if served.key[1].endswith(REPLAY) and served.source != source:
@@ -293,7 +276,7 @@ class Monitor:
             core = served.core or self._setup.new_core(*served.key)
             core.check(samples)
         except InputError as error:
-            if not is_json(payload) and ask_again():
+            if not messages.is_json(payload) and ask_again():
                 return False
             self._refuse(key, payload, error)
             return True
@@ -391,10 +374,10 @@ class Monitor:
         return int.from_bytes(digest, "big") % of == share - 1
 
     def _serve(self, topic: str) -> _Served:
-        key = split_key(topic)[:2]
+        key = messages.split_key(topic)[:2]
         if key not in self._served:
-            if len(self._served) >= MAX_WHEELS:
-                raise InputError("/".join(key), f"is one wheel more than the {MAX_WHEELS} of a process")
+            if len(self._served) >= messages.MAX_WHEELS:
+                raise InputError("/".join(key), f"is one wheel more than the {messages.MAX_WHEELS} of a process")
             self._served[key] = _Served(key)
         return self._served[key]
 
@@ -424,7 +407,7 @@ class Monitor:
             last_error = f"dropped {counted(self.bus.inbox.dropped, 'message')}: they come faster than can be diagnosed"
         counts = core.counts if core else Counts()
         # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
-        missed_by_bus = self.bus.backfill.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
+        missed_by_bus = self.bus.backfill.missed.get(messages.key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
             last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
         status = Status(
@@ -476,7 +459,7 @@ def _health_of(recorded: EncodedMessage) -> Health:
     """Return the health that is recorded, or that follows from a diagnosis; raises InputError of another release."""
     if recorded.schema == Health.schema_name():  # only it shows that the samples were old by the clock
         return Health.parse(recorded.payload, recorded.topic)
-    return health_message(Diagnosis.parse(recorded.payload, recorded.topic))
+    return messages.health_message(Diagnosis.parse(recorded.payload, recorded.topic))
 
 
 def run(
@@ -527,7 +510,7 @@ def run(
             recorder = Recorder(
                 options.record,
                 attachments=setup.attachments(),
-                settings={**options.settings(), "build": build()},
+                settings={**options.settings(), "build": __version__},
                 predecessor=recovered.predecessor,
                 wall_ns=clock.wall_ns,
                 max_file_bytes=options.max_file_bytes,
@@ -596,9 +579,9 @@ class Supervisor:
         ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         self.period_s: float | None = None
         if self._address and ours and silence.isdecimal() and int(silence) > 0:
-            self.period_s = int(silence) * 1e-6 / INTERVALS_TILL_LATE  # stated in µs
+            self.period_s = int(silence) * 1e-6 / messages.INTERVALS_TILL_LATE  # stated in µs
         elif alive is not None:
-            self.period_s = PERIOD_S
+            self.period_s = messages.PERIOD_S
         self._alive = alive
         self._due_s = float("-inf")
 

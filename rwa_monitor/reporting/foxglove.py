@@ -21,10 +21,8 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any, Final
 
+from rwa_monitor import messages
 from rwa_monitor.messages import (
-    KEY_PREFIX,
-    KINDS,
-    REPLAY,
     Changepoints,
     Diagnosis,
     Discrepancy,
@@ -35,7 +33,6 @@ from rwa_monitor.messages import (
     SamplesMessage,
     Status,
     dump_json,
-    split_key,
 )
 from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND
 
@@ -96,11 +93,11 @@ class Translator:
         InputError
             If the key or the message is none of ours.
         """
-        spacecraft, name, kind = split_key(key)
-        if kind not in KINDS:
+        spacecraft, name, kind = messages.split_key(key)
+        if kind not in messages.KINDS:
             return []
-        message = KINDS[kind].parse(payload, key)
-        key = f"{KEY_PREFIX}/{spacecraft}/{name}"
+        message = messages.KINDS[kind].parse(payload, key)
+        key = f"{messages.KEY_PREFIX}/{spacecraft}/{name}"
         wheel = self._wheels.setdefault((spacecraft, name), _Wheel(key, f"{spacecraft}/{name}"))
         if isinstance(message, SamplesMessage):
             wheel.clock_ns = message.time_ns[-1]
@@ -130,7 +127,7 @@ def _beside(message: Message, wheel: _Wheel) -> Iterator[EncodedMessage]:
             content = _stamp(message.window_end_ns) | {"active": anomaly.active} | values
             yield EncodedMessage(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), message.window_end_ns)
         level, text = VERDICT_LEVELS[message.verdict], message.reason
-        if message.data or wheel.name.endswith(REPLAY):  # nothing to be done about it now
+        if message.data or wheel.name.endswith(messages.REPLAY):  # nothing to be done about it now
             level, text = LogLevel.INFO, f"{message.data or 'replayed'} data: {text}"
         yield _log(wheel, level, text, message.window_end_ns)
     elif isinstance(message, Discrepancy):
@@ -199,10 +196,9 @@ def schemas() -> dict[str, dict[str, Any]]:
         name: {"title": name, "type": "object", "properties": {"timestamp": TIMESTAMP} | fields}
         for name, fields in own.items()
     }
-    for message in KINDS.values():
+    for message in messages.KINDS.values():
         schema = message.json_schema()
-        readable = _readable(schema, schema.get("$defs", {}))
-        assert readable is not None  # every message is an object with fields
+        readable = _readable(schema, schema.get("$defs", {})) or {}
         found[message.schema_name()] = {"title": message.schema_name()} | readable
     return found
 

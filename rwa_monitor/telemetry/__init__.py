@@ -1,6 +1,6 @@
 """Telemetry of wheels from files, and the friction that its sensors show.
 
-In: tables (CSV, Parquet), CCSDS space packets, ROS 2 bags; wheel, model, scenario and label files. Out: `Samples` in
+In: tables (CSV, Parquet), CCSDS space packets, ROS 2 bags; label files. Out: `Samples` in
 SI units, and the friction torque of each slot, less the effects that the wheel is known to have.
 
 Read `reader.py` first: what every format returns, and maps for formats that do not name their channels. Then `table.py`

@@ -26,20 +26,9 @@ import numpy as np
 
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry import reader
 from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, read_bytes
-from rwa_monitor.telemetry.reader import (
-    MAX_APID,
-    TIME_UNITS,
-    Decoding,
-    PacketWheel,
-    TelemetryFile,
-    TextFile,
-    channel_conversion,
-    check_time,
-    conversion,
-    telemetry_file,
-    wheels_of,
-)
+from rwa_monitor.telemetry.reader import Decoding, PacketWheel, TelemetryFile, TextFile
 from rwa_monitor.telemetry.table import MAX_ROWS, MAX_TABLE_BYTES
 from rwa_monitor.words import counted
 
@@ -118,7 +107,7 @@ class PacketDecoder:
         self._definition = definition_of(decoding.xtce)
         self.wheels = [
             WheelPackets(wheel, self._definition, decoding.map.source, decoding.xtce.source)
-            for wheel in wheels_of(decoding.map, PacketWheel)
+            for wheel in reader.wheels_of(decoding.map, PacketWheel)
         ]
         self.counts = PacketCounts()
         self._by_apid: defaultdict[int, list[WheelPackets]] = defaultdict(list)
@@ -136,7 +125,7 @@ class PacketDecoder:
         kind, sequence, _ = HEADER.unpack_from(packet)
         apid = kind & 0x7FF
         telecommand = kind & 0x1000
-        if apid > MAX_APID:
+        if apid > reader.MAX_APID:
             counts.idle += 1
             return []
         if telecommand or apid not in self._by_apid:
@@ -241,13 +230,13 @@ class WheelPackets:
         self._time: list[tuple[str, Fraction]] = []  # parameter and the nanoseconds of its unit
         for name in wheel.time:
             place = f"{where}: time: {name}"
-            self._time.append((name, conversion(TIME_UNITS, unit_of(name, place), "time", source, place)))
+            self._time.append((name, reader.conversion(reader.TIME_UNITS, unit_of(name, place), "time", source, place)))
         # A channel is its calibrated parameter × factor + offset, NaN where `valid` is 0.
         self._channels: list[tuple[str, str | None, float, float]] = []
         for channel, spec in wheel.channels.items():
             place = f"{where}: {channel}: {spec.parameter}"
             unit = spec.unit or unit_of(spec.parameter, place)
-            factor, offset = channel_conversion(channel, unit, source, place)
+            factor, offset = reader.channel_conversion(channel, unit, source, place)
             if spec.valid is not None:
                 unit_of(spec.valid, place, _FLAGS)
             self._channels.append((spec.parameter, spec.valid, factor, offset))
@@ -273,7 +262,7 @@ class WheelPackets:
         if not self._wanted <= parameters.keys():
             return None
         time_ns = round(sum((Fraction(parameters[name]) * unit for name, unit in self._time), Fraction()))
-        check_time(time_ns)
+        reader.check_time(time_ns)
         return time_ns, [
             float(parameters[name]) * factor + offset if valid is None or parameters[valid] else float("nan")
             for name, valid, factor, offset in self._channels
@@ -320,7 +309,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     if stop < len(data):
         problems.append(f"bytes {stop} to {len(data)} of {len(data)} are no whole packet")
     apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
-    return telemetry_file(
+    return reader.telemetry_file(
         source,
         ((wheel.map, wheel.samples()) for wheel in decoder.wheels),
         problems,

@@ -18,7 +18,7 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
 
@@ -293,7 +293,7 @@ def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> JudgedTime
             raise InputError(source, reason, f"row 1, column {name}")
     timelines = {kind: [group.timeline([kind]) for group in groups] for kind in kinds}
     together = [group.timeline(kinds) for group in groups]
-    overall = [replace(one, events=union(one.events, (one.start_ns, one.end_ns))) for one in together]
+    overall = [one._replace(events=union(one.events, (one.start_ns, one.end_ns))) for one in together]
     return JudgedTimelines(len(windows), timelines, overall)
 
 

@@ -29,27 +29,21 @@ from numpy.typing import NDArray
 
 from rwa_monitor.errors import MAX_PART, InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, opened
-from rwa_monitor.telemetry.mcap_chunk import (
+from rwa_monitor.telemetry import reader
+from rwa_monitor.telemetry.files import (
     MAX_CHUNK_BYTES,
+    MAX_DEPTH,
     MESSAGE,
     MESSAGE_HEAD,
     RECORD_HEAD,
+    display_name,
+    first_line,
+    opened,
     records_in,
     stream_of,
     unpacked,
 )
-from rwa_monitor.telemetry.reader import (
-    SI_UNITS,
-    Decoding,
-    TelemetryFile,
-    TopicChannel,
-    TopicWheel,
-    channel_conversion,
-    check_time,
-    telemetry_file,
-    wheels_of,
-)
+from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TopicChannel, TopicWheel
 from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
 from rwa_monitor.words import counted
 
@@ -74,13 +68,13 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
     source = display_name(path)
     if decoding.map is None:
         raise InputError(source, "is a ROS 2 bag: --map gives which topics are which channels")
-    wheels = [_Wheel(wheel, decoding.map.source) for wheel in wheels_of(decoding.map, TopicWheel)]
+    wheels = [_Wheel(wheel, decoding.map.source) for wheel in reader.wheels_of(decoding.map, TopicWheel)]
     bag = _Bag(source, wheels)
     with opened(path) as file:
         bag.read(file)
     bag.check_topics()
     found = [(entry.wheel, entry.samples()) for entry in wheels]
-    return telemetry_file(source, found, bag.problems(), (), "holds no sample of a wheel of the map")
+    return reader.telemetry_file(source, found, bag.problems(), (), "holds no sample of a wheel of the map")
 
 
 # ---- the wheels of the map -------------------------------------------------------------------------------------------
@@ -93,7 +87,8 @@ class _Series:
         self.spec = spec
         self.times = array("q")
         self.values = array("d")
-        self._factor, self._offset = channel_conversion(channel, spec.unit or SI_UNITS[channel], source, place)
+        unit = spec.unit or reader.SI_UNITS[channel]
+        self._factor, self._offset = reader.channel_conversion(channel, unit, source, place)
 
     def take(self, message: dict[str, Any], times: dict[str, int]) -> None:
         """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
@@ -109,7 +104,7 @@ class _Series:
         if not isinstance(value, (int, float)):
             raise TypeError(f"{self.spec.field} is no number")
         time_ns = self._time_of(message, times)
-        check_time(time_ns)
+        reader.check_time(time_ns)
         self.times.append(time_ns)
         self.values.append(float(value) * self._factor + self._offset)
 

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from operator import itemgetter
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -34,8 +34,7 @@ RANDOM_PRECISION: Final = 0.5
 TIMING_EXPONENT: Final = math.e  # of the timing quality: a fifth of an event late still gives 0.98, a half 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Timeline:
+class Timeline(NamedTuple):
     """Time that was judged, [start_ns, end_ns), with the events and alarms in it, in any order.
 
     What lies outside of it does not count. Events may overlap: each is one to be detected.
@@ -49,12 +48,12 @@ class Timeline:
     @property
     def always(self) -> Timeline:
         """The same time and events with an alarm all the time."""
-        return Timeline(self.start_ns, self.end_ns, self.events, [(self.start_ns, self.end_ns)])
+        return self._replace(alarms=[(self.start_ns, self.end_ns)])
 
     @property
     def never(self) -> Timeline:
         """The same time and events without an alarm."""
-        return Timeline(self.start_ns, self.end_ns, self.events)
+        return self._replace(alarms=())
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,8 +151,7 @@ def union(stretches: Iterable[tuple[Time, Time]], whole: tuple[Time, Time]) -> l
     return joined
 
 
-@dataclass(frozen=True, slots=True)
-class _Judged:
+class _Judged(NamedTuple):
     """What one timeline adds to the scores.
 
     Attributes

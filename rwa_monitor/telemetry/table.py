@@ -22,16 +22,8 @@ from numpy.typing import NDArray
 
 from rwa_monitor.errors import InputError, needs_extra
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
-from rwa_monitor.telemetry.files import (
-    PIECE_BYTES,
-    atomic_write,
-    decode_utf8,
-    display_name,
-    first_line,
-    opened,
-    read_bytes,
-    unreadable,
-)
+from rwa_monitor.telemetry import files
+from rwa_monitor.telemetry.files import display_name
 from rwa_monitor.telemetry.pulses import speed_of_pulses
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
@@ -213,8 +205,8 @@ def file_format(path: Path) -> FileFormat:
     InputError
         If the file cannot be read, is empty, or has another format than its suffix.
     """
-    with opened(path) as file:
-        head = file.read(PIECE_BYTES)
+    with files.opened(path) as file:
+        head = file.read(files.PIECE_BYTES)
     if not head:
         raise InputError(display_name(path), "is empty")
     if head.startswith(PARQUET_MAGIC):
@@ -279,10 +271,10 @@ def read_csv(path: Path) -> SampleTable:
     """
     source = display_name(path)
     # A closing blank line is nobody's mistake; one in the middle is a row without values, and is refused as such.
-    content = read_bytes(path, MAX_TABLE_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
+    content = files.read_bytes(path, MAX_TABLE_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
     if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
         raise InputError(source, f"has more rows than the limit of {MAX_ROWS:,}: split it, and use --carry")
-    decode_utf8(content, path)
+    files.decode_utf8(content, path)
     reader = csv.reader(io.TextIOWrapper(io.BytesIO(content), encoding="utf-8", newline=""), strict=True)
     names = _header(content, reader, source)
     layout = lay_out(names, source)
@@ -304,7 +296,7 @@ def write_csv(samples: Samples, path: Path) -> None:
     Time is written in nanoseconds, values with the fewest digits that give them back, NaN as an empty field.
     """
     names, arrays = zip(*samples.channels(), strict=True)
-    with atomic_write(path) as part, part.open("w", encoding="ascii", newline="") as file:
+    with files.atomic_write(path) as part, part.open("w", encoding="ascii", newline="") as file:
         file.write(f"{','.join(names)}\n")
         for first in range(0, len(samples), ROWS_AT_ONCE):
             columns = [_texts(values[first : first + ROWS_AT_ONCE]) for values in arrays]
@@ -318,8 +310,8 @@ def _texts(values: FloatArray | IntArray) -> list[str]:
 
 def _header(content: bytes, reader: Any, source: str) -> list[str]:
     """Return the names in the first row."""
-    if not re.match(rb"[^\r\n]{1,%d}(?![^\r\n])" % PIECE_BYTES, content):
-        reason = f"has no header of at most {PIECE_BYTES:,} bytes"
+    if not re.match(rb"[^\r\n]{1,%d}(?![^\r\n])" % files.PIECE_BYTES, content):
+        reason = f"has no header of at most {files.PIECE_BYTES:,} bytes"
         raise InputError(source, reason, "row 1")
     try:
         names = [name.strip() for name in next(reader)]
@@ -439,11 +431,11 @@ def read_parquet(path: Path) -> SampleTable:
             _check_footer(file, (layout.time, *layout.channels), source)
             table = _read_columns(file, [layout.time, *layout.channels], source)
     except (pa.ArrowException, EOFError, UnicodeDecodeError) as error:
-        raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
+        raise InputError(source, f"is no readable Parquet file: {files.first_line(error)}") from error
     except OSError as error:  # Arrow reports damaged pages so, with a text and without a code
         if error.errno is not None:
-            raise unreadable(path, error) from error
-        raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
+            raise files.unreadable(path, error) from error
+        raise InputError(source, f"is no readable Parquet file: {files.first_line(error)}") from error
     time_ns = _column_nanoseconds(table[layout.time], layout.time, source)
     channels = {name: _column_numbers(table[name]) for name in layout.channels}
     return table_of(time_ns, channels, layout, source, 1)
@@ -451,11 +443,12 @@ def read_parquet(path: Path) -> SampleTable:
 
 def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:
     """Raise InputError where the footer promises too much, or a column that is wanted and holds no numbers."""
-    metadata, schema = file.metadata, file.schema_arrow
+    metadata, schema, types = file.metadata, file.schema_arrow, arrow().types
+    numbers = types.is_null, types.is_integer, types.is_floating, types.is_decimal  # without any value: one of NaN
     check_rows(metadata.num_rows, source)
     for name in columns:
         kind = schema.field(name).type
-        if not _is_number(kind):
+        if not any(is_kind(kind) for is_kind in numbers):
             raise InputError(source, f"holds {kind}, not numbers", f"column {name}")
     # Of all columns: to look at one of a damaged file ends the process (pyarrow 26, an exception nobody catches).
     unpacked = sum(metadata.row_group(at).total_byte_size for at in range(metadata.num_row_groups))
@@ -479,17 +472,11 @@ def _read_columns(file: Any, names: list[str], source: str) -> Any:
     return pa.Table.from_batches(batches)
 
 
-def _is_number(kind: Any) -> bool:
-    """Return whether a column's values are numbers; a column without any value is one of NaN."""
-    types = arrow().types
-    return bool(types.is_null(kind) or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
-
-
 def write_parquet(columns: Mapping[str, NDArray[Any]], path: Path) -> None:
     """Write arrays of one length as a Parquet table that `read_parquet` gives back bit for bit; NaN stays NaN."""
     pa = arrow()
     table = pa.table({name: pa.array(values) for name, values in columns.items()})
-    with atomic_write(path) as part:
+    with files.atomic_write(path) as part:
         # With checksums, a bit that flips on a disk is an error when the table is read, not another number.
         pa.parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
 

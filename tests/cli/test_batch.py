@@ -19,7 +19,7 @@ from rwa_monitor.batch.store import Store, read_results
 from rwa_monitor.batch.tasks import Diagnose, each
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.telemetry.configuration import read_model, read_wheel
+from rwa_monitor.monitor.setup import read_model, read_wheel
 from tests.cli.conftest import simulate
 from tests.program import command, run
 

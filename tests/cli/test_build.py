@@ -36,8 +36,7 @@ def installed(site: Path, version: str, *, editable: Path | None = None) -> None
         (info / "direct_url.json").write_text(json.dumps(origin), encoding="utf-8")
         return
     (site / "rwa_monitor").mkdir()
-    for name in ("__init__.py", "build.py"):
-        shutil.copy(SOURCE / name, site / "rwa_monitor")
+    shutil.copy(SOURCE / "__init__.py", site / "rwa_monitor")
 
 
 @pytest.mark.parametrize("version", ["0.1.0", COMMIT])

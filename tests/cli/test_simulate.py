@@ -8,7 +8,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 
 import rwa_monitor as rwa
-from rwa_monitor.telemetry.configuration import read_model, read_wheel
+from rwa_monitor.monitor.setup import read_model, read_wheel
 from rwa_monitor.telemetry.labels import read_labels
 from tests.cli.conftest import SECONDS, simulate
 from tests.program import run

@@ -15,7 +15,7 @@ import zenoh
 from rwa_monitor.dashboard.feed import MonitorWatch
 from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
-from rwa_monitor.history.records import MonitorState
+from rwa_monitor.history.database import MonitorState
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from tests.dashboard.support import acknowledge, ask, expect, findings, opened, reporting, send_windows

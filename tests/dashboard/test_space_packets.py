@@ -22,11 +22,10 @@ from lxml import etree
 from spacepackets.ccsds.spacepacket import SpacePacketHeader
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
-from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter
+from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, HealthAlarm, health_message
-from rwa_monitor.monitor.bridge import UdpAddress
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, definition_of

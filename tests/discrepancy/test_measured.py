@@ -11,8 +11,8 @@ import pytest
 from benchmarks.measured import PUBLISHED, basic_law, bias_beside, load
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.result import Search
+from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.telemetry.table import read_table
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")

@@ -12,7 +12,7 @@ import pytest
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.errors import InputError
-from rwa_monitor.export.detector import detector_files
+from rwa_monitor.export.c_source import detector_files
 from rwa_monitor.export.model import friction_model
 from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.samples import FloatArray

@@ -42,11 +42,11 @@ from rwa_monitor.monitor.core import WheelCore, outputs_of
 from rwa_monitor.monitor.recorder import RecordingWriter, recover
 from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.setup import read_model, read_scenario, read_wheel
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
-from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import read_text
 from rwa_monitor.telemetry.labels import JudgedAnomaly, JudgedWindow, beside_labels, read_labels, write_labels
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TextFile

@@ -8,7 +8,7 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import MONITOR_ALARM
-from rwa_monitor.history.records import MonitorState
+from rwa_monitor.history.database import MonitorState
 from rwa_monitor.history.store import History
 from tests.history.support import START_NS, diagnosis
 

@@ -12,9 +12,9 @@ from threading import Event, Thread
 import numpy as np
 import pytest
 
+from rwa_monitor.dashboard.space_packets import Bridge, UdpAddress, listening, run_bridge
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import PERIOD_S, SamplesMessage
-from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.samples import CHANNELS, Samples, concatenate
 from rwa_monitor.simulation.record import simulate

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import zenoh
 
-from rwa_monitor.build import build
+from rwa_monitor import __version__
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.backfill import Arrival, Inbox
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
@@ -89,7 +89,7 @@ def test_an_embedded_monitor_gives_the_diagnoses_of_the_batch_and_its_recording_
     assert f": {verdicts[0]}: {json.loads(first[0])['reason']}" in reported[0]
     assert log_lines[-1] == "stopped: 4 windows of 2 wheels diagnosed"
     settings = [recording.settings() for recording in read_chain(tmp_path)]
-    assert {(one["software"], one["build"]) for one in settings} == {(SOFTWARE, build())}
+    assert {(one["software"], one["build"]) for one in settings} == {(SOFTWARE, __version__)}
 
 
 def test_a_bus_that_is_gone_is_reported_once_and_so_is_its_return() -> None:

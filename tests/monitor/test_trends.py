@@ -8,7 +8,7 @@ import pytest
 
 import rwa_monitor as rwa
 from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.reporting.trends import FrictionEstimate, coefficient_trend
+from rwa_monitor.reporting.diagnoses import FrictionEstimate, coefficient_trend
 from rwa_monitor.simulation.datasets import FLEET_SEVERITIES, LabelledWindow, generate
 
 LIFE = 16  # windows of a wheel here

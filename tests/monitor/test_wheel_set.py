@@ -16,9 +16,8 @@ from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
 from rwa_monitor.monitor.service import RunOptions
-from rwa_monitor.monitor.setup import Setup
+from rwa_monitor.monitor.setup import Setup, read_wheel_folder
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.configuration import read_wheel_folder
 from rwa_monitor.wheel.wheel import Wheel
 from tests.history.support import discrepancy
 from tests.monitor.processes import Listener, monitor, wait_for

@@ -12,9 +12,8 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.recording import read_recording
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.setup import Setup
+from rwa_monitor.monitor.setup import Setup, read_model, read_scenario, read_wheel
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.monitor.recordings import rewrite
 

@@ -27,7 +27,7 @@ from rwa_monitor.monitor.recording import (
     MAX_WORK_BYTES,
     read_recording,
 )
-from rwa_monitor.telemetry.configuration import read_model, read_scenario, read_wheel
+from rwa_monitor.monitor.setup import read_model, read_scenario, read_wheel
 from rwa_monitor.telemetry.files import PIECE_BYTES
 from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
 from rwa_monitor.telemetry.table import (

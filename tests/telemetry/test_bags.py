@@ -14,7 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples
-from rwa_monitor.telemetry.mcap_chunk import MAX_CHUNK_BYTES
+from rwa_monitor.telemetry.files import MAX_CHUNK_BYTES
 from rwa_monitor.telemetry.reader import Decoding, joined, only_wheel
 from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.table import file_format

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.telemetry.configuration import read_wheel
+from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.files import atomic_write, display_name, read_bytes, read_text
 from rwa_monitor.telemetry.labels import read_labels, write_labels
 from rwa_monitor.wheel.wheel import built_in_wheel

@@ -20,10 +20,10 @@ from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.errors import InputError
+from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.reporting import figures
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
-from rwa_monitor.telemetry.configuration import read_wheel
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import build, effect_class, mean_effects, to_block
 from rwa_monitor.wheel.effects.formula import FORMULAS, Formula, parse
