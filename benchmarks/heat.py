@@ -30,7 +30,7 @@ from rwa_monitor.simulation.datasets import MEAN_DEGC, ORBIT_SWING_K, RECIPES, S
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K
+from rwa_monitor.wheel.effects.drag_laws import REFERENCE_K, ZERO_CELSIUS_K
 from rwa_monitor.wheel.wheel import Wheel
 
 ANOMALIES: Final = ("dry", "viscous", "fss_1", "fss_2")

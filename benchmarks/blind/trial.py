@@ -25,7 +25,7 @@ from rwa_monitor.telemetry.table import read_table, write_csv
 from rwa_monitor.wheel.effects.base import MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from rwa_monitor.wheel.effects.jump_times import SpeedTriggeredJumps
+from rwa_monitor.wheel.effects.jumps import SpeedTriggeredJumps
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEvidence
 
 ACCEPTANCE = 25.0  # of the criterion, what the search asks for (docs/theory.md, "Discrepancy search", 4)

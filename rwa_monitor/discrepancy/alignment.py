@@ -19,7 +19,7 @@ from scipy.ndimage import binary_dilation, correlate1d
 from rwa_monitor.discrepancy.derived_friction import Steps, spread_of_differences
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel import torque_balance
-from rwa_monitor.wheel.effects.speed_dead_zone import ReadZone
+from rwa_monitor.wheel.effects.tachometer import ReadZone
 from rwa_monitor.wheel.wheel import Wheel
 
 LONGEST_S: Final = 5.0  # of a delay (wheel/effects/current_delay.py)

@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.wheel import torque_balance
-from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
+from rwa_monitor.wheel.effects.tachometer import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
 # Of a step: of the difference of two errors, each uniform over it (Widrow & Kollár, Quantization Noise, 2008).

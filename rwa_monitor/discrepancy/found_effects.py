@@ -24,7 +24,7 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Effect, Family, Parameter
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, effect_class
 from rwa_monitor.wheel.effects.formula import BLOCK, Formula
-from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
+from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
 from rwa_monitor.wheel.wheel import Wheel
 

@@ -19,9 +19,9 @@ from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, available, 
 from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.effects.drag_laws import LEAST_K
 from rwa_monitor.wheel.effects.formula import FORMULAS, Formula
-from rwa_monitor.wheel.effects.jump_times import FEWEST_SOJOURNS
-from rwa_monitor.wheel.effects.viscosity_temperature import LEAST_K
+from rwa_monitor.wheel.effects.jumps import FEWEST_SOJOURNS
 from rwa_monitor.wheel.wheel import Wheel
 
 # All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.

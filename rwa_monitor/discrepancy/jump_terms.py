@@ -13,7 +13,7 @@ from scipy.ndimage import correlate1d
 
 from rwa_monitor.samples import TINY, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, stack
-from rwa_monitor.wheel.effects.jump_shapes import DecayingJump, ViscousJump
+from rwa_monitor.wheel.effects.jumps import DecayingJump, ViscousJump
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.effects.torque_balance_errors import CurrentDelay
 

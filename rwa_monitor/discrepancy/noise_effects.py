@@ -22,7 +22,7 @@ from rwa_monitor.samples import TINY, BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, curvature_std
 from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, NOISE_EFFECTS
-from rwa_monitor.wheel.effects.speed_dependent_noise import OF_BAND, SpeedDependentNoise, spread_factor
+from rwa_monitor.wheel.effects.noise_laws import OF_BAND, SpeedDependentNoise, spread_factor
 
 OUTLIER_AT: Final = 7.0  # standard deviations
 FEW_OUTLIERS: Final = 12

@@ -32,7 +32,7 @@ from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.kernels.segmentation import optimal_curves
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape
-from rwa_monitor.wheel.effects.jump_shapes import DecayingJump, ViscousJump
+from rwa_monitor.wheel.effects.jumps import DecayingJump, ViscousJump
 
 BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then placed to the sample
 SHORTEST_BLOCKS: Final = 3  # of a stretch: shorter ones are blocks in which something jumps

@@ -28,7 +28,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.terms import SearchResult
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
+from rwa_monitor.wheel.effects.tachometer import quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
 COARSE: Final = 0.5  # standard deviations of the noise: finer steps are of no consequence

@@ -34,8 +34,7 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TINY, BoolArray, FloatAr
 from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
-from rwa_monitor.wheel.effects.speed_dead_zone import ReadZone, read_zone
-from rwa_monitor.wheel.effects.tachometer_quantisation import quantisation_step
+from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step, read_zone
 from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from rwa_monitor.wheel.torque_balance import Source, half_width, motor_torque, source_of
 from rwa_monitor.wheel.wheel import TemperatureRange, Wheel

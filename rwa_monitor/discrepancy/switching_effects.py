@@ -31,7 +31,7 @@ from rwa_monitor.switching.friction_model import Priors
 from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
-from rwa_monitor.wheel.effects.jump_times import FEWEST_SOJOURNS, SpeedTriggeredJumps, WrongDurationLaw, weibull_of_mean
+from rwa_monitor.wheel.effects.jumps import FEWEST_SOJOURNS, SpeedTriggeredJumps, WrongDurationLaw, weibull_of_mean
 from rwa_monitor.wheel.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 

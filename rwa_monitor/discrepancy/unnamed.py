@@ -24,8 +24,8 @@ from scipy.signal import lfilter
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape
+from rwa_monitor.wheel.effects.drag_laws import ViscosityTemperature
 from rwa_monitor.wheel.effects.torque_ripple import angle_range_turns, angle_turned
-from rwa_monitor.wheel.effects.viscosity_temperature import ViscosityTemperature
 
 FASTEST_S: Final = 60.0  # time constants of a bearing in its housing: minutes (its rings) to hours (the wheel's case)
 SLOWEST_S: Final = 7200.0

@@ -16,7 +16,7 @@ from rwa_monitor.export.c_source import SWEEP_S, c_files, render, rms, shared_li
 from rwa_monitor.export.model import FrictionModel
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
-from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
+from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
 
 NAMES: Final = ("fCoulomb", "fStatic", "betaStatic", "cViscous")
 NO_STRIBECK: Final = -1.0  # of betaStatic: Basilisk's own value for a wheel without

@@ -37,7 +37,7 @@ from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.simulation.record import COUPLING_ROUNDS, couple
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
+from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
 from rwa_monitor.words import SOFTWARE
 
 SLOTS: Final = 20_001  # of a sweep

@@ -21,7 +21,7 @@ from rwa_monitor.kernels.ingest import HANGING_SLOTS, HANGS, OUTSTANDING_SLOTS, 
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Channels, Memory, begun
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects, viscous_effects
-from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
+from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
 from rwa_monitor.wheel.torque_balance import (
     Source,
     differentiate_over_gaps,

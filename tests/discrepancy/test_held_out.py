@@ -21,7 +21,7 @@ from rwa_monitor.messages import SearchedAgain as SearchedAgainMessage
 from rwa_monitor.reporting.discrepancy_report import html, sentence
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.base import MeanEffect
-from rwa_monitor.wheel.effects.stribeck import Stribeck
+from rwa_monitor.wheel.effects.drag_laws import Stribeck
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
 

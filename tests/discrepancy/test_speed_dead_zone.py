@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.samples import FloatArray, Samples
-from rwa_monitor.wheel.effects.speed_dead_zone import read_zone
+from rwa_monitor.wheel.effects.tachometer import read_zone
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 SLOTS, NOISE, WIDTH = 4_000, 0.01, 1.0  # rad/s

@@ -1,4 +1,4 @@
-"""Drag beside the base law's: by the square of the speed, by a power below one, with an end, or by the load."""
+"""Drag beside the base law's: near zero, by another power of the speed, with an end, by the load or the temperature."""
 
 from __future__ import annotations
 
@@ -6,9 +6,140 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Parameter, Shape
-from rwa_monitor.wheel.effects.viscosity_temperature import REFERENCE_K, ZERO_CELSIUS_K, temperature_varies
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
+
+GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
+WIDEST_SHARE: Final = 0.5  # of the largest speed: e⁻² of a wide one (δ = 1) is left there, and the rest is seen
+EXPONENT_REACH: Final = 0.6  # of a round of fitting; several follow each other
+
+
+def _shown_knee(channels: Channels) -> tuple[float, float]:
+    """From a few speed steps to half of the largest speed: wider ones are a part of the slope."""
+    speed = channels.used_speed_rad_s
+    return max(3.0 * channels.speed_step_rad_s, float(speed.min()) / GONE_AT), WIDEST_SHARE * float(speed.max())
+
+
+class Stribeck(MeanEffect):
+    """Drag that falls from the static to the Coulomb level as the speed grows.
+
+    Near zero speed the balls ride on metal instead of on a film of lubricant (mixed and boundary lubrication), and the
+    drag is higher than the Coulomb level by up to the difference to the static friction. How sharp the knee is differs:
+    δ = 1 (Tustin) and 2 (Gaussian, as in LuGre) are usual, ½ to 1 was measured by Bo and Pavelescu, 1.4 is in SKF's
+    φ_bl. Both usual ones are tried, and any other is fitted where that pays.
+
+    What shows it
+    -------------
+    Extra drag near zero: at three Stribeck speeds 0.01 % of it is left for δ = 2, 5 % for δ = 1 (1 % at five), 18 % for
+    δ = ½. As a formula of the speed alone it is the same for both signs of dω/dt; a real film needs time to build and
+    to drain, so that mixed friction lags the speed (frictional memory) and makes a loop in fast reversals.
+
+    See Also
+    --------
+    presliding, speed_dead_zone, sublinear_viscous
+
+    References
+    ----------
+    B. Armstrong-Hélouvry, Control of Machines with Friction, Kluwer 1991; C. Canudas de Wit, H. Olsson, K. J. Åström,
+    P. Lischinsky, A new model for control of systems with friction, IEEE TAC 40(3), 1995; exponential form: A. Tustin,
+    The effects of backlash and of speed-dependent friction on the stability of closed-cycle control systems, Journal of
+    the IEE 94, 1947; L. C. Bo, D. Pavelescu, The friction-speed relation and its influence on the critical velocity of
+    stick-slip motion, Wear 82, 1982, 277–289; frictional memory: D. P. Hess, A. Soom, Friction at a lubricated line
+    contact operating at oscillating sliding velocities, ASME Journal of Tribology 112, 1990. That wheels have drag near
+    zero beyond Coulomb and viscous friction: S. Sarani, Determining Spacecraft Reaction Wheel Friction Parameters, NASA
+    Tech Briefs NPO-44712, 2009. The range of ω_s for wheel bearings, 1–30 rad/s, and of δ, 0.4–3, are working
+    assumptions.
+    """
+
+    name = "stribeck"
+    title = "Stribeck effect"
+    formula = r"\tau = (\tau_S - \tau_C)\, e^{-|\omega/\omega_s|^{\delta}}\, \operatorname{sign}(\omega)"
+    separate_by = "A slow zero crossing, and a ladder of dwells up to ten Stribeck speeds."
+    parameters = (
+        Parameter("strength_Nm", "N m", 0.0, np.inf, 5.0e-4, linear=True),
+        Parameter("stribeck_speed_rad_s", "rad/s", 1e-3, 200.0, 8.0, shown=_shown_knee),
+        Parameter("exponent", "-", 0.4, 3.0, 2.0, False, (1.0, 2.0), 2.0, lambda _: EXPONENT_REACH),
+    )
+
+    @classmethod
+    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
+        ratio, exponent = np.abs(channels.speed_rad_s) / shape["stribeck_speed_rad_s"], shape["exponent"]
+        usual = {1.0: ratio, 2.0: ratio * ratio}  # without logarithms
+        decay = np.exp(-(usual[exponent] if exponent in usual else np.power(ratio, exponent)))
+        return channels.direction * decay
+
+
+ZERO_CELSIUS_K: Final = 273.15  # [K]
+ORIGIN_degC: Final = 20.0  # where laws of the temperature are one or zero: a convention
+REFERENCE_K: Final = ZERO_CELSIUS_K + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
+LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
+LAG_REACH_S: Final = 300.0  # [s] of a round of fitting; several follow each other
+
+
+def temperature_varies(channels: Channels) -> bool:
+    """Return whether the bearing's temperature varies within a record by more than a sensor's resolution."""
+    return bool(np.ptp(channels.known(channels.optional("bearing_temperature_degC"))) > LEAST_K)
+
+
+def _lag_reach(channels: Channels) -> float:
+    return LAG_REACH_S if temperature_varies(channels) else 0.0
+
+
+class ViscosityTemperature(MeanEffect):
+    """A viscous coefficient that falls as the bearing warms up.
+
+    The lubricant's viscosity falls with temperature, after Andrade's (Arrhenius') law. The strength is the viscous
+    coefficient at 20 °C that scales with it. Drag is taken in proportion to the viscosity. Where a bearing's drag goes
+    with (νn)^0.6 to (νn)^(2/3) (see `sublinear_viscous`) the B found here is 0.6 to 0.67 of the oil's: it is an
+    apparent B, not the one of the oil's data sheet. Over a few kelvin only the product of strength and B shows; over
+    ten kelvin and more the curvature gives both, if the oil is exactly Arrhenius. After Vogel's law B falls as the oil
+    warms: what is found then holds over the temperatures of the record alone, and strength and B are each off by more
+    than their stated errors. Where the sensor sits on the housing, the bearing follows it with a lag of the first
+    order; 0 is a sensor in the bearing. In a wheel file with [nominal] this is a factor on the viscous friction, not a
+    torque beside it: a fault scales the whole.
+
+    What shows it
+    -------------
+    A slope that follows the bearing temperature, with its thermal lag.
+
+    See Also
+    --------
+    lubricant_lag, torque_constant_temperature, run_in_drift
+
+    References
+    ----------
+    E. N. da C. Andrade, The viscosity of liquids, Nature 125, 1930; review: C. J. Seeton, Viscosity–temperature
+    correlation for liquids, Tribology Letters 22, 2006. B from 1700 to 6900 K gives −2 to −8 % per kelvin at 20 °C, the
+    range of common space oils as a working assumption.
+    """
+
+    name = "viscosity_temperature"
+    title = "Viscosity falls with temperature"
+    formula = (
+        r"\tau = f_v\, \omega \left(\frac{\nu(T)}{\nu_0} - 1\right), \qquad \frac{\nu(T)}{\nu_0} = e^{B \left(1/T - "
+        r"1/T_0\right)}, \quad T_0 = 293.15\,\mathrm{K}, \qquad T_l \dot T = T_{\mathrm{sensor}} - T"
+    )
+    separate_by = "Constant speed for an orbit, at two speeds."
+    needs = frozenset({"bearing_temperature_degC"})
+    shows_at_one_speed = True
+    is_part_of_viscous = True
+    scales_with_viscous = True
+    follows_temperature = True
+    parameters = (
+        Parameter("strength_Nm_s_rad", "N m s/rad", 0.0, np.inf, 5.333e-6, linear=True),
+        Parameter("activation_temperature_K", "K", 1500.0, 8000.0, 4000.0),
+        Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _lag_reach),
+    )
+
+    @classmethod
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
+        temperature = channels.optional("bearing_temperature_degC")
+        if shape["sensor_lag_s"] > 0.0:
+            known, period_s = np.isfinite(temperature), channels.sample_period_s
+            temperature, memory = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
+        exponent = shape["activation_temperature_K"] * (1.0 / (temperature + ZERO_CELSIUS_K) - 1.0 / REFERENCE_K)
+        return stack(channels.speed_rad_s * np.expm1(exponent)), memory
 
 
 class QuadraticDrag(MeanEffect):

@@ -20,8 +20,8 @@ from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.kernels.effects import time_since
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
+from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_turned
-from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
 RESOLVED_STEPS: Final = 3.0  # of a variable from slot to slot: a narrower feature falls between samples

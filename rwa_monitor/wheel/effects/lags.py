@@ -9,7 +9,7 @@ import numpy as np
 from rwa_monitor.kernels.effects import dahl_bristle, first_order_lag
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
-from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
+from rwa_monitor.wheel.effects.tachometer import SpeedDeadZone
 
 MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
 FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the drive's

@@ -8,7 +8,7 @@ import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
-from rwa_monitor.wheel.effects.viscosity_temperature import ORIGIN_degC
+from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
 
 
 class InertiaError(MeanEffect):

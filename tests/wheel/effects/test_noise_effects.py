@@ -9,7 +9,7 @@ import pytest
 
 from rwa_monitor.wheel.effects.base import Channels, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS
-from rwa_monitor.wheel.effects.tachometer_quantisation import error_of_step, quantisation_step
+from rwa_monitor.wheel.effects.tachometer import error_of_step, quantisation_step
 from tests.wheel.effects.records import rich_motion
 
 SIGMA_NM = 3.9e-5

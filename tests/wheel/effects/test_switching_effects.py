@@ -12,7 +12,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.wheel.durations import Uniform
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
-from rwa_monitor.wheel.effects.jump_times import SpeedTriggeredJumps, WrongDurationLaw
+from rwa_monitor.wheel.effects.jumps import SpeedTriggeredJumps, WrongDurationLaw
 from rwa_monitor.wheel.effects.switching_base import (
     JumpClock,
     Jumps,
