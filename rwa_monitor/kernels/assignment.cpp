@@ -568,7 +568,7 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     return found;
 }
 
-// ---- levels between candidates (see rwa_monitor/switching/segments.py) ----------------------------------------------
+// ---- levels between candidates (see rwa_monitor/changepoints/estimation.py) -----------------------------------------
 
 constexpr double PREFERENCE = 1e-6;     // log-likelihood of a slot nearer to the detected one: decides ties in gaps
 

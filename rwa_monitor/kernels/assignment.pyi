@@ -50,7 +50,7 @@ def weigh(
     scores, start, taken, index
         As for `find_paths`; the candidates' slots.
     pairs
-        The sufficient statistics between all pairs of nodes, see `segments.Level`.
+        The sufficient statistics between all pairs of nodes, see `estimation.Level`.
     slots
         Length of the window.
     table, cases

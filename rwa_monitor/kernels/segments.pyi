@@ -9,4 +9,4 @@ def fit_table(pairs: FloatArray, slope: float, variance: float, level_range: flo
     """Return the log-likelihood of one level, of a flat prior, between all pairs of nodes: float64 (m + 2, m + 2)."""
 
 def refine_nodes(nodes: IntArray, reach: IntArray, slope: float, variance: float, sums: SumArrays) -> IntArray:
-    """See `segments.refine`; `nodes` are the positions with both ends of the window."""
+    """See `estimation.refine`; `nodes` are the positions with both ends of the window."""

@@ -3,7 +3,7 @@
 In: the evidence of a window, the wheel, and what earlier windows left (`carried_state.py`). Out: an `Assignment` of
 jumps to systems and the `Components` of the friction.
 
-Read `duration_likelihoods.py` (sojourns), `segments.py` (levels), `friction_model.py` (the linear model and its
-priors), `assignment.py` (the decoder), `components.py` (the split). `jump_attribution.py` does the same for whole
-recordings of a wheel whose systems are not known yet.
+Read `duration_likelihoods.py` (sojourns), `friction_model.py` (the linear model and its priors), `assignment.py` (the
+decoder; levels between candidates are in `changepoints/estimation.py`), `components.py` (the split).
+`jump_attribution.py` does the same for whole recordings of a wheel whose systems are not known yet.
 """

@@ -30,7 +30,17 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.estimation import estimate
+from rwa_monitor.changepoints.estimation import (
+    Level,
+    effective_variance,
+    estimate,
+    level_scatter,
+    measure_level,
+    possible_signs,
+    reach_of,
+    refine,
+    typical_jump,
+)
 from rwa_monitor.changepoints.stage_results import (
     REJECTED,
     UNATTRIBUTED,
@@ -43,11 +53,9 @@ from rwa_monitor.changepoints.stage_results import (
 from rwa_monitor.kernels.assignment import REJECT, STEPS, add_agreement, find_paths, weigh
 from rwa_monitor.kernels.segments import fit_table
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching import segments
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations
 from rwa_monitor.switching.friction_model import Posterior, Priors, law_moments, prior_tables, priors_of, solve
-from rwa_monitor.switching.segments import Level
 from rwa_monitor.wheel.wheel import Wheel
 
 KEPT_PATHS: Final = 16  # weighed beside each other
@@ -145,7 +153,7 @@ class _Inputs(NamedTuple):
     wheel: Wheel
     priors: Priors
     onsets: tuple[Onset | None, ...]
-    variance: float  # of the noise, see `segments.effective_variance`
+    variance: float  # of the noise, see `estimation.effective_variance`
 
 
 class _Ranked(NamedTuple):
@@ -193,13 +201,13 @@ def assign(
         wheel,
         window_priors(evidence, wheel, carried) if priors is None else priors,
         onsets(wheel.fss, carried),
-        segments.effective_variance(evidence.noise),
+        effective_variance(evidence.noise),
     )
     candidates = evidence.candidates
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
     level = _measure(inputs, candidates.index, everyone)
     level = _measure(inputs, _refined(inputs, level, everyone), everyone)
-    signs = segments.possible_signs(candidates, level)
+    signs = possible_signs(candidates, level)
     states = rounds = 0
     while True:
         rounds += 1
@@ -212,7 +220,7 @@ def assign(
         moved = _refined(inputs, level, accepted)
         again = _measure(inputs, moved if (moved[1:] > moved[:-1]).all() else level.at, accepted)
         new_signs = signs.copy()
-        new_signs[accepted] = segments.possible_signs(candidates, again)[accepted]
+        new_signs[accepted] = possible_signs(candidates, again)[accepted]
         settled = 0.5 * again.information * (again.slope - level.slope) ** 2 < SETTLED
         if settled and np.array_equal(again.at, level.at) and np.array_equal(new_signs, signs):
             break
@@ -223,20 +231,20 @@ def assign(
 
 def window_priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None) -> Priors:
     """Return what is known before a window; sizes seen in it stand in for what the wheel file does not state."""
-    return priors_of(wheel, carried, evidence.sums.mean[1], segments.typical_jump(evidence.candidates.jump))
+    return priors_of(wheel, carried, evidence.sums.mean[1], typical_jump(evidence.candidates.jump))
 
 
 def _measure(inputs: _Inputs, index: IntArray, accepted: IntArray) -> Level:
     """Measure slope and levels between the accepted candidates."""
     prior = inputs.priors.slope
-    return segments.measure_level(index, accepted, inputs.evidence.sums, inputs.variance, prior.mean, prior.std)
+    return measure_level(index, accepted, inputs.evidence.sums, inputs.variance, prior.mean, prior.std)
 
 
 def _refined(inputs: _Inputs, level: Level, accepted: IntArray) -> IntArray:
     """Return all positions, those of the accepted candidates refined between accepted neighbours."""
-    reach = segments.reach_of(inputs.evidence.candidates)[accepted]
+    reach = reach_of(inputs.evidence.candidates)[accepted]
     moved = level.at.copy()
-    moved[accepted] = segments.refine(inputs.evidence.sums, level.at[accepted], reach, level.slope, inputs.variance)
+    moved[accepted] = refine(inputs.evidence.sums, level.at[accepted], reach, level.slope, inputs.variance)
     return moved
 
 
@@ -305,7 +313,7 @@ def search(scores: Scores, *, paths: int, margin: float, budget: int) -> SearchR
 def _rank(inputs: _Inputs, scores: Scores, paths: tuple[Path, ...], level: Level) -> list[_Ranked]:
     """Score the best paths by the full likelihood, best first."""
     table, cases = prior_tables(inputs.priors)
-    slots, variance, scatter = inputs.evidence.slots, inputs.variance, segments.level_scatter(inputs.variance)
+    slots, variance, scatter = inputs.evidence.slots, inputs.variance, level_scatter(inputs.variance)
     ranked = []
     for _, start, taken in paths:
         weighed = weigh(scores, start, taken, level.at, level.pairs, slots, table, cases, variance, scatter)
@@ -337,7 +345,7 @@ def _result(
     place = reported.ravel().nonzero()[0]
     size, size_std = jump[place // 2], std[place // 2]
     if place.size > double.size:
-        scatter = segments.level_scatter(inputs.variance)
+        scatter = level_scatter(inputs.variance)
         posterior = solve(path, best.borders, best.statistics, inputs.priors, inputs.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
             who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.changepoints.estimation import effective_variance, level_scatter, typical_jump
 from rwa_monitor.changepoints.stage_results import (
     REJECTED,
     UNATTRIBUTED,
@@ -30,7 +31,6 @@ from rwa_monitor.switching.assignment import KEPT_PATHS, softmax
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Number, log_probability, onsets
 from rwa_monitor.switching.friction_model import Posterior, Priors, measure, priors_of, solve
-from rwa_monitor.switching.segments import effective_variance, level_scatter, typical_jump
 from rwa_monitor.wheel.wheel import Wheel
 
 MOST_PATHS: Final = 8  # paths that are handed on

@@ -87,9 +87,9 @@ def solve(
     priors
         What is known before.
     variance
-        Of the noise, as `segments.effective_variance`.
+        Of the noise, as `estimation.effective_variance`.
     scatter
-        Variance of the levels about the model, as `segments.level_scatter`.
+        Variance of the levels about the model, as `estimation.level_scatter`.
     """
     table, cases = prior_tables(priors)
     return _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))

@@ -5,12 +5,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from rwa_monitor.changepoints import estimation
 from rwa_monitor.changepoints.stage_results import Candidates, SwitchingPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.kernels.laws import densities
 from rwa_monitor.kernels.segments import PREFERENCE
-from rwa_monitor.switching import segments
 from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_windows import sums_of
 
@@ -22,7 +22,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     level = np.array([1.0, 1.5, 1.5, 1.2, 1.4])[np.searchsorted(index, np.arange(slots), side="right")]
     z = level + 0.8 * x + 0.02 * rng.standard_normal(slots)
     sums = sums_of(x, z, used)
-    found = segments.measure_level(index, np.array([0, 2, 3]), sums, 0.02**2, 0.0, 1e6)
+    found = estimation.measure_level(index, np.array([0, 2, 3]), sums, 0.02**2, 0.0, 1e6)
     nodes = found.nodes
     assert nodes.tolist() == [0, 1, 3, 4, 5]
     borders = np.array([0, 90, 330, 450, 600])
@@ -37,7 +37,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     # The contrast of the first points down, the levels up; that of the second, rejected one, is weak.
     statistic, jump = np.array([100.0, 4.0, 100.0, 100.0]), np.array([-0.1, 0.1, -0.3, np.nan])
     candidates = Candidates(index, np.full(4, 16), statistic, jump)
-    signs = segments.possible_signs(candidates, found)
+    signs = estimation.possible_signs(candidates, found)
     assert signs.tolist() == [[True, True], [True, True], [True, False], [True, True]]
 
 
@@ -46,12 +46,12 @@ def test_levels_without_samples_leave_the_sign_to_the_contrast():
     used[100:200] = False
     sums = sums_of(x, np.where(np.arange(300) < 150, 1.0, 2.0), used)
     index = np.array([100, 200])
-    level = segments.measure_level(index, np.array([0, 1]), sums, 1.0, 0.0, 1e-6)
+    level = estimation.measure_level(index, np.array([0, 1]), sums, 1.0, 0.0, 1e-6)
     candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))
-    signs = segments.possible_signs(candidates, level)
+    signs = estimation.possible_signs(candidates, level)
     assert signs.tolist() == [[False, True], [False, True]]
-    assert segments.typical_jump(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
-    assert segments.typical_jump(np.array([np.nan])) == 0.0
+    assert estimation.typical_jump(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
+    assert estimation.typical_jump(np.array([np.nan])) == 0.0
 
 
 @pytest.mark.parametrize("spread", [(0.0, 0.0), (0.3, 0.0), (0.2, 0.7)])
@@ -141,26 +141,26 @@ def _error(values: np.ndarray) -> float:
 
 def test_jumps_and_levels_are_those_of_the_samples(record):
     x, z, used = record
-    pairs = segments.measure_level(INDEX, np.array([0, 2]), sums_of(x, z, used), STD**2, 0.0, 1.0).pairs
+    pairs = estimation.measure_level(INDEX, np.array([0, 2]), sums_of(x, z, used), STD**2, 0.0, 1.0).pairs
     nodes = np.array([0, 1, 3, 6])  # the first and the third candidate are accepted
     borders = np.concatenate([[0], INDEX, [SLOTS]])
     residual = np.where(used, z - SLOPE * x, np.nan)
-    levels = segments.levels_of(pairs, nodes, SLOPE)
+    levels = estimation.levels_of(pairs, nodes, SLOPE)
     plain = [np.nanmean(residual[borders[a] : borders[b]]) for a, b in pairwise(nodes)]
     assert levels == pytest.approx(plain, rel=1e-10)
-    jump, variance = segments.jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
+    jump, variance = estimation.jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
     for k, (before, after) in enumerate([(0, 3), (1, 3), (1, 6), (3, 6), (3, 6)], start=1):
         left, right = slice(borders[before], borders[k]), slice(borders[k], borders[after])
         assert jump[k - 1] == pytest.approx(np.nanmean(residual[right]) - np.nanmean(residual[left]), rel=1e-9)
         apart = x[right][used[right]].mean() - x[left][used[left]].mean()
-        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * segments.LEVEL_SCATTER**2)
+        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * estimation.LEVEL_SCATTER**2)
         assert variance[k - 1] == pytest.approx(own + apart**2 / 1e4, rel=1e-9)
 
 
 def test_positions_are_refined_to_the_least_error(record):
     x, z, used = record
     index, reach = INDEX + np.array([7, -9, 5, 20, -3]), np.array([8, 16, 16, 32, 32])
-    refined = segments.refine(sums_of(x, z, used), index, reach, SLOPE, STD**2)
+    refined = estimation.refine(sums_of(x, z, used), index, reach, SLOPE, STD**2)
     residual, borders = z - SLOPE * x, np.concatenate([[0], index, [SLOTS]])
     for i, at in enumerate(index):
         left, right = borders[i], borders[i + 2]
