@@ -14,8 +14,8 @@ import numpy as np
 from rwa_monitor.changepoints.noise import mean_variance_factor, median_size
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, Estimate, Evidence, NoiseEstimate
+from rwa_monitor.kernels.assignment import refine_nodes
 from rwa_monitor.kernels.running_sums import slope_within
-from rwa_monitor.kernels.segments import refine_nodes
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 

@@ -30,8 +30,7 @@ from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
 from rwa_monitor.kernels import changepoints as kernel
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
-from rwa_monitor.kernels.running_sums import STRIDE
-from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.running_sums import BLOCK, STRIDE
 from rwa_monitor.kernels.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.catalogue import viscous_effects

@@ -10,8 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.kernels.running_sums import STRIDE, extend_sums, range_moments
-from rwa_monitor.kernels.structure import BLOCK, STRETCH
+from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, extend_sums, range_moments
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 

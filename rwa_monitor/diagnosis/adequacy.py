@@ -38,8 +38,7 @@ from rwa_monitor.changepoints.noise import NORMAL_MEDIAN, ar_coefficient, median
 from rwa_monitor.changepoints.running_sums import HARMONICS
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.kernels.running_sums import STRIDE, lagged_products
-from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.running_sums import BLOCK, STRIDE, lagged_products
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.switching_systems import jumping_chain_law
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel

@@ -1,5 +1,4 @@
 // Which candidates are jumps, and which switching system made each (see rwa_monitor/switching/assignment.py).
-#include "assignment.hpp"
 #include "detection.hpp"
 
 namespace rwa {
@@ -776,8 +775,7 @@ void add_agreement(
 
 }  // namespace
 
-STAGE(segments, PREFERENCE, fit_table, refine_nodes)
-STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, find_paths, add_up_laws,
-      weigh, add_agreement)
+STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, PREFERENCE, fit_table, refine_nodes, find_paths,
+      add_up_laws, weigh, add_agreement)
 
 }  // namespace rwa

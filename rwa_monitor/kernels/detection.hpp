@@ -1,4 +1,4 @@
-// Stage 1: what its sources share, and the running sums that later stages read. In the order of the flow.
+// What sources of stages 1 and 3 share, in the order of the flow, and the running sums that later stages read.
 #pragma once
 
 #include "arrays.hpp"
@@ -163,7 +163,7 @@ Noise learn_noise(
     FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,
     double start_variance);
 
-// ---- direction, dead band and wheel angle beside the running sums (structure.cpp) -----------------------------------
+// ---- direction, dead band and wheel angle beside the running sums (running_sums.cpp) --------------------------------
 
 struct StructureArrays {
     Vector<int64_t> signs, counts;
@@ -194,5 +194,26 @@ void sort_in_turn(vector<Peak>& peaks);
 
 // The slots of peaks, taken in turn, with no kept one within ±w; sorted.
 NewIntegers kept_apart(const vector<Peak>& peaks);
+
+// ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----------------------------------------
+
+// See stage_results.SwitchingPath.
+struct SwitchingPath {
+    Integers configurations, starts, sojourns, unattributed;
+    FIELDS(configurations, starts, sojourns, unattributed)
+};
+
+// See friction_model.Cases.
+struct Cases {
+    FloatCube states;
+    IntegerMatrix choice;
+    Floats log_prior, rest;
+    FIELDS(states, choice, log_prior, rest)
+};
+
+// The log evidence of `solve_cases` alone, without the posterior.
+double evidence_of_cases(
+    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
+    const Cases& cases, double variance, double scatter);
 
 }  // namespace rwa

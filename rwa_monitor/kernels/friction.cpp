@@ -1,5 +1,5 @@
 // A switching path as a linear model with a Gaussian prior (see rwa_monitor/switching/friction_model.py).
-#include "assignment.hpp"
+#include "detection.hpp"
 
 namespace rwa {
 namespace {

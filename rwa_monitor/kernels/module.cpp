@@ -10,11 +10,9 @@
     DO(running_sums)      \
     DO(wglr)              \
     DO(noise)             \
-    DO(structure)         \
     DO(evidence)          \
     DO(changepoints)      \
     DO(segmentation)      \
-    DO(segments)          \
     DO(laws)              \
     DO(friction)          \
     DO(assignment)        \

@@ -102,6 +102,184 @@ NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, in
     return products;
 }
 
-STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, lagged_products)
+// ---- direction, dead band and wheel angle beside the sums: of no use before the close of a window ---------------------
+
+#ifndef RWA_ONBOARD
+namespace {
+// Stretches in which the friction is compared with the angle: long enough that a ripple of half the noise's standard
+// deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
+// coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
+constexpr int64_t STRETCH = 256;
+constexpr int64_t SIDE = 16;  // √STRETCH
+// A tachometer's dead zone: readings of exactly zero, then the first other one lies further off than the speed's noise
+// and than the next ones from each other. With coarse quantisation they do not; a reading of zero from full speed is a fault
+// of telemetry.
+constexpr double FEWEST_ZEROS = 3.0, GAP_IN_STEPS = 3.0;
+constexpr double LARGEST_GAP = 0.1;  // of the nominal speed
+// Turns in a slot, whole ones apart, below which a harmonic looks like slow friction: four in a stretch. Of faster ones
+// a jump in a stretch holds at most 0.81 / (STRETCH·turns²) = 13 where noise holds 2, whatever its size. At one speed
+// each stretch shows a harmonic at the same turns: of slower ones, jumps would add up to a ripple.
+constexpr double SLOWEST_TURNS = 4.0 / STRETCH;
+
+// A quarter of a turn in two parts, of which the first has so few digits that any whole multiple of it is exact.
+constexpr double QUARTER_HIGH = static_cast<float>(0.5 * M_PI), QUARTER_LOW = 0.5 * M_PI - QUARTER_HIGH;
+
+// (-1)ⁿ/(2n + 1)! and (-1)ⁿ/(2n)!, the highest power first; the next ones are below 1e-16 at an eighth of a turn.
+constexpr double SINE_TERMS[] = {-1.0 / 1307674368000.0, 1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0,
+                                 -1.0 / 5040.0,          1.0 / 120.0,        -1.0 / 6.0,        1.0};
+constexpr double COSINE_TERMS[] = {1.0 / 20922789888000.0, -1.0 / 87178291200.0, 1.0 / 479001600.0, -1.0 / 3628800.0,
+                                   1.0 / 40320.0,          -1.0 / 720.0,         1.0 / 24.0,        -1.0 / 2.0,
+                                   1.0};
+
+// cos and sin of each angle [rad]: several at once, and the same on every machine, unlike libm's. Taylor's series, to
+// the last digit within an eighth of a turn of the nearest quarter; what the quarters' own rounding adds is below 1e-16
+// of the angle.
+VECTORISED void rotations(
+    const double* __restrict angle, int64_t n, double* __restrict cosine, double* __restrict sine) {
+    for (int64_t k : range(n)) {
+        const double quarters = rint(angle[k] * (2.0 / M_PI));
+        const double r = (angle[k] - quarters * QUARTER_HIGH) - quarters * QUARTER_LOW;
+        const double y = r * r;
+        double near_sine = SINE_TERMS[0], near_cosine = COSINE_TERMS[0];
+#pragma GCC unroll 8
+        for (int64_t term : range(1, 8)) near_sine = near_sine * y + SINE_TERMS[term];
+#pragma GCC unroll 8
+        for (int64_t term : range(1, 9)) near_cosine = near_cosine * y + COSINE_TERMS[term];
+        near_sine *= r;
+        const double place = quarters - 4.0 * floor(0.25 * quarters);  // 0, 1, 2 or 3
+        const bool odd = (place == 1.0) | (place == 3.0);
+        sine[k] = (odd ? near_cosine : near_sine) * (place >= 2.0 ? -1.0 : 1.0);
+        cosine[k] = (odd ? near_sine : near_cosine) * ((place == 1.0) | (place == 2.0) ? -1.0 : 1.0);
+    }
+}
+
+// The sum of each column of (SIDE, SIDE), all columns side by side and no addition after all.
+inline void add_up_columns(const double* square, double* sums) {
+    for (int64_t c : range(SIDE)) {
+        const auto at = [&](int64_t row) { return square[row * SIDE + c]; };
+        sums[c] = (((at(0) + at(1)) + (at(2) + at(3))) + ((at(4) + at(5)) + (at(6) + at(7)))) +
+                  (((at(8) + at(9)) + (at(10) + at(11))) + ((at(12) + at(13)) + (at(14) + at(15))));
+    }
+}
+
+// 2|Σ e exp(ihθ)|² / Σ e² of each harmonic h, e the friction of a stretch less a straight line in time; harmonics
+// slower than SLOWEST_TURNS are left as they are.
+VECTORISED void ripple_power(const double* x, const double* z, double angle_per_x, double* power, int64_t harmonics) {
+    double mean = 0.0, tilt = 0.0, spread = 0.0;
+    for (int64_t k : range(STRETCH)) {
+        const double time = k - 0.5 * (STRETCH - 1);
+        mean += z[k];
+        tilt += time * z[k];
+        spread += time * time;
+    }
+    mean /= STRETCH;
+    tilt /= spread;
+    double angle[STRETCH], c[STRETCH], s[STRETCH], real[STRETCH], imaginary[STRETCH];
+    angle[0] = 0.0;
+    for (int64_t k : range(1, STRETCH)) angle[k] = angle[k - 1] + 0.5 * (x[k - 1] + x[k]) * angle_per_x;
+    rotations(angle, STRETCH, c, s);
+    double energy = 0.0;
+    for (int64_t k : range(STRETCH)) {
+        const double e = z[k] - mean - tilt * (k - 0.5 * (STRETCH - 1));
+        energy += e * e;
+        real[k] = e * c[k];
+        imaginary[k] = e * s[k];
+    }
+    for (int64_t h : range(harmonics)) {
+        double real_sums[SIDE], imaginary_sums[SIDE];
+        add_up_columns(real, real_sums);
+        add_up_columns(imaginary, imaginary_sums);
+        for (int64_t k : range(STRETCH)) {  // all turn on by one more harmonic
+            const double turned = real[k] * c[k] - imaginary[k] * s[k];
+            imaginary[k] = real[k] * s[k] + imaginary[k] * c[k];
+            real[k] = turned;
+        }
+        const double turns = (h + 1) * angle[STRETCH - 1] / (2.0 * M_PI * (STRETCH - 1));
+        if (abs(turns - rint(turns)) < SLOWEST_TURNS) continue;
+        double r = 0.0, i = 0.0;
+        for (int64_t column : range(SIDE)) {
+            r += real_sums[column];
+            i += imaginary_sums[column];
+        }
+        power[h] = 2.0 * (r * r + i * i) / max(energy, 1e-300);
+    }
+}
+
+// Runs of zeros, and those that end in a gap. `state` (5,), carried from piece to piece: zeros in a row, the first and
+// the second reading after them, zero runs and plateaus so far.
+void find_plateaus(Floats x, Flags good, double certain, Vector<double> state) {
+    for (int64_t k : range(x.size())) {
+        if (state[0] == 0.0 && x[k] != 0.0) continue;
+        if (good[k] && x[k] == 0.0) {
+            state[0] += 1.0;
+            state[1] = state[2] = 0.0;  // noise may carry a reading over the zone's edge and back
+        } else if (!good[k] || state[0] < FEWEST_ZEROS) {
+            state[0] = state[1] = state[2] = 0.0;
+        } else if (state[1] == 0.0) {
+            state[1] = x[k];
+        } else if (state[2] == 0.0) {
+            state[2] = x[k];
+        } else {
+            const double largest = max(abs(x[k] - state[2]), abs(state[2] - state[1]));
+            state[3] += 1.0;
+            if (largest > 0.0 && max(GAP_IN_STEPS * largest, certain) < state[1] && state[1] < LARGEST_GAP) {
+                state[4] += 1.0;
+            }
+            state[0] = state[1] = state[2] = 0.0;
+        }
+    }
+}
+}  // namespace
+
+// Add the good slots, and those forward less those backward, to their blocks; `first` is the slot of the first one.
+VECTORISED void count_signs(int64_t first, Floats speed, Flags good, Vector<int64_t> signs, Vector<int64_t> counts) {
+    const double* __restrict turning = speed.data;
+    const auto* __restrict there = reinterpret_cast<const unsigned char*>(good.data);  // else not vectorised
+    for (int64_t start = 0; start < speed.size();) {
+        const int64_t block = (first + start) / BLOCK, stop = min((block + 1) * BLOCK - first, speed.size());
+        int64_t count = 0, forward = 0;
+        for (; start < stop; ++start) {
+            const int64_t is_good = there[start];
+            count += is_good;
+            forward += turning[start] > 0.0 ? is_good : 0;
+        }
+        counts[block] += count;
+        signs[block] += 2 * forward - count;
+    }
+}
+
+// Add the slots [start, stop), which follow those added before, to the samples near zero, the plateaus and the ripple.
+void extend_structure(
+    Floats motion, Floats x, Floats z, Flags good, Flags used, int64_t start, int64_t stop, double certain,
+    double angle_per_x, int64_t hop, const StructureArrays& arrays) {
+    for (int64_t first = start; first < stop;) {
+        const int64_t block = first / BLOCK, end = min((block + 1) * BLOCK, stop), n = end - first;
+        if (!std::equal(&good[first], &good[first] + n, &used[first])) {  // in few blocks, as the next
+            for (int64_t k : range(first, end)) {
+                if (!good[k] || used[k] || !(motion[k] > certain)) continue;
+                arrays.near_zero(0, block) += 1.0;
+                arrays.near_zero(1, block) += x[k];
+                arrays.near_zero(2, block) += z[k];
+                arrays.near_zero(3, block) += z[k] * z[k];
+            }
+        }
+        if (arrays.zeros[0] != 0.0 || find(&motion[first], &motion[first] + n, 0.0) != &motion[first] + n) {
+            find_plateaus(motion.slice(first, end), good.slice(first, end), certain, arrays.zeros);
+        }
+        first = end;
+    }
+    const int64_t most = arrays.ripple.shape[0];
+    for (int64_t stretch = pieces_before(start, STRETCH, hop, most);
+         stretch < pieces_before(stop, STRETCH, hop, most); ++stretch) {
+        const int64_t from = stretch * hop;
+        if (all_of(&used[from], &used[from] + STRETCH, [](bool taken) { return taken; })) {
+            ripple_power(&motion[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.shape[1]);
+        }
+    }
+}
+#endif
+
+STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, lagged_products, BLOCK, STRETCH, count_signs,
+      extend_structure)
 
 }  // namespace rwa

@@ -1,9 +1,11 @@
 from typing import Final
 
-from rwa_monitor.changepoints.running_sums import SumArrays
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.changepoints.running_sums import StructureArrays, SumArrays
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 STRIDE: Final[int]
+BLOCK: Final[int]
+STRETCH: Final[int]
 
 def extend_sums(arrays: SumArrays, running: FloatArray, start: int, stop: int) -> None:
     """Add the slots [start, stop) to the running sums and keep them at every checkpoint passed, in place.
@@ -48,4 +50,36 @@ def lagged_products(value: FloatArray, interval: IntArray, intervals: int, first
     """Return Σ value_k value_{k+lag} of the pairs within each interval, lags from `first` on; (intervals, lags).
 
     `value` and `interval`, int64, are (n,), in the order of the intervals.
+    """
+
+def count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray, counts: IntArray) -> None:
+    """Add the slots from `first` on that are good, and those forward less those backward, to their blocks."""
+
+def extend_structure(
+    motion: FloatArray,
+    x: FloatArray,
+    z: FloatArray,
+    good: BoolArray,
+    used: BoolArray,
+    start: int,
+    stop: int,
+    certain: float,
+    angle_per_x: float,
+    hop: int,
+    arrays: StructureArrays,
+) -> None:
+    """Add the slots [start, stop), which follow those added before.
+
+    Parameters
+    ----------
+    motion, x, z, good, used
+        The whole window, (slots,) each, filled up to `stop`: |ω|, and what viscous friction is in proportion to.
+    start, stop
+        The new slots.
+    certain
+        |ω|, normalised, from which its sign is certain.
+    angle_per_x, hop
+        See `StructureSums`.
+    arrays
+        What they are added to; not their directions.
     """

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.samples import SECONDS_PER_HOUR, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.simulation.motion import ORBIT_S, ROUNDING, Motion, simulate_motion, wheel_angle
 from rwa_monitor.simulation.scenario import Scenario, Temperature

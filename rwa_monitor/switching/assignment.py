@@ -50,8 +50,7 @@ from rwa_monitor.changepoints.stage_results import (
     Evidence,
     SwitchingPath,
 )
-from rwa_monitor.kernels.assignment import REJECT, STEPS, add_agreement, find_paths, weigh
-from rwa_monitor.kernels.segments import fit_table
+from rwa_monitor.kernels.assignment import REJECT, STEPS, add_agreement, find_paths, fit_table, weigh
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations

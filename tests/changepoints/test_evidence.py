@@ -13,7 +13,7 @@ from scipy import signal
 from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import Candidates
-from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.kernels.wglr import CHUNK, MOST_PEAKS
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 

@@ -22,7 +22,7 @@ from rwa_monitor.kernels.noise import (
     quiet_levels,
     scale_variances,
 )
-from rwa_monitor.kernels.structure import BLOCK
+from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.kernels.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
 
 N = 80_000

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure, StructureSums
-from rwa_monitor.kernels.running_sums import STRIDE
-from rwa_monitor.kernels.structure import BLOCK, STRETCH, count_signs, extend_structure
+from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, count_signs, extend_structure
 from rwa_monitor.samples import BoolArray, FloatArray
 
 FIELDS = ("n", "x", "z", "xx", "xz", "zz")

@@ -8,9 +8,9 @@ import pytest
 from rwa_monitor.changepoints import estimation
 from rwa_monitor.changepoints.stage_results import Candidates, SwitchingPath
 from rwa_monitor.diagnosis.model import built_in_model, stray_probabilities
+from rwa_monitor.kernels.assignment import PREFERENCE
 from rwa_monitor.kernels.friction import solve_cases
 from rwa_monitor.kernels.laws import densities
-from rwa_monitor.kernels.segments import PREFERENCE
 from rwa_monitor.switching.friction_model import Cases
 from tests.switching.assignment_windows import sums_of
 
