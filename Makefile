@@ -113,7 +113,7 @@ format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
 SANITIZED := build/sanitize
 SANITIZED_TESTS := $(addprefix tests/,changepoints diagnosis identification paper simulation switching wheel) \
   $(addprefix tests/discrepancy/test_,segmentation.py likelihood.py) tests/test_samples.py \
-  $(addprefix tests/telemetry/test_,pulses.py ring_buffer.py sensor_validation.py) \
+  $(addprefix tests/telemetry/test_,pulses.py slots.py sensor_validation.py) \
   $(addprefix tests/monitor/test_,core.py cuts.py slot_assignment.py wheel_set.py)
 .PHONY: sanitize
 sanitize: export OPENBLAS_NUM_THREADS = 1

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 from hypothesis import HealthCheck, settings
 from xdist.scheduler import LoadScopeScheduling
 
 import rwa_monitor
+from rwa_monitor.monitor.bus import BusOptions, open_session
 
 if Path(rwa_monitor.__file__).resolve().parents[1] != Path(__file__).resolve().parents[1]:  # of another checkout
     raise pytest.UsageError(f"the tests would test {rwa_monitor.__file__}; run make venv in this checkout")
@@ -48,3 +51,10 @@ class BySharing(LoadScopeScheduling):
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
     return BySharing(config, log)
+
+
+@pytest.fixture
+def session() -> Iterator[zenoh.Session]:
+    """An embedded bus."""
+    with open_session(BusOptions()) as opened:
+        yield opened

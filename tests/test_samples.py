@@ -25,22 +25,6 @@ def test_arrays_of_unequal_length_are_refused(name):
         Samples(**{"time_ns": np.arange(4), "speed_rad_s": np.zeros(4), name: np.zeros((2, 2))})
 
 
-def test_selecting_takes_all_channels_alike():
-    found = samples(motor_voltage_V=np.arange(10) * 3.0)
-    for selection in (slice(2, 5), np.array([7, 1]), np.arange(10) % 2 == 0):
-        part = found[selection]
-        assert np.array_equal(part.time_ns, found.time_ns[selection])
-        assert np.array_equal(part.motor_voltage_V, found.motor_voltage_V[selection])
-        assert part.motor_current_A is None
-
-
-def test_cut_and_joined_is_the_same():
-    found = samples(friction_torque_Nm=np.linspace(0, 1, 10))
-    joined = concatenate([found[:4], found[4:4], found[4:]])
-    for (name, a), (_, b) in zip(found.channels(), joined.channels(), strict=True):
-        assert np.array_equal(a, b), name
-
-
 def test_joining_what_does_not_fit_is_refused():
     with pytest.raises(InputError, match="nothing to join"):
         concatenate([])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.profile_live import STAGES
 from benchmarks.results import PAGES, ROOT, ResultPage
 
 TARGETS = (ROOT / "Makefile").read_text(encoding="utf-8")
@@ -33,3 +34,10 @@ def test_a_page_is_no_older_than_what_it_measures(page: ResultPage) -> None:
 def test_what_makes_a_page_and_what_it_measures_are_there(page: ResultPage) -> None:
     assert f"\n{page.target}: " in TARGETS
     assert [path for path in page.measures if not Path(ROOT, path).exists()] == []
+
+
+# ---- what `make profile` times ---------------------------------------------------------------------------------------
+
+
+def test_every_stage_of_the_profile_is_still_there() -> None:
+    assert [stage for stage, (owner, name) in STAGES.items() if not callable(getattr(owner, name, None))] == []

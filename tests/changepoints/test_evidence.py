@@ -54,17 +54,16 @@ def _gather(speed, torque, good, cuts=(), wheel=WHEEL, **kwargs):
 
 def _bytes(evidence):
     """Return everything in the evidence that could differ."""
-    candidates = evidence.candidates
+    candidates, structure = evidence.candidates, evidence.structure
     arrays = (candidates.index, candidates.scale, candidates.statistic, candidates.jump, evidence.noise.autocovariance)
     at = np.arange(0, evidence.slots, 37)
     moments = evidence.sums.between(np.zeros_like(at), at)
     return (
         b"".join(array.tobytes() for array in arrays)
         + b"".join(getattr(moments, name).tobytes() for name in ("n", "x", "z", "xx", "xz", "zz"))
-        + b"".join(getattr(evidence.structure, name).tobytes() for name in ("near_zero", "ripple"))
-        + np.abs(evidence.structure.direction).tobytes()
+        + b"".join(getattr(structure, name).tobytes() for name in ("near_zero", "ripple", "direction"))
         + np.array([evidence.noise.std, evidence.noise.long_run_factor, evidence.threshold]).tobytes()
-        + repr((evidence.slots, evidence.good, evidence.used)).encode()
+        + repr((evidence.slots, evidence.good, evidence.used, structure.zero_runs, structure.plateaus)).encode()
     )
 
 
@@ -77,11 +76,12 @@ def _bytes(evidence):
     cuts=st.lists(st.integers(0, 5 * CHUNK), max_size=12),
     share=st.sampled_from([1.0, 0.9, 0.02]),
     wheel=st.sampled_from([WHEEL, Wheel(name="bare", sample_period_s=0.125)]),
+    crossing=st.booleans(),
 )
 @settings(max_examples=60, deadline=None)
-def test_any_cut_gives_the_same_evidence_and_events(seed, n, cuts, share, wheel):
+def test_any_cut_gives_the_same_evidence_and_events(seed, n, cuts, share, wheel, crossing):
     jumps = [(k, 15.0) for k in range(700, n, 1000)] + [(k, -15.0) for k in range(703, n, 1300)]
-    speed, torque, good = _telemetry(seed, n, jumps)
+    speed, torque, good = _telemetry(seed, n, jumps, crossing=crossing)
     good = np.random.default_rng(seed).random(n) < share
     whole, events = _gather(speed, torque, good, wheel=wheel)
     pieces, others = _gather(speed, torque, good, np.sort(np.minimum(cuts, n)), wheel=wheel)

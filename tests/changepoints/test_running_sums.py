@@ -5,11 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure, StructureSums
-from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, count_signs, extend_structure
+from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, count_signs, extend_structure
 from rwa_monitor.samples import BoolArray, FloatArray
 
 FIELDS = ("n", "x", "z", "xx", "xz", "zz")
@@ -64,22 +62,6 @@ def test_variance_of_a_short_range_survives_a_large_offset():
     assert spread == pytest.approx(100 * np.var(z[79_900:]), rel=1e-6)
 
 
-@given(seed=st.integers(0, 2**32 - 1), steps=st.lists(st.integers(1, 5), min_size=1, max_size=20))
-@settings(max_examples=30, deadline=None)
-def test_sums_do_not_depend_on_the_steps_of_extension(seed, steps):
-    rng = np.random.default_rng(seed)
-    x, z, used = _record(rng, 1000, offset=rng.normal(), share=0.05)
-    at_once = _sums(x, z, used, step=1000)
-    in_steps = RunningSums(x, z, used)
-    stop = 0
-    for step in steps:
-        stop = min(stop + step * BLOCK, 1000)
-        in_steps.extend(stop)
-    in_steps.extend(1000)
-    assert in_steps.arrays.checkpoints.tobytes() == at_once.arrays.checkpoints.tobytes()
-    assert in_steps.arrays.centre.tobytes() == at_once.arrays.centre.tobytes()
-
-
 def test_a_wild_first_sample_does_not_become_the_centre():
     rng = np.random.default_rng(3)
     x, z, _ = _record(rng, 1000, share=1.0)
@@ -87,15 +69,6 @@ def test_a_wild_first_sample_does_not_become_the_centre():
     sums = _sums(x, z, np.ones(1000, dtype=np.bool_))
     m = sums.between(np.array([500]), np.array([900]))
     assert m.zz[0] - m.z[0] ** 2 / m.n[0] == pytest.approx(400 * np.var(z[500:900]), rel=1e-6)
-
-
-def test_range_reads_at_most_one_stride_at_each_end():
-    rng = np.random.default_rng(4)
-    sums = _sums(*_record(rng, 5000))
-    here, there = np.array([3]), np.array([4999])
-    whole = sums.between(here, there).table
-    sums.arrays.x[STRIDE - 1 : 5000 - STRIDE + 1] = sums.arrays.z[STRIDE - 1 : 5000 - STRIDE + 1] = np.nan
-    np.testing.assert_array_equal(sums.between(here, there).table, whole)
 
 
 def test_empty_and_reversed_ranges_are_zero_and_shapes_are_kept():
@@ -152,15 +125,6 @@ def _extend(
 def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
     speed = 60.0 * np.sin(2 * np.pi * np.arange(SLOTS) / 9_000.0) + 0.005 * rng.standard_normal(SLOTS)
     return speed, 1.0 + 0.02 * rng.standard_normal(SLOTS), rng.random(SLOTS) > 0.0005
-
-
-@settings(deadline=None)
-@given(cuts=st.lists(st.integers(1, SLOTS - 1), max_size=6, unique=True))
-def test_nothing_depends_on_the_pieces(cuts: list[int]) -> None:
-    window = swing(np.random.default_rng(1))
-    whole, pieces = gather(*window, []), gather(*window, cuts)
-    for name in Structure.__slots__:
-        np.testing.assert_array_equal(getattr(whole, name), getattr(pieces, name))
 
 
 def test_direction_and_dead_band_are_what_a_plain_sum_gives() -> None:

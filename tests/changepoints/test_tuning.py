@@ -5,7 +5,6 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from benchmarks.false_alarms import NOISES, WITHIN, run_length
 from rwa_monitor.changepoints.evidence import SCALES, threshold_of_run_length
@@ -64,12 +63,6 @@ def test_a_tuning_that_breaks_its_promise_is_caught() -> None:
     assert check(tuning, 3.0, 0.0, rng, trials=5_000).keeps(0.001, 1e6)
     assert not check(loose, 3.0, 0.0, rng, trials=5_000).keeps(0.001, 1e6)
     assert not check(narrow, 3.0, 0.0, rng, trials=5_000).keeps(0.001, 1e6)
-
-
-def test_a_smaller_window_would_miss_more() -> None:
-    tuning = tune(0.001, 1e6, 3.0)
-    smaller = 9.0 * (tuning.half_width - 1) / 2.0
-    assert tuning.missed <= 0.001 < stats.ncx2.cdf(tuning.threshold, 1, smaller)
 
 
 @pytest.mark.parametrize(

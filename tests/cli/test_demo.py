@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import signal
 import subprocess
+import urllib.request
 from pathlib import Path
 
 import pytest
@@ -64,12 +65,15 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
 
 
 @pytest.mark.processes
-def test_the_demo_ends_cleanly_when_told_to(tmp_path: Path) -> None:
+def test_the_demo_shows_its_page_and_ends_cleanly_when_told_to(tmp_path: Path) -> None:
     demo = subprocess.Popen(
-        command("demo", "--duration", 600, "--record", tmp_path / "recordings"),
+        command("demo", "--duration", 600, "--port", 0, "--record", tmp_path / "recordings"),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
     )  # fmt: skip
     assert "recording in" in demo.stderr.readline()
+    address = next(match[1] for line in demo.stderr if (match := re.search(r"the page is at (\S+)", line)))
+    with urllib.request.urlopen(address) as page:
+        assert page.status == 200
     demo.send_signal(signal.SIGINT)
     stdout, stderr = demo.communicate(timeout=60)
     assert demo.returncode == 0, stderr

@@ -10,17 +10,10 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
-from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.dashboard.support import browser, opened, send_samples, send_windows, status
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import discrepancy
-
-
-@pytest.fixture
-def session() -> Iterator[zenoh.Session]:
-    with open_session(BusOptions()) as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

@@ -63,6 +63,13 @@ def ask(
             return error.code, error.read()
 
 
+def metrics(address: str) -> str:
+    """Return what Prometheus would be told."""
+    with urllib.request.urlopen(f"{address}metrics", timeout=WAIT_S) as answer:
+        assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
+        return str(answer.read().decode())
+
+
 def acknowledge(address: str, alarm: int = 1) -> int:
     """Acknowledge an alarm as Ann; returns the status."""
     return ask(address, f"api/alarms/{alarm}/acknowledge", headers=RIGHT, body=b'{"name":"Ann"}')[0]

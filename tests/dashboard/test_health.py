@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -11,18 +10,10 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
-from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
-from rwa_monitor.monitor.service import RunOptions
-from rwa_monitor.monitor.setup import Setup
-from rwa_monitor.wheel.wheel import Window, built_in_wheel
-from tests.dashboard.support import START_S, acknowledge, send_windows
-from tests.dashboard.test_telemetry import with_friction
+from rwa_monitor.messages import Health, health_message
+from tests.dashboard.support import acknowledge, send_windows
 from tests.history.support import diagnosis
-from tests.monitor.processes import Listener, monitor, wait_for
-from tests.monitor.support import publish
-
-WINDOW = 2_000
+from tests.monitor.processes import wait_for
 
 pytestmark = pytest.mark.processes
 
@@ -33,25 +24,6 @@ def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Healt
     keys = [str(reply.key_expr) for reply in replies]
     assert len(set(keys)) == len(keys)  # one answer a wheel, however many know it
     return {key: Health.parse(reply.payload.to_bytes(), key) for key, reply in zip(keys, replies, strict=True)}
-
-
-def test_a_monitor_publishes_the_health_at_each_close_and_answers_queries_with_the_last_one(
-    session: zenoh.Session,
-) -> None:
-    listener, names = Listener(session), ("wheel_1", "wheel_2")
-    wheel = built_in_wheel().model_copy(update={"window": Window(samples=WINDOW, hop=WINDOW, dead_band_rad_s=1.0)})
-    options = RunOptions(wheels="rwa/sat/*/samples", setup=Setup(wheel, model=built_in_model()))
-    with monitor(session, options):
-        telemetry = {key_of(SamplesMessage, "sat", name): with_friction(3 * WINDOW + 200) for name in names}
-        publish(telemetry, session, speed=math.inf, batch_samples=500, linger_s=0.0)
-        wait_for(lambda: min(len(listener.kind(one)) for one in ("diagnosis", "health")) >= 6, "six windows", START_S)
-        for name in names:
-            found = [payload for key, payload in listener.received if key == f"rwa/sat/{name}/diagnosis"]
-            published = [payload for key, payload in listener.received if key == f"rwa/sat/{name}/health"]
-            expected = [health_message(Diagnosis.parse(payload, name)) for payload in found]
-            assert published == [one.to_json() for one in expected]
-            assert asked(session)[f"rwa/sat/{name}/health"] == expected[-1]
-        assert set(asked(session)) == {f"rwa/sat/{name}/health" for name in names}
 
 
 def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import urllib.request
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from tests.dashboard.support import (
     ask,
     expect,
     findings,
+    metrics,
     opened,
     reporting,
     send_windows,
@@ -102,20 +102,16 @@ def test_a_wheel_is_back_also_while_the_history_cannot_be_written(tmp_path: Path
 
 @pytest.mark.processes
 def test_a_retired_wheel_has_no_metrics(session: zenoh.Session, tmp_path: Path) -> None:
-    def text() -> str:
-        with urllib.request.urlopen(running.address + "metrics") as answer:
-            return str(answer.read().decode())
-
     with serve_history(tmp_path, session) as running:
         send_windows(session, "wheel_2", failing=True, windows=3)
         windows = "api/wheels/sat/wheel_2/windows"
         wait_for(lambda: len(ask(running.address, windows)[1]) == 3, "its windows")  # the last would bring it back
-        assert 'wheel="wheel_2"' in text()
+        assert 'wheel="wheel_2"' in metrics(running.address)
         assert acknowledge(running.address) == 200
-        assert 'rwa_alarms{level="warning",phase="acknowledged"} 1.0' in text()
+        assert 'rwa_alarms{level="warning",phase="acknowledged"} 1.0' in metrics(running.address)
         assert retire(running, "wheel_2")[0] == 200
-        assert 'wheel="wheel_2"' not in text()
-        assert 'rwa_alarms{level="warning",phase="acknowledged"} 0.0' in text()
+        assert 'wheel="wheel_2"' not in metrics(running.address)
+        assert 'rwa_alarms{level="warning",phase="acknowledged"} 0.0' in metrics(running.address)
 
 
 @pytest.mark.browser

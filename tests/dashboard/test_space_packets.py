@@ -28,13 +28,13 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, HealthAlarm, health_message
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.recording import read_chain
-from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, definition_of
-from rwa_monitor.telemetry.reader import Decoding, TextFile
+from rwa_monitor.telemetry.ccsds_packets import definition_of
+from rwa_monitor.telemetry.reader import TextFile
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.dashboard.support import acknowledge, send_windows
 from tests.docs.test_commands import ROOT, blocks_of
 from tests.history.support import diagnosis
-from tests.monitor.processes import process, wait_for
+from tests.monitor.processes import free_udp, process, told_before, wait_for
 from tests.monitor.support import free_port
 from tests.program import run
 
@@ -198,23 +198,6 @@ def test_alarms_are_all_there_and_what_has_no_name_stands_under_other() -> None:
     assert (alarms["model_LEVEL"], alarms["monitor_PHASE"]) == ("normal", "quiet")
 
 
-def test_our_own_reader_takes_the_packets() -> None:
-    """What comes in and what goes out are read by one reader: a map may name a friction of ours as a channel."""
-    text = (
-        '[[wheel]]\nspacecraft = "sat"\nwheel = "w"\napid = 1001\ntime = ["TIME"]\n[wheel.channels]\n'
-        'speed_rad_s = { parameter = "sat_wheel_2_COVERAGE", unit = "rad/s" }\n'
-        'friction_torque_Nm = "sat_wheel_2_dry_ESTIMATE"\n'
-    )
-    decoding = Decoding(TextFile("map.toml", text), TextFile("wheels.xml", writer().definition()))
-    decoder = PacketDecoder(decoding, "test")
-    plain = diagnosis(0, wheel="wheel_2")
-    dry = plain.anomalies["viscous"].model_copy(update={"estimate": 1.6e-3, "unit": "N m"})
-    message = plain.model_copy(update={"anomalies": {"dry": dry}})
-    (wheel,) = decoder.take(writer().take(DIAGNOSIS, message.to_json()))
-    samples = wheel.samples()
-    assert (samples.time_ns[0], samples.friction_torque_Nm[0]) == (plain.window_end_ns, 1.6e-3)
-
-
 def test_what_is_repeated_is_sent_once_and_the_sequence_counts() -> None:
     packets = writer()
     windows = [diagnosis(number, wheel="wheel_2").to_json() for number in (0, 1)]
@@ -319,12 +302,7 @@ def test_what_cannot_be_sent_is_logged_once(session: zenoh.Session, receiver: so
 @pytest.mark.processes
 def test_only_what_leaves_the_machine_is_warned_of() -> None:
     for host, warned in (("192.0.2.1:", True), ("", False)):  # an address of documentation, which nobody has
-        with process("packets", *WHEELS, "--to", f"{host}9") as child:
-            lines = [child.stderr.readline()]
-            while "sending to UDP" not in lines[-1]:
-                lines.append(child.stderr.readline())
-            child.send_signal(signal.SIGTERM)
-            child.communicate(timeout=60)
+        lines = told_before("sending to UDP", "packets", *WHEELS, "--to", f"{host}9")
         assert any("UDP neither encrypts nor identifies the sender" in line for line in lines) == warned
 
 
@@ -377,10 +355,7 @@ def answer(address: str) -> dict[str, Any]:
 
 @pytest.mark.processes
 def test_yamcs_loads_the_definition_and_takes_the_packets(tmp_path: Path) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        udp = probe.getsockname()[1]
-    packets = writer()
+    packets, udp = writer(), free_udp().port
     with yamcs(tmp_path, free_port(), udp) as address, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         sent = [packets.take(DIAGNOSIS, diagnosis(n, severity=1.0, wheel="wheel_2").to_json()) for n in (1, 2)]
         for packet in (*sent, packets.take(HEALTH, health())):

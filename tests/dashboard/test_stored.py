@@ -13,7 +13,7 @@ from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import Diagnosis, health_message
 from rwa_monitor.monitor.bus import SamplesPublisher
 from rwa_monitor.samples import Samples
-from tests.dashboard.support import ask, expect, reporting, status
+from tests.dashboard.support import ask, expect, metrics, reporting, status
 from tests.dashboard.test_health import asked
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
@@ -36,13 +36,6 @@ def alarms(address: str) -> dict[str, dict[str, Any]]:
 
 def shown(address: str, key: str) -> dict[str, Any]:
     return next(entry["message"] for entry in ask(address, "api/fleet")[1] if entry["key"] == key)
-
-
-def metrics(address: str) -> str:
-    import urllib.request
-
-    with urllib.request.urlopen(f"{address}metrics") as answer:
-        return str(answer.read().decode())
 
 
 def test_a_dump_of_bad_windows_raises_an_alarm_of_then_and_leaves_what_is_shown_of_now(

@@ -7,8 +7,8 @@ import os
 import re
 import shutil
 import subprocess
-import urllib.request
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from jsonschema import Draft7Validator
 from prometheus_client.parser import text_string_to_metric_families
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
+from tests.dashboard.support import metrics as prometheus
 from tests.dashboard.support import reporting, send_windows
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
@@ -54,11 +55,7 @@ def metrics(session: zenoh.Session, tmp_path: Path) -> Iterator[str]:
         both = both.model_copy(update={"anomalies": {"dry": dry, **both.anomalies}})
         session.put("rwa/sat/wheel_1/diagnosis", both.to_json())
 
-        def text() -> str:
-            with urllib.request.urlopen(running.address + "metrics", timeout=10) as answer:
-                assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
-                return str(answer.read().decode())
-
+        text = partial(prometheus, running.address)
         wait_for(lambda: 'level="warning",phase="active"} 1.0' in text(), "the alarm in the metrics")
         wait_for(lambda: text().count("rwa_monitor_slots_missed_total{") == 2, "both monitors in the metrics")
         wait_for(lambda: 'part="dry"' in text(), "the latest window in the metrics")

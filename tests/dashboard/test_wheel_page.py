@@ -15,8 +15,8 @@ from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Sojourns
 from rwa_monitor.samples import Samples
-from tests.dashboard.support import ask, expect, opened, reporting, send_samples
-from tests.dashboard.test_page import VIEWS
+from tests.dashboard.support import ask, expect, findings, opened, reporting, send_samples
+from tests.dashboard.test_page import VIEWS, show
 from tests.dashboard.test_recordings import RECORDING
 from tests.history.support import START_NS, WINDOW_NS, diagnosis
 from tests.monitor.processes import wait_for
@@ -119,8 +119,6 @@ def test_friction_over_speed_and_temperature_has_the_law_and_the_slope(
 def test_a_chosen_theme_stays_and_no_view_has_a_finding(
     chromium: Any, session: zenoh.Session, failing_fleet: Running
 ) -> None:
-    from axe_playwright_python.sync_playwright import Axe
-
     with (
         reporting(session, "wheel_2"),
         opened(chromium, complaint="404", color_scheme="light") as page,
@@ -138,11 +136,9 @@ def test_a_chosen_theme_stays_and_no_view_has_a_finding(
             page.reload()
             expect(theme).to_have_attribute("data-theme", chosen)
             for view in VIEWS:
-                page.goto(failing_fleet.address + view)
-                expect(page.locator("h1, h2").first).to_be_visible()
+                show(page, failing_fleet, view)
                 page.wait_for_timeout(300)
-                found = Axe().run(page).response["violations"]
-                assert [(one["id"], one["nodes"][0]["html"]) for one in found] == [], view
+                assert findings(page) == [], view
         page.keyboard.press("d")
         expect(switch).to_have_text("Theme: system")
 

@@ -53,24 +53,6 @@ def active(judgement: Judgement) -> set[str]:
     return {entry.name for entry in judgement.anomalies if entry.active}
 
 
-@pytest.mark.parametrize("rests", [True, False])
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        ({}, set()),
-        ({"dry": 1.3}, {"dry"}),
-        ({"viscous": 1.15}, {"viscous"}),
-        ({"factor_1": 1.6}, {"fss_1"}),
-        ({"factor_2": 1.4}, {"fss_2"}),
-        ({"dry": 1.3, "viscous": 1.15}, {"dry", "viscous"}),
-        ({"viscous": 1.15, "factor_1": 1.6}, {"viscous", "fss_1"}),
-        ({"dry": 1.3, "viscous": 1.15, "factor_1": 1.6, "factor_2": 1.4}, set(NAMES)),
-    ],
-)
-def test_anomalies_are_found(change: dict[str, float], expected: set[str], rests: bool) -> None:
-    assert active(classify(features(rests=rests, **change), MODELS, NAMES, MODEL, EMPTY)) == expected
-
-
 @pytest.mark.parametrize("dry", [1.15, 1.22, 1.5, 2.0, 5.0])
 def test_another_size_than_the_learned_one_is_anomalous_too(dry: float) -> None:
     assert judged(features(dry=dry))["dry"] > 0.5

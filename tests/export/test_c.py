@@ -46,20 +46,6 @@ def check(wheel: Wheel, plain: FloatArray, folder: Path) -> None:
     assert largest_difference(run_c(wheel, script, folder), script.torque_Nm) < EQUAL_WITHIN
 
 
-def test_only_what_has_no_torque_of_its_own_is_left_out() -> None:
-    assert NOT_HELD == [
-        "cage_instability",
-        "coloured_noise",
-        "current_delay",
-        "extra_switching_system",
-        "heavy_tailed_noise",
-        "speed_dependent_noise",
-        "speed_triggered_jumps",
-        "tachometer_quantisation",
-        "wrong_duration_law",
-    ]
-
-
 def test_what_is_exported_and_what_is_left_out_for_a_stated_reason_are_the_whole_catalogue() -> None:
     model = to_json(friction_model(wheel_with(*blocks(*CATALOGUE)), "all effects"))
     assert sorted(part["name"] for part in model["effects"]) == HELD

@@ -2,15 +2,14 @@
 
     python -m tests.fuzz.campaign [--seconds 600] [--targets csv,mcap] [--page docs/fuzzing.md]
 
-With atheris, in each process, the search is guided by the lines of Python that an input reaches; what a target does
-wrong is kept, counted by where it happens, and the search goes on. Without it, hypothesis changes good inputs blindly.
+With atheris the search, in each process, is guided by the lines of Python that an input reaches; what a target does
+wrong is kept, counted by where it happens, and the search goes on.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
-import importlib.util
 import json
 import math
 import re
@@ -119,36 +118,6 @@ def guided(name: str, folder: Path, seconds: int) -> None:
     atheris.Fuzz()
 
 
-def blind(name: str, folder: Path, seconds: int) -> None:
-    """Fuzz one target with hypothesis."""
-    import hypothesis
-    from hypothesis import HealthCheck, Phase, settings
-
-    from tests.fuzz.mutation import mutated
-    from tests.fuzz.targets import TARGETS, run
-
-    target, tally = TARGETS[name], Tally(folder)
-    end_s = time.monotonic() + seconds
-    seed = SEED
-    while time.monotonic() < end_s:
-
-        @hypothesis.seed(seed)
-        @settings(
-            max_examples=200,
-            database=None,
-            deadline=None,
-            phases=[Phase.generate],
-            suppress_health_check=list(HealthCheck),
-        )
-        @hypothesis.given(mutated(target.seeds()))
-        def look(data: bytes) -> None:
-            tally.run(target, run, data)
-
-        look()
-        seed += 1
-    tally.write(time.monotonic())
-
-
 def fuzz(name: str, folder: Path, seconds: int) -> dict[str, Any]:
     """Fuzz one target, and return its figures; a process that ends too early is followed by another."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -178,7 +147,7 @@ def _one_process(name: str, folder: Path, seconds: int) -> tuple[int, dict[str, 
     return status, figures
 
 
-def page(folder: Path, seconds: int, tool: str) -> str:
+def page(folder: Path, seconds: int) -> str:
     """Return the page with the figures of all targets that have been fuzzed in a folder."""
     rows = []
     for path in sorted(folder.glob("*/results.json")):
@@ -188,7 +157,7 @@ def page(folder: Path, seconds: int, tool: str) -> str:
         rows.append((f"`{path.parent.name}`", *figures, str(len(f["findings"]))))
     head = (ROOT / "docs" / "fuzzing.md").read_text(encoding="utf-8").split("<!-- figures -->")[0]
     of = table(("target", "executions", "minutes", "taken", "slowest [s]", "findings"), rows)
-    return f"{head}<!-- figures -->\n{tool}, at most {seconds} s for each target, seed {SEED}.\n\n{of}\n"
+    return f"{head}<!-- figures -->\natheris, at most {seconds} s for each target, seed {SEED}.\n\n{of}\n"
 
 
 def main() -> int:
@@ -200,9 +169,8 @@ def main() -> int:
     parser.add_argument("--page", type=Path)
     parser.add_argument("--child")
     given = parser.parse_args()
-    has_atheris = importlib.util.find_spec("atheris") is not None
     if given.child:
-        (guided if has_atheris else blind)(given.child, given.folder, given.seconds)
+        guided(given.child, given.folder, given.seconds)
         return 0
     from tests.fuzz.targets import TARGETS
 
@@ -212,8 +180,7 @@ def main() -> int:
         told = {key: value for key, value in results[name].items() if key != "findings"}
         print(name, json.dumps(told), results[name]["findings"] or "nothing found", flush=True)
     if given.page:
-        text = page(given.folder, given.seconds, "atheris" if has_atheris else "hypothesis")
-        given.page.write_text(text + made_at(), encoding="utf-8")
+        given.page.write_text(page(given.folder, given.seconds) + made_at(), encoding="utf-8")
     return 1 if any(figures["findings"] for figures in results.values()) else 0
 
 

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
 from rwa_monitor.history.alarms import ALL_WHEELS, OWN_ADVICE, Shift, compare, shift_of
+from rwa_monitor.history.database import AlarmRecord
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis
 from tests.history.support import diagnosis
 
 WHEELS = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
-USUAL, MOVED = 5.3e-6, 6.6e-6  # N m s/rad, of the diagnoses
 
 
 def moved_a_little(window: Diagnosis, factor: float) -> Diagnosis:
@@ -57,58 +59,51 @@ def test_a_first_window_without_nominal_bounds_has_no_shift() -> None:
     assert shift_of(one, 0.01 * one, np.zeros(1, dtype=np.bool_), (np.nan, np.nan)) is None
 
 
-def test_a_shift_that_all_share_is_one_alarm_of_the_spacecraft() -> None:
+def alarms_of(window_of: Callable[[int, str], Diagnosis], windows: int = 14) -> list[AlarmRecord]:
+    """Return the alarms that windows of all wheels leave in a history; they change from the tenth on."""
     with History(None) as history:
-        for number in range(14):
-            severity = 1.0 if number >= 10 else None
+        for number in range(windows):
             for wheel in WHEELS:
-                history.add(diagnosis(number, severity=severity, wheel=wheel))
-        (alarm,) = history.alarms()
+                history.add(window_of(number, wheel))
+        return history.alarms()
+
+
+def test_a_shift_that_all_share_is_one_alarm_of_the_spacecraft() -> None:
+    (alarm,) = alarms_of(lambda number, wheel: diagnosis(number, severity=1.0 if number >= 10 else None, wheel=wheel))
     assert (alarm.wheel, alarm.name, alarm.level) == (ALL_WHEELS, "viscous", "warning")
     assert alarm.reason.startswith("Viscous friction of all 4 wheels moved by +24.5 ±")
     assert alarm.advice == OWN_ADVICE[ALL_WHEELS]
 
 
 def test_it_returns_when_the_cause_is_gone() -> None:
-    with History(None) as history:
-        for number in range(20):
-            for wheel in WHEELS:
-                history.add(diagnosis(number, severity=1.0 if 10 <= number < 14 else None, wheel=wheel))
-        (alarm,) = history.alarms()
+    def window(number: int, wheel: str) -> Diagnosis:
+        return diagnosis(number, severity=1.0 if 10 <= number < 14 else None, wheel=wheel)
+
+    (alarm,) = alarms_of(window, 20)
     assert (alarm.wheel, alarm.phase) == (ALL_WHEELS, "returned")
 
 
-def test_a_wheel_that_moves_alone_has_an_alarm_before_its_windows_are_anomalous() -> None:
-    with History(None) as history:
-        for number in range(14):
-            for wheel in WHEELS:
-                factor = 1.03 if wheel == "wheel_2" and number >= 10 else 1.0
-                history.add(moved_a_little(diagnosis(number, wheel=wheel), factor))
-        (alarm,) = history.alarms()
-    assert (alarm.wheel, alarm.level) == ("wheel_2", "watch")
-    assert "apart from that of the other 3 wheels" in alarm.reason
+@pytest.mark.parametrize(("factor", "open_"), [(1.03, False), (1.05, True)])
+def test_a_wheel_that_moves_alone_has_an_alarm_before_its_windows_are_anomalous(factor: float, open_: bool) -> None:
+    """Also where its own windows are undecided: the siblings decide them."""
 
+    def window(number: int, wheel: str) -> Diagnosis:
+        odd = wheel == "wheel_2" and number >= 10
+        moved = moved_a_little(diagnosis(number, wheel=wheel), factor if odd else 1.0)
+        return moved.model_copy(update={"verdict": "inconclusive"}) if odd and open_ else moved
 
-def test_windows_that_are_undecided_by_themselves_are_decided_by_the_siblings() -> None:
-    with History(None) as history:
-        for number in range(14):
-            for wheel in WHEELS:
-                odd = wheel == "wheel_2" and number >= 10
-                window = moved_a_little(diagnosis(number, wheel=wheel), 1.05 if odd else 1.0)
-                history.add(window.model_copy(update={"verdict": "inconclusive"}) if odd else window)
-        (alarm,) = history.alarms()
+    (alarm,) = alarms_of(window)
     assert (alarm.wheel, alarm.name, alarm.level) == ("wheel_2", "viscous", "watch")
+    assert "apart from that of the other 3 wheels" in alarm.reason
 
 
 @pytest.mark.parametrize(("factor", "alarms"), [(0.85, 1), (0.98, 0)])
 def test_a_shift_that_all_share_is_reported_once_it_is_larger_than_the_nominal_range(
     factor: float, alarms: int
 ) -> None:
-    with History(None) as history:
-        for number in range(14):
-            for wheel in WHEELS:
-                history.add(moved_a_little(diagnosis(number, wheel=wheel), factor if number >= 10 else 1.0))
-        found = history.alarms()
+    found = alarms_of(
+        lambda number, wheel: moved_a_little(diagnosis(number, wheel=wheel), factor if number >= 10 else 1.0)
+    )
     assert [(alarm.wheel, alarm.level) for alarm in found] == [(ALL_WHEELS, "watch")] * alarms
 
 

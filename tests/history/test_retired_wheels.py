@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
+from websockets.sync.client import ClientConnection, connect
 
+from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from tests.dashboard.support import WAIT_S
+from tests.dashboard.test_retired_wheels import retire
 from tests.history.support import diagnosis
 
 
@@ -34,10 +40,34 @@ def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) 
         assert history.windows("sat", "wheel_1") == [diagnosis(0), diagnosis(1)]  # nothing of the wheel is removed
 
 
-def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(history: History) -> None:
-    history.add(*[diagnosis(n, severity=1.0) for n in range(2)])
-    with pytest.raises(InputError, match="alarms to acknowledge first: viscous"):
-        history.retired.change("sat", "wheel_1", "Ann", retire=True)
-    history.acknowledge(1, "Ann")
-    history.retired.change("sat", "wheel_1", "Ann", retire=True)
-    assert len(history.open_alarms("sat", "wheel_1")) == 1  # it stays as it is
+# ---- two dashboards on one database ----------------------------------------------------------------------------------
+
+
+pytestmark = pytest.mark.processes
+
+
+def next_event(feed: ClientConnection) -> str:
+    """Return the next event of the list of wheels."""
+    while True:
+        for entry in json.loads(feed.recv(timeout=WAIT_S)):
+            if entry["key"] == "rwa/sat/wheel_1/retirement":
+                return str(entry["message"]["event"])
+
+
+def test_a_wheel_that_is_retired_on_one_leaves_the_list_of_the_other(new_database: str) -> None:
+    with History(new_database) as history:
+        history.add(*[diagnosis(n, wheel="wheel_1") for n in range(2)])
+    options = DashboardOptions(0, token="right", history=new_database)
+    with (
+        open_session(BusOptions()) as session,
+        serve(options, session) as first,
+        serve(options, session) as second,
+        connect(first.address.replace("http", "ws") + "api/feed") as feed_of_first,
+        connect(second.address.replace("http", "ws") + "api/feed") as feed_of_second,
+    ):
+        for feed in (feed_of_first, feed_of_second):
+            feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is sent once
+        assert retire(first, "wheel_1")[0] == 200
+        assert next_event(feed_of_second) == "retired"
+        assert retire(second, "wheel_1", back=True)[0] == 200
+        assert [next_event(feed_of_first), next_event(feed_of_first)] == ["retired", "brought_back"]

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sqlalchemy import create_engine, text
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import MODEL_ALARM, Level, advice
@@ -150,3 +151,25 @@ def test_an_alarm_is_shelved_for_a_while_and_comes_back_when_it_gets_worse(place
         for unknown in (2, 2**70):
             with pytest.raises(InputError):
                 history.shelve(unknown, "Ann", 1.0)
+
+
+# ---- places that cannot hold the tables ------------------------------------------------------------------------------
+
+
+def test_a_database_of_another_release_is_refused(place: Path | str) -> None:
+    with History(place):
+        pass
+    url = f"sqlite:///{place}" if isinstance(place, Path) else place.replace("postgresql://", "postgresql+psycopg://")
+    engine = create_engine(url)
+    with engine.begin() as connection:
+        connection.execute(text("UPDATE revision SET number = 9999"))
+    engine.dispose()
+    with pytest.raises(InputError, match="another release"):
+        History(place)
+
+
+@pytest.mark.parametrize("url", ["mysql://host/name", "nothing", "postgresql://rwa:secret@127.0.0.1:9/none"])
+def test_a_place_that_is_none_is_refused_without_its_password(url: str) -> None:
+    with pytest.raises(InputError) as refused:
+        History(url)
+    assert "secret" not in str(refused.value)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import zenoh
 
-from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.monitor.processes import Listener
 from tests.monitor.recordings import write_file
 from tests.monitor.support import wheel
@@ -25,13 +23,6 @@ def wheel_file(tmp_path: Path) -> Path:
 def whole(tmp_path: Path) -> tuple[Path, list[bytes]]:
     path = tmp_path / "whole.mcap"
     return path, write_file(path)
-
-
-@pytest.fixture
-def session() -> Iterator[zenoh.Session]:
-    """An embedded bus."""
-    with open_session(BusOptions()) as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import signal
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +15,7 @@ from typing import Any
 
 import zenoh
 
+from rwa_monitor.dashboard.space_packets import UdpAddress
 from rwa_monitor.monitor.service import RunOptions, run
 from tests.program import command
 
@@ -61,6 +64,23 @@ def wait_until_it_monitors(child: subprocess.Popen[str]) -> None:
         if "monitoring" in line:
             return
     raise AssertionError("the monitor ended")
+
+
+def told_before(words: str, *arguments: str | Path) -> list[str]:
+    """Run the program until it prints some words, and end it; return all its lines until then."""
+    with process(*arguments) as child:
+        lines = [child.stderr.readline()]
+        while words not in lines[-1]:
+            lines.append(child.stderr.readline())
+        child.send_signal(signal.SIGTERM)
+        child.communicate(timeout=60)
+    return lines
+
+
+def free_udp() -> UdpAddress:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return UdpAddress("127.0.0.1", probe.getsockname()[1])
 
 
 @contextmanager

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
 import numpy as np
+from mcap.opcode import Opcode
 from mcap.writer import Writer
 
 from rwa_monitor.messages import EncodedMessage
@@ -56,3 +58,14 @@ def rewrite(
                 channels[place] = writer.register_channel(message.topic, "json", schema)
             writer.add_message(channels[place], message.time_ns, data, message.publish_ns)
         writer.finish()  # type: ignore[no-untyped-call]
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    """Return a record of an MCAP file, made by hand."""
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def chunk(data: bytes, size: int, compression: bytes = b"zstd", crc: int = 0) -> bytes:
+    """Return a chunk that states what it likes of packed data."""
+    head = struct.pack("<QQQII", 0, 0, size, crc, len(compression)) + compression
+    return record(Opcode.CHUNK, head + struct.pack("<Q", len(data)) + data)

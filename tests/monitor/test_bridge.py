@@ -21,7 +21,7 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.monitor.processes import PATIENCE_S, Listener, process, wait_for
+from tests.monitor.processes import PATIENCE_S, Listener, free_udp, process, told_before, wait_for
 from tests.monitor.support import free_port
 from tests.telemetry import packets as made
 from tests.telemetry.packet_writer import FIRST_APID, example_decoding, packets_of
@@ -51,12 +51,6 @@ def kept() -> dict[str, Kept]:
 @pytest.fixture
 def bridge(kept: dict[str, Kept]) -> Bridge:
     return Bridge(PacketDecoder(example_decoding(KEYS), "test"), kept, batch_samples=8)
-
-
-def free_udp() -> UdpAddress:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return UdpAddress("127.0.0.1", probe.getsockname()[1])
 
 
 # ---- batches ---------------------------------------------------------------------------------------------------------
@@ -159,13 +153,8 @@ def described(folder: Path) -> tuple[Path, Path]:
 def test_only_loopback_is_listened_on_without_a_warning(tmp_path: Path) -> None:
     for host, warned in (("0.0.0.0:", True), ("", False)):
         xtce, telemetry_map = described(tmp_path)
-        address = f"{host}{free_udp().port}"
-        with process("bridge", "--udp", address, "--xtce", xtce, "--map", telemetry_map) as child:
-            lines = [child.stderr.readline()]
-            while "bridging UDP" not in lines[-1]:
-                lines.append(child.stderr.readline())
-            child.send_signal(signal.SIGTERM)
-            child.communicate(timeout=60)
+        udp = f"{host}{free_udp().port}"
+        lines = told_before("bridging UDP", "bridge", "--udp", udp, "--xtce", xtce, "--map", telemetry_map)
         assert any("takes packets from everybody who reaches it" in line for line in lines) == warned
 
 

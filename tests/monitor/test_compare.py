@@ -59,11 +59,6 @@ def leaf(content: Any, path: tuple[Any, ...]) -> Any:
     return content
 
 
-@given(content=CONTENT)
-def test_equal_content_has_no_differences(content: Any) -> None:
-    assert list(differences(content, json.loads(json.dumps(content)))) == []
-
-
 @given(content=CONTENT, other=LEAVES, data=st.data())
 def test_any_changed_leaf_is_found(content: Any, other: Any, data: st.DataObject) -> None:
     paths = leaves(content)

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from rwa_monitor.api import Monitor
+from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.core import WheelCore, WindowDiagnosed, diagnose_samples
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.wheel.wheel import Wheel
+from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.monitor.support import WINDOW, messages_of, model, pieces, resumed, telemetry, wheel
 
 
@@ -65,15 +68,6 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     assert again.counts == core.counts
     again.feed(parts[1], "p", 1)
     assert (again.counts.used, again.counts.rejected) == (400, 100)
-
-
-def test_a_checkpoint_of_another_wheel_is_refused() -> None:
-    core = WheelCore(wheel(effects=True), model())
-    core.feed(telemetry(500))
-    with pytest.raises(InputError, match="does not fit"):
-        resumed(core.checkpoint().to_json(), wheel())
-    with pytest.raises(InputError, match="said_missing"):
-        resumed(b'{"version":2,"source":"","said_missing":false}', wheel())
 
 
 # ---- when windows close ----------------------------------------------------------------------------------------------
@@ -131,18 +125,6 @@ def test_jitter_of_less_than_half_a_slot_does_not_matter() -> None:
 # ---- what friction comes from ----------------------------------------------------------------------------------------
 
 
-def test_without_friction_and_constants_there_is_one_clear_error() -> None:
-    tables = wheel().to_tables()
-    del tables["wheel"]["inertia_kg_m2"]
-    bare = Wheel.from_tables(tables, "bare")
-    core = WheelCore(bare, model())
-    with pytest.raises(InputError, match="friction_torque_Nm is missing"):
-        core.feed(telemetry(100, given=False))
-    assert core.counts.received == 0
-    core.feed(telemetry(100))
-    assert core.counts.used == 100
-
-
 def test_motor_torque_serves_as_well_as_current() -> None:
     samples = telemetry(1_500, given=False)
     constant = wheel().torque_constant_Nm_A
@@ -160,3 +142,54 @@ def test_a_message_that_lacks_the_channel_is_masked_and_reported_once() -> None:
     (trouble,) = [event for event in events if isinstance(event, Trouble)]
     assert trouble.text.startswith("samples without friction_torque_Nm")
     assert (core.counts.used, core.counts.masked) == (100, 200)
+
+
+# ---- samples that do not fit the wheel file --------------------------------------------------------------------------
+
+
+def ramp(count: int, period_s: float, seed: int = 1) -> Samples:
+    """A wheel that spins up; times jitter by a tenth of the step."""
+    rng = np.random.default_rng(seed)
+    time_s = (np.arange(count) + rng.uniform(-0.05, 0.05, count)) * period_s
+    speed = np.linspace(50.0, 300.0, count)
+    return Samples(np.rint(time_s * 1e9).astype(np.int64), speed, 1.6e-3 + 5.3e-6 * speed)
+
+
+def looked(samples: Samples, cut: int) -> list[str]:
+    """Return what is reported of samples in messages of this size."""
+    core = WheelCore(built_in_wheel(), built_in_model())
+    events = [event for i in range(0, len(samples), cut) for event in core.feed(samples[i : i + cut])]
+    return [e.text for e in events if isinstance(e, Trouble) and e.kind in {"sample period", "limits"}]
+
+
+@pytest.mark.parametrize("cut", [1, 7, 1000])
+@pytest.mark.parametrize("period_s", [0.05, 0.25])
+def test_another_sample_period_is_reported_once(period_s: float, cut: int) -> None:
+    (text,) = looked(ramp(1000, period_s), cut)
+    assert float(text.split()[-2]) == pytest.approx(period_s, rel=0.1)
+
+
+def test_gaps_and_repetition_are_no_other_period() -> None:
+    samples = ramp(1000, 0.125)
+    kept = np.flatnonzero(np.random.default_rng(2).random(1000) > 0.3)
+    assert looked(samples[kept], 10) == []
+    assert looked(samples[np.repeat(np.arange(1000), 2)], 10) == []
+
+
+@pytest.mark.parametrize("cut", [10, 1000])
+def test_speeds_in_rpm_are_asked_about(cut: int) -> None:
+    samples = ramp(1000, 0.125)
+    rpm = replace(samples, speed_rad_s=samples.speed_rad_s * 30.0 / np.pi)
+    assert len(looked(rpm, cut)) == 1
+    wild = samples.speed_rad_s.copy()
+    wild[::50] = 1e4
+    assert looked(replace(samples, speed_rad_s=wild), cut) == []
+
+
+def test_the_monitor_s_troubles_hold_both() -> None:
+    samples = ramp(1000, 0.05)
+    monitor = Monitor(built_in_wheel(), built_in_model())
+    monitor.feed(replace(samples, speed_rad_s=samples.speed_rad_s * 30.0 / np.pi))
+    text = " ".join(monitor.troubles)
+    assert "is sample_period_s = 0.125 of the wheel file right? The samples come every 0.05" in text
+    assert "samples are beyond the wheel's limits and rejected: is the speed in rpm" in text

@@ -17,7 +17,7 @@ import zenoh
 
 from rwa_monitor.messages import Discrepancy, samples_json
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.searches import Searches, SearchJob, search
+from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
@@ -54,12 +54,6 @@ def batches(samples: Samples) -> list[bytes]:
     return [samples_json(samples[i : i + 250], "p", n) for n, i in enumerate(range(0, len(samples), 250))]
 
 
-def wait_for_output(searches: Searches) -> list[Discrepancy]:
-    """Poll until an answer is there."""
-    outputs = wait_for(searches.poll, "an answer", LIMIT_S)
-    return [Discrepancy.parse(output.payload, output.topic) for output in outputs]
-
-
 @pytest.fixture
 def log_lines() -> list[str]:
     return []
@@ -70,22 +64,6 @@ def searches(tmp_path: Path, log_lines: list[str]) -> Iterator[Searches]:
     made = Searches(Setup(small_wheel()), tmp_path, log_lines.append)
     yield made
     made.close()
-
-
-@pytest.mark.slow
-def test_two_inadequate_windows_are_searched_once(searches: Searches, tmp_path: Path) -> None:
-    searches.take_diagnosis(KEY, adequate=False)
-    for payload in batches(telemetry(1)):
-        searches.take_input(KEY, payload)
-    searches.take_diagnosis(KEY, adequate=False)
-    (message,) = wait_for_output(searches)
-    assert message.verdict == "inadequate"
-    assert message.effects[0].name == "quadratic_drag"
-    folder = tmp_path / "discrepancy" / "sat" / "a"
-    assert Wheel.from_toml((folder / "extended_wheel.toml").read_text(), "x").effect[0].name == "quadratic_drag"
-    assert (folder / "report.html").read_text().startswith("<!doctype html>")
-    searches.take_diagnosis(KEY, adequate=False)
-    assert searches.poll() == []
 
 
 def test_an_adequate_window_in_between_starts_again(searches: Searches) -> None:
@@ -137,8 +115,13 @@ def test_where_no_process_can_be_started_that_is_reported_and_the_next_one_is_tr
     begun(searches)
 
 
-def test_close_ends_a_running_search_at_once(searches: Searches) -> None:
+def test_a_wheel_is_searched_once_and_close_ends_a_running_search_at_once(
+    searches: Searches, log_lines: list[str]
+) -> None:
     child = begun(searches, copies=20)  # more than a pipe holds: its process takes them when it has imported all
+    searches.take_input(KEY, b"{}")
+    searches.take_diagnosis(KEY, adequate=False)
+    assert sum("searching for the cause" in line for line in log_lines) == 1
     searches.close()
     wait_for(lambda: child.exitcode is not None, "its end", LIMIT_S)  # its pool's thread may be the one that reaps it
     assert child.exitcode == -signal.SIGKILL  # it was not waited for until it had its answer
@@ -148,12 +131,6 @@ def test_a_search_whose_process_is_killed_is_reported(searches: Searches, log_li
     begun(searches).kill()  # as the system does where memory is short
     wait_for(lambda: searches.poll() == [] and "could not be made" in log_lines[-1], "the line that it has ended")
     assert "terminated abruptly" in log_lines[-1]
-
-
-@pytest.mark.slow
-def test_the_same_job_gives_the_same_message() -> None:
-    job = SearchJob(KEY, small_wheel(), tuple(batches(telemetry(1))))
-    assert search(job)[0] == search(job)[0]
 
 
 def test_live_search_is_published_recorded_and_verified(tmp_path: Path, session: zenoh.Session) -> None:

@@ -20,11 +20,11 @@ import pytest
 import zenoh
 
 from rwa_monitor import __version__
-from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.messages import Diagnosis, SamplesMessage, health_message, samples_json
 from rwa_monitor.monitor.backfill import Arrival, Inbox
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.recording import read_chain
-from rwa_monitor.monitor.replay import replay, replay_to_bus
+from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.service import RunOptions
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
@@ -69,14 +69,16 @@ def test_an_embedded_monitor_gives_the_diagnoses_of_the_batch_and_its_recording_
     with monitor(session, options(record=tmp_path)) as log_lines:
         sent = publish(telemetries, session, speed=math.inf, linger_s=0.0)
         wait_for(lambda: len(listener.kind("diagnosis")) >= 4, "four diagnoses")
-        replies = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
+        replies = {reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
         wait_for(lambda: sum(s["samples_received"] for s in statuses(listener).values()) == sent, "all samples")
     latest = statuses(listener)
     assert sent == sum(len(samples) for samples in telemetries.values())
     assert sum(status["samples_received"] for status in latest.values()) == sent
     assert all(adds_up(status) for status in latest.values())
-    assert set(replies) == {"rwa/sat/wheel_1/health", "rwa/sat/wheel_2/health"}
-    assert all(json.loads(payload)["window_end_ns"] == 2 * WINDOW * 125_000_000 for payload in replies.values())
+    published = [Diagnosis.parse(payload, "diagnosis") for payload in listener.kind("diagnosis")]
+    assert listener.kind("health") == [health_message(one).to_json() for one in published]
+    latest_of = {one.wheel: health_message(one).to_json() for one in published}
+    assert (set(latest_of), replies) == ({"wheel_1", "wheel_2"}, set(latest_of.values()))
     first = [payload for payload in listener.kind("diagnosis") if b'"wheel":"wheel_1"' in payload]
     assert first == batch_diagnoses(telemetries[KEY], wheel())
     report = replay(tmp_path)
@@ -182,32 +184,25 @@ def test_a_wheel_that_cannot_be_served_is_reported_in_its_status(session: zenoh.
     assert sum("friction_torque_Nm is missing" in line for line in log_lines) == 1  # once
 
 
-def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_no_other() -> None:
+BY_KEYS = [{"wheels": key} for key in ("rwa/one/*/samples", "rwa/two/*/samples", "rwa/three/w1/samples")]
+BY_SHARDS = [{"shard": (1, 2)}, {"shard": (2, 2)}]
+
+
+@pytest.mark.parametrize(("parts", "left_out"), [(BY_KEYS, {"three/w2"}), (BY_SHARDS, set())], ids=["keys", "shards"])
+def test_monitors_apart_by_keys_or_shards_serve_each_wheel_once_and_no_other(
+    parts: list[dict[str, Any]], left_out: set[str]
+) -> None:
     samples = telemetry(WINDOW + 20)
-    keys = ("rwa/one/*/samples", "rwa/two/*/samples", "rwa/three/w1/samples")
-    names = [f"{spacecraft}/{wheel}" for spacecraft in ("one", "two", "three") for wheel in ("w1", "w2")]
+    names = {f"{spacecraft}/{wheel}" for spacecraft in ("one", "two", "three") for wheel in ("w1", "w2")}
     with open_session(BusOptions()) as session, ExitStack() as monitors:
         listener = Listener(session)
-        for key in keys:
-            monitors.enter_context(monitor(session, options(wheels=key)))
+        logs = [monitors.enter_context(monitor(session, options(**part))) for part in parts]
         publish({f"rwa/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
-        wait_for(lambda: len(listener.kind("diagnosis")) >= 5, "a window of each wheel but one")
-    reported = sorted(key for key, _ in listener.received if key.endswith("/diagnosis"))
-    assert reported == sorted(f"rwa/{name}/diagnosis" for name in names if name != "three/w2")
-    assert not any("three/w2/status" in key for key, _ in listener.received)
-
-
-def test_a_recording_is_published_again_as_it_was(tmp_path: Path) -> None:
-    samples, before, again = telemetry(2 * WINDOW + 1), tmp_path / "before", tmp_path / "again"
-    with open_session(BusOptions()) as session, monitor(session, options(record=before)):
-        first = Listener(session)
-        publish({KEY: samples}, session, speed=math.inf, linger_s=0.0)
-        wait_for(lambda: len(first.kind("diagnosis")) >= 2, "both windows")
-    with open_session(BusOptions()) as session, monitor(session, options(record=again)):
-        second = Listener(session)
-        assert replay_to_bus(before, session, speed=math.inf) == math.ceil(len(samples) / 256)
-        wait_for(lambda: len(second.kind("diagnosis")) >= 2, "both windows again")
-    assert second.kind("diagnosis") == first.kind("diagnosis")
+        served = sorted(f"rwa/{name}/diagnosis" for name in names - left_out)
+        wait_for(lambda: len(listener.kind("diagnosis")) >= len(served), "a window of each wheel")
+    assert sorted(key for key, _ in listener.received if key.endswith("/diagnosis")) == served
+    assert not any(f"{name}/status" in key for name in left_out for key, _ in listener.received)
+    assert [log for log in logs if log[-1].startswith("stopped: 0 ")] == []  # each has its part
 
 
 # ---- in processes of their own, over TCP on loopback -----------------------------------------------------------------
@@ -220,7 +215,7 @@ def test_two_processes_over_tcp_give_the_diagnoses_of_the_batch(tmp_path: Path, 
     same = ("--scenario", scenario, "--wheel", wheel_file, "--seed", "5")
     subprocess.run(command("simulate", "recording", *same, "-o", table), check=True, timeout=PATIENCE_S)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with process("run", "--wheel", wheel_file, "--record", folder, "-l", endpoint) as child:
+    with process("run", "--wheel", wheel_file, "--record", folder, "--shard", "1/1", "-l", endpoint) as child:
         wait_until_it_monitors(child)
         sending = ("simulate", "publish", *same, "--speed", "inf", "--key", KEY, "-e", endpoint)
         subprocess.run(command(*sending), check=True, timeout=PATIENCE_S)
@@ -232,6 +227,31 @@ def test_two_processes_over_tcp_give_the_diagnoses_of_the_batch(tmp_path: Path, 
     assert recording.finished
     assert recorded(folder) == batch_diagnoses(read_table(table).samples, wheel())
     assert replay(folder).bytes_equal
+
+
+@pytest.mark.slow
+@pytest.mark.processes
+def test_a_fleet_of_publishers_has_the_samples_of_recordings_with_the_same_seeds(
+    tmp_path: Path, wheel_file: Path
+) -> None:
+    scenario = tmp_path / "scenario.toml"
+    scenario.write_text(f"[scenario]\nduration_s = {(WINDOW + 300) * 0.125}\n")
+    same = ("--scenario", scenario, "--wheel", wheel_file)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with process("run", "--wheel", wheel_file, "--record", tmp_path / "recordings", "-l", endpoint) as child:
+        wait_until_it_monitors(child)
+        with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
+            listener = Listener(session)
+            sending = ("simulate", "publish", *same, "--seed", "7", "--count", "3", "--speed", "inf", "-e", endpoint)
+            done = subprocess.run(command(*sending), check=True, timeout=PATIENCE_S, capture_output=True, text=True)
+            wait_for(lambda: len(set(listener.kind("diagnosis"))) == 3, "a window of each wheel")
+    assert "on rwa/simulated/wheel_1/samples … rwa/simulated/wheel_3/samples" in done.stderr
+    for number in range(3):
+        table = tmp_path / f"{number}.parquet"
+        subprocess.run(command("simulate", "recording", *same, "--seed", 7 + number, "-o", table), check=True)
+        (payload,) = batch_diagnoses(read_table(table).samples, wheel())
+        name = f'"spacecraft":"simulated","wheel":"wheel_{number + 1}"'
+        assert payload.replace(b'"spacecraft":"sat","wheel":"wheel_1"', name.encode()) in listener.kind("diagnosis")
 
 
 def _windows_told(session: zenoh.Session) -> int:

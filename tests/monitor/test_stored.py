@@ -137,17 +137,6 @@ def test_live_windows_with_gaps_that_had_closed_are_diagnosed_again_with_the_sta
     assert again[WINDOW * PERIOD_NS]["anomalies"] == latest(whole, None)[WINDOW * PERIOD_NS]["anomalies"]
 
 
-def test_windows_that_come_before_others_are_diagnosed_with_the_state_of_their_time() -> None:
-    late = [*dumps(DAY[2 * WINDOW :]), *dumps(DAY[: 2 * WINDOW])]
-    _, events = run(late)
-    closed = [one.diagnosis for one in events if isinstance(one, WindowDiagnosed)]
-    of_third = [one for one in closed if one.window_start_ns == 2 * WINDOW * PERIOD_NS]
-    priors = [one.provenance.prior_sha256 for one in of_third]
-    assert len(priors) == 3  # alone, after the second window had come, and after the first
-    assert len(set(priors)) == 3
-    assert latest(events) == in_order()
-
-
 @pytest.mark.parametrize("live_first", [10, 0])
 def test_the_live_window_goes_on_from_the_state_of_a_dump(live_first: int) -> None:
     dump, live = DAY[: 3 * WINDOW], DAY[3 * WINDOW : 4 * WINDOW + 1]

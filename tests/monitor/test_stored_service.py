@@ -101,7 +101,7 @@ def test_a_replay_is_kept_apart_from_the_wheel_and_is_no_alarm(
         live = send(session, DAY[4 * WINDOW : 4 * WINDOW + 200], None)
         key = REPLAY_KEY.format("diagnosis")
         for windows in (2, 4):  # twice: each begins with nothing known of the wheel
-            replay_to_bus(before, session, speed=math.inf)
+            assert replay_to_bus(before, session, speed=math.inf) == math.ceil(len(samples) / 256)
             wait_for(lambda windows=windows: sum(at == key for at, _ in listener.received) >= windows, "both again")
         live.close()
     assert [payload for at, payload in listener.received if at == key] == first * 2

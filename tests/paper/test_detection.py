@@ -3,29 +3,13 @@
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import Evidence
 from rwa_monitor.kernels.wglr import wglr as compiled
 from rwa_monitor.paper.detection import SCALE, THRESHOLD, Signal, detect, maxima_of_runs, wglr
 from rwa_monitor.wheel.wheel import built_in_wheel
+from tests.changepoints.test_evidence import _gather, _telemetry
 
 WHEEL = built_in_wheel()
-SIGMA = 3.9e-5  # N m
-
-
-def _window(seed: int, slots: int, jumps: list[tuple[int, float]], *, crossing: bool = False) -> Evidence:
-    """Return a window with jumps (slot, size in σ)."""
-    rng = np.random.default_rng(seed)
-    speed = 200.0 + 60.0 * np.sin(np.arange(slots) / 7000.0 + rng.uniform(0, 6))
-    if crossing:
-        speed = 150.0 * np.sin(2 * np.pi * np.arange(slots) / slots)
-    level = np.full(slots, WHEEL.nominal.dry_torque_Nm)
-    for index, size in jumps:
-        level[index:] += size * SIGMA
-    friction = np.sign(speed) * (level + WHEEL.nominal.viscous_Nm_s_rad * np.abs(speed))
-    accumulator = WindowAccumulator(WHEEL, slots=slots)
-    accumulator.append(speed, friction + SIGMA * rng.standard_normal(slots), np.ones(slots, dtype=np.bool_))
-    return accumulator.close()
 
 
 def _found(evidence: Evidence, w: int = SCALE) -> list[int]:
@@ -53,13 +37,13 @@ def test_each_run_above_the_threshold_gives_its_maximum() -> None:
 
 
 def test_jumps_are_found() -> None:
-    found = _found(_window(18, 9000, [(3000, 8.0), (6000, -8.0)]))
+    found = _found(_gather(*_telemetry(18, 9000, [(3000, 8.0), (6000, -8.0)]))[0])
     assert {3000, 6000} <= {k + d for k in found for d in (-1, 0, 1)}
 
 
 def test_big_jumps_have_side_lobes() -> None:
     """Errata 4: jumps of 10 to 25 σ show again 20 to 30 slots away, where the speed changes."""
     jumps = [(k, 25.0 * (-1) ** i) for i, k in enumerate(range(2500, 40_000, 1000))]
-    evidence = _window(19, 40_000, jumps, crossing=True)
+    evidence, _ = _gather(*_telemetry(19, 40_000, jumps, crossing=True))
     assert evidence.candidates.index.tolist() == [index for index, _ in jumps]
     assert len(_found(evidence, w=50)) > len(jumps)

@@ -37,6 +37,7 @@ from rwa_monitor.telemetry.table import (
     read_table,
 )
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
+from tests.monitor.recordings import chunk, record
 from tests.program import run
 
 DEEP = 100_000
@@ -147,16 +148,9 @@ def test_a_column_of_texts_is_refused_unread(tmp_path: Path) -> None:
 # ---- recordings ------------------------------------------------------------------------------------------------------
 
 
-def record(opcode: int, content: bytes) -> bytes:
-    return struct.pack("<BQ", opcode, len(content)) + content
-
-
-def chunk(unpacked: bytes, *, size: int | None = None, crc: int | None = None) -> bytes:
-    packed = zstandard.ZstdCompressor().compress(unpacked)
-    head = struct.pack(
-        "<QQQI", 0, 0, len(unpacked) if size is None else size, zlib.crc32(unpacked) if crc is None else crc
-    )
-    return record(Opcode.CHUNK, head + b"\x04\x00\x00\x00zstd" + struct.pack("<Q", len(packed)) + packed)
+def packed(unpacked: bytes, *, size: int | None = None, crc: int | None = None) -> bytes:
+    stated = len(unpacked) if size is None else size
+    return chunk(zstandard.compress(unpacked), stated, crc=zlib.crc32(unpacked) if crc is None else crc)
 
 
 def written(path: Path, *records: bytes) -> Path:
@@ -165,9 +159,9 @@ def written(path: Path, *records: bytes) -> Path:
 
 
 def test_a_chunk_that_unpacks_to_too_much_is_passed_over_unpacked(tmp_path: Path) -> None:
-    bomb = chunk(bytes(MAX_CHUNK_BYTES + 1))
+    bomb = packed(bytes(MAX_CHUNK_BYTES + 1))
     assert len(bomb) < 10_000
-    liar = chunk(bytes(MAX_CHUNK_BYTES + 1), size=1_000)
+    liar = packed(bytes(MAX_CHUNK_BYTES + 1), size=1_000)
     for name, harmful in (("bomb", bomb), ("liar", liar)):
         recording = read_recording(written(tmp_path / f"{name}.mcap", harmful))
         assert recording.messages == []
@@ -175,14 +169,14 @@ def test_a_chunk_that_unpacks_to_too_much_is_passed_over_unpacked(tmp_path: Path
 
 
 def test_many_chunks_that_unpack_to_too_much_together_are_refused(tmp_path: Path) -> None:
-    bomb = chunk(bytes(MAX_CHUNK_BYTES), crc=1)  # none passes its checksum, and none is kept
+    bomb = packed(bytes(MAX_CHUNK_BYTES), crc=1)  # none passes its checksum, and none is kept
     path = written(tmp_path / "bombs.mcap", *[bomb] * (MAX_WORK_BYTES // MAX_CHUNK_BYTES + 1))
     assert path.stat().st_size < 1_000_000
     assert "copied and unpacked" in refused(lambda: read_recording(path))
 
 
 def test_many_small_records_are_refused(tmp_path: Path) -> None:
-    empty = chunk(bytes(MAX_CHUNK_BYTES))  # seven million records of nine zero bytes
+    empty = packed(bytes(MAX_CHUNK_BYTES))  # seven million records of nine zero bytes
     assert "records" in refused(lambda: read_recording(written(tmp_path / "many.mcap", empty, empty)))
 
 
@@ -197,7 +191,7 @@ def test_what_only_looks_like_a_chunk_is_not_copied(tmp_path: Path) -> None:
 
 
 def test_records_that_promise_to_be_long_are_not_copied_again_and_again(tmp_path: Path) -> None:
-    whole = chunk(record(Opcode.MESSAGE, bytes(22)))
+    whole = packed(record(Opcode.MESSAGE, bytes(22)))
     path = written(tmp_path / "long.mcap", (whole + struct.pack("<BQ", Opcode.ATTACHMENT, 4_000_000)) * 60_000)
     assert "copied and unpacked" in refused(lambda: read_recording(path))
 

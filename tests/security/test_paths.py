@@ -82,15 +82,6 @@ def test_labels_name_no_file_outside_their_folder(file: str, reason: str, tmp_pa
         read_labels(folder / "labels.csv")
 
 
-def test_labels_name_files_in_their_folder_and_below(tmp_path: Path) -> None:
-    (tmp_path / "in").mkdir()
-    for file in ("here.csv", "in/there.csv"):
-        (tmp_path / file).write_text("")
-    (tmp_path / "labels.csv").write_text("file,dry,viscous\nhere.csv,0,1\nin/there.csv,1,0\n")
-    read = [entry.path for entry in read_labels(tmp_path / "labels.csv")]
-    assert read == [tmp_path / "here.csv", tmp_path / "in" / "there.csv"]
-
-
 def test_labels_may_name_files_in_their_folder_absolutely(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, link = tmp_path / "labels", tmp_path / "link"
     folder.mkdir()

@@ -50,56 +50,7 @@ def with_xtce(old: str, new: str) -> Decoding:
 
 
 # A second definition, of another house: PUS-like time (CDS: days since 1958, milliseconds of the day), rpm, ADC counts.
-CDS_XTCE = """<?xml version="1.0"?>
-<SpaceSystem name="Other" xmlns="http://www.omg.org/spec/XTCE/20180204"><TelemetryMetaData>
-<ParameterTypeSet>
- <BinaryParameterType name="Header"><BinaryDataEncoding>
-  <SizeInBits><FixedValue>48</FixedValue></SizeInBits>
- </BinaryDataEncoding></BinaryParameterType>
- <IntegerParameterType name="U8"><IntegerDataEncoding sizeInBits="8" encoding="unsigned"/></IntegerParameterType>
- <IntegerParameterType name="U4"><IntegerDataEncoding sizeInBits="4" encoding="unsigned"/></IntegerParameterType>
- <AbsoluteTimeParameterType name="Days"><Encoding units="days">
-  <IntegerDataEncoding sizeInBits="16" encoding="unsigned"/>
- </Encoding></AbsoluteTimeParameterType>
- <RelativeTimeParameterType name="Ms"><Encoding units="seconds" scale="0.001">
-  <IntegerDataEncoding sizeInBits="32" encoding="unsigned"/>
- </Encoding></RelativeTimeParameterType>
- <FloatParameterType name="Rpm"><UnitSet><Unit>rpm</Unit></UnitSet>
-  <FloatDataEncoding sizeInBits="32"/>
- </FloatParameterType>
- <FloatParameterType name="Kelvin"><UnitSet><Unit>K</Unit></UnitSet>
-  <IntegerDataEncoding sizeInBits="12" encoding="unsigned"><DefaultCalibrator>
-   <SplineCalibrator order="1" extrapolate="true">
-    <SplinePoint raw="0" calibrated="200"/><SplinePoint raw="4000" calibrated="400"/>
-   </SplineCalibrator>
-  </DefaultCalibrator></IntegerDataEncoding>
- </FloatParameterType>
- <StringParameterType name="Text"><StringDataEncoding>
-  <SizeInBits><Fixed><FixedValue>32</FixedValue></Fixed></SizeInBits>
- </StringDataEncoding></StringParameterType>
-</ParameterTypeSet>
-<ParameterSet>
- <Parameter name="HEAD" parameterTypeRef="Header"/><Parameter name="PREAMBLE" parameterTypeRef="U8"/>
- <Parameter name="DAYS" parameterTypeRef="Days"/><Parameter name="MS" parameterTypeRef="Ms"/>
- <Parameter name="SPEED" parameterTypeRef="Rpm"/><Parameter name="HOUSING" parameterTypeRef="Kelvin"/>
- <Parameter name="MODE" parameterTypeRef="U4"/><Parameter name="LABEL" parameterTypeRef="Text"/>
- <Parameter name="BARE" parameterTypeRef="U8"/>
-</ParameterSet>
-<ContainerSet>
- <SequenceContainer name="CCSDSPacket"><EntryList>
-  <ParameterRefEntry parameterRef="HEAD"/><ParameterRefEntry parameterRef="PREAMBLE"/>
- </EntryList></SequenceContainer>
- <SequenceContainer name="Wheel"><EntryList>
-  <ParameterRefEntry parameterRef="DAYS"/><ParameterRefEntry parameterRef="MS"/>
-  <ParameterRefEntry parameterRef="SPEED"/><ParameterRefEntry parameterRef="HOUSING"/>
-  <ParameterRefEntry parameterRef="MODE"/><ParameterRefEntry parameterRef="LABEL"/>
-  <ParameterRefEntry parameterRef="BARE"/>
- </EntryList><BaseContainer containerRef="CCSDSPacket"><RestrictionCriteria>
-  <Comparison parameterRef="PREAMBLE" value="64"/>
- </RestrictionCriteria></BaseContainer></SequenceContainer>
-</ContainerSet>
-</TelemetryMetaData></SpaceSystem>
-"""
+CDS_XTCE = (Path(__file__).parent / "other_house.xtce.xml").read_text(encoding="utf-8")
 CDS_MAP = f"""
 [[wheel]]
 spacecraft = "other"

@@ -18,6 +18,7 @@ from rwa_monitor.telemetry.files import MAX_CHUNK_BYTES
 from rwa_monitor.telemetry.reader import Decoding, joined, only_wheel
 from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.table import file_format
+from tests.monitor.recordings import chunk, record
 from tests.monitor.support import telemetry
 from tests.telemetry import bags
 
@@ -250,11 +251,6 @@ def test_every_number_is_read_in_both_orders_of_bytes(tmp_path: Path, order: str
 # ---- chunks that lie -------------------------------------------------------------------------------------------------
 
 
-def chunk(data: bytes, size: int, compression: bytes) -> bytes:
-    content = struct.pack("<QQQII", 0, 0, size, 0, len(compression)) + compression + struct.pack("<Q", len(data)) + data
-    return struct.pack("<BQ", 6, len(content)) + content
-
-
 def lz4_of(data: bytes) -> bytes:
     from lz4 import frame
 
@@ -287,15 +283,11 @@ def with_record(folder: Path, content: bytes) -> Path:
 
 
 def with_chunk(folder: Path, content: bytes) -> Path:
-    return with_record(folder, chunk(zstandard.compress(content), len(content), b"zstd"))
+    return with_record(folder, chunk(zstandard.compress(content), len(content)))
 
 
 def prefixed(*texts: bytes) -> bytes:
     return b"".join(struct.pack("<I", len(text)) + text for text in texts)
-
-
-def record(opcode: int, content: bytes) -> bytes:
-    return struct.pack("<BQ", opcode, len(content)) + content
 
 
 def a_channel(number: int, topic: bytes = b"/x", schema: int = 1) -> bytes:

@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.files import atomic_write, display_name, read_bytes, read_text
 from rwa_monitor.telemetry.labels import read_labels, write_labels
-from rwa_monitor.wheel.wheel import built_in_wheel
 
 
 def test_text_must_be_utf8(tmp_path: Path) -> None:
@@ -43,23 +41,18 @@ def test_a_folder_that_is_not_there_is_wrong_use(tmp_path: Path) -> None:
         pass
 
 
-def test_a_wheel_file_comes_back(tmp_path: Path) -> None:
-    path = tmp_path / "wheel.toml"
-    path.write_text(built_in_wheel().to_toml())
-    assert read_wheel(path) == read_wheel(None) == built_in_wheel()
-
-
 def test_labels_come_back_with_paths_beside_them(tmp_path: Path) -> None:
-    for name in ("a.csv", "b, c.csv"):
+    (tmp_path / "in").mkdir()
+    for name in ("a.csv", "in/b, c.csv"):
         (tmp_path / name).touch()
     path = tmp_path / "labels.csv"
-    rows = [("a.csv", "0", "0", "1"), ("b, c.csv", "1", "0", "0")]
+    rows = [("a.csv", "0", "0", "1"), ("in/b, c.csv", "1", "0", "0")]
     write_labels([dict(zip(("file", "dry", "viscous", "fss_1"), row, strict=True)) for row in rows], path)
-    assert path.read_text() == 'file,dry,viscous,fss_1\na.csv,0,0,1\n"b, c.csv",1,0,0\n'
+    assert path.read_text() == 'file,dry,viscous,fss_1\na.csv,0,0,1\n"in/b, c.csv",1,0,0\n'
     first, second = read_labels(path)
     assert first.path == tmp_path / "a.csv"
     assert first.anomalies == {"dry": False, "viscous": False, "fss_1": True}
-    assert second.path == tmp_path / "b, c.csv"
+    assert second.path == tmp_path / "in" / "b, c.csv"
     assert second.anomalies == {"dry": True, "viscous": False, "fss_1": False}
 
 

@@ -1,17 +1,19 @@
 """Event-wise scores: those of ESA-ADB's own code on fixed cases, hand-made ones, and what holds for all cases.
 
-The figures of `ESA` were printed once by the code of github.com/kplabs-pl/ESA-ADB, commit 489cb61 (MIT licence), with
-`ESAScores(betas=0.5)` and `ADTQC()` on one channel, hours from 1970-01-01, numpy 2.4, pandas 3.1, portion 2.6; it is
-not in this repository. On 899 random cases its scores and ours agreed to 3e-14, and `affiliation_recall_nearest` with
-the authors' own code, github.com/ahstat/affiliation-metrics-py. Without an alarm, or a time free of events, ESA-ADB's
-code raises an exception.
+The figures of `esa_adb.json` were printed once by the code of github.com/kplabs-pl/ESA-ADB, commit 489cb61 (MIT
+licence), with `ESAScores(betas=0.5)` and `ADTQC()` on one channel, hours from 1970-01-01, numpy 2.4, pandas 3.1,
+portion 2.6; it is not in this repository. On 899 random cases its scores and ours agreed to 3e-14, and
+`affiliation_recall_nearest` with the authors' own code, github.com/ahstat/affiliation-metrics-py. Without an alarm, or
+a time free of events, ESA-ADB's code raises an exception.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -23,102 +25,15 @@ from rwa_monitor.telemetry.scores import Interval, Timeline, score
 HOUR_NS = 3600 * 10**9
 EQUAL = {"rel": 0.0, "abs": 1e-12}
 
-# Name of the case: (end, events, alarms) in hours, and what ESA-ADB's code gives.
-ESA: dict[str, tuple[tuple[int, list[Interval], list[Interval]], dict[str, float]]] = {
-    "found, late, missed, false": (
-        (100, [(10, 20), (40, 60), (80, 90)], [(8, 15), (45, 50), (95, 98)]),
-        {
-            "precision": 0.611111111111111,
-            "recall": 0.6666666666666666,
-            "f_0_5": 0.6214689265536723,
-            "alarming_precision": 1.0,
-            "timing": 0.7485862249443855,
-            "timing_after": 0.5,
-            "affiliation_precision": 0.7063492063492064,
-            "affiliation_recall": 0.7048611111111112,
-            "affiliation_f_0_5": 0.7060510848496218,
-        },
-    ),
-    "several alarms on one event": (
-        (100, [(20, 60)], [(15, 22), (30, 31), (55, 70), (90, 92)]),
-        {
-            "precision": 0.35833333333333334,
-            "recall": 1.0,
-            "f_0_5": 0.4110898661567878,
-            "alarming_precision": 0.3333333333333333,
-            "timing": 0.6956031569195525,
-            "timing_after": 0.0,
-            "affiliation_precision": 0.6372,
-            "affiliation_recall": 0.92,
-            "affiliation_f_0_5": 0.6789400537385343,
-        },
-    ),
-    "alarms far before the nearest": (
-        (100, [(70, 90)], [(5, 10), (20, 30), (75, 80)]),
-        {
-            "precision": 0.2708333333333333,
-            "recall": 1.0,
-            "f_0_5": 0.3170731707317073,
-            "alarming_precision": 1.0,
-            "timing": 0.9519530848671022,
-            "timing_after": 1.0,
-            "affiliation_precision": 0.39375000000000004,
-            "affiliation_recall": 0.1000000000000001,
-            "affiliation_f_0_5": 0.24803149606299227,
-        },
-    ),
-    "events that overlap": (
-        (100, [(10, 40), (20, 50), (20, 25), (70, 75)], [(18, 22), (60, 72)]),
-        {
-            "precision": 0.8181818181818181,
-            "recall": 1.0,
-            "f_0_5": 0.8490566037735848,
-            "alarming_precision": 1.0,
-            "timing": 0.4336386442339245,
-            "timing_after": 0.25,
-            "affiliation_precision": 0.921875,
-            "affiliation_recall": 0.7490625000000001,
-            "affiliation_f_0_5": 0.8812148568352209,
-        },
-    ),
-    "on the grid of windows": (
-        (80, [(10, 30), (50, 60)], [(0, 10), (30, 40), (50, 70)]),
-        {
-            "precision": 0.26666666666666666,
-            "recall": 1.0,
-            "f_0_5": 0.3125,
-            "alarming_precision": 1.0,
-            "timing": 0.5,
-            "timing_after": 1.0,
-            "affiliation_precision": 0.5,
-            "affiliation_recall": 0.875,
-            "affiliation_f_0_5": 0.546875,
-        },
-    ),
-    "alarm to the end": (
-        (50, [(5, 6), (30, 50)], [(2, 3), (28, 50)]),
-        {
-            "precision": 0.4482758620689655,
-            "recall": 0.5,
-            "f_0_5": 0.45774647887323944,
-            "alarming_precision": 1.0,
-            "timing": 0.7509624900400423,
-            "timing_after": 0.0,
-            "affiliation_precision": 0.8035037878787878,
-            "affiliation_recall": 0.8611111111111112,
-            "affiliation_f_0_5": 0.8144002724626912,
-        },
-    ),
-}
+# By the name of the case: end, events and alarms in hours, and what ESA-ADB's code gives.
+ESA: dict[str, dict[str, Any]] = json.loads((Path(__file__).parent / "esa_adb.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("case", "expected"), ESA.values(), ids=ESA)
-def test_equal_to_the_code_of_esa_adb(
-    case: tuple[int, list[Interval], list[Interval]], expected: dict[str, float]
-) -> None:
-    end, events, alarms = case
-    found = asdict(score([Timeline(0, end * HOUR_NS, _hours(events), _hours(alarms))]))
-    assert {name: found[name] for name in expected} == pytest.approx(expected, **EQUAL)
+@pytest.mark.parametrize("case", ESA.values(), ids=ESA)
+def test_equal_to_the_code_of_esa_adb(case: dict[str, Any]) -> None:
+    timeline = Timeline(0, case["end"] * HOUR_NS, _hours(case["events"]), _hours(case["alarms"]))
+    found = asdict(score([timeline]))
+    assert {name: found[name] for name in case["scores"]} == pytest.approx(case["scores"], **EQUAL)
 
 
 def _hours(intervals: list[Interval]) -> list[Interval]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,7 +12,6 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.wheel.effects.base import Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, build, mean_effects, register, to_block
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
-from tests.wheel.effects.records import rich_motion
 
 every_effect = pytest.mark.parametrize("effect", CATALOGUE.values(), ids=lambda effect: effect.name)
 
@@ -146,14 +144,6 @@ def test_an_unknown_effect_is_refused_with_the_names_there_are() -> None:
         build(EffectBlock(name="stribek", parameters={}))
     with pytest.raises(InputError, match=r"moonlight: is not in the catalogue: .*stribeck"):
         build(EffectBlock(name="moonlight", parameters={}))
-
-
-def test_the_example_of_the_wheel_file_loads() -> None:
-    """The example in the design: an exponent is not given there and has a default."""
-    block = EffectBlock(name="stribeck", parameters={"strength_Nm": 5.0e-4, "stribeck_speed_rad_s": 8.0})
-    (effect,) = mean_effects(built_in_wheel().model_copy(update={"effect": (block,)}))
-    torque, _ = effect.torque(rich_motion(512))
-    assert 0 < np.abs(torque).max() <= 5.0e-4
 
 
 def test_an_effect_from_outside_joins_the_catalogue_once() -> None:

@@ -177,36 +177,25 @@ def fit_profiled(
     effect: type[MeanEffect], channels: Channels, base: np.ndarray, y: np.ndarray
 ) -> tuple[dict[str, float], np.ndarray, float]:
     """Return shape, strengths and RMS residual of the least-squares fit with profiled shape parameters."""
+    target, bounds = remove(y, base), effect.shape_bounds(channels)
     discrete = [p for p in effect.shape_parameters() if p.choices]
-    continuous = [p for p in effect.shape_parameters() if not p.choices]
-    bounds = effect.shape_bounds(channels)
 
     def solve(shape: dict[str, float]) -> tuple[float, np.ndarray]:
         columns = effect.columns(channels, shape)[0]
         left = np.stack([remove(c, base) for c in columns.T], axis=1)
         norms = np.linalg.norm(left, axis=0)
         norms[norms == 0] = 1.0
-        target = remove(y, base)
         coefficients = np.linalg.lstsq(left / norms, target, rcond=None)[0]
         return float(np.sqrt(np.mean((target - left / norms @ coefficients) ** 2))), coefficients / norms
 
-    best: tuple[float, dict[str, float]] = (np.inf, {})
-    options = [dict(zip([p.name for p in discrete], c, strict=True)) for c in product(*(p.choices for p in discrete))]
-    for fixed in options:
-        if not continuous:
-            best = min(best, (solve(fixed)[0], fixed), key=lambda item: item[0])
+    shapes = [dict(zip([p.name for p in discrete], c, strict=True)) for c in product(*(p.choices for p in discrete))]
+    for parameter in effect.shape_parameters():
+        if parameter.choices:
             continue
-        (parameter,) = continuous
-        low, high = np.log(bounds[parameter.name])
-        grid = np.linspace(low, high, GRID)
-        scores = [solve({**fixed, parameter.name: float(np.exp(g))})[0] for g in grid]
-        at = int(np.argmin(scores))
-        found = optimize.minimize_scalar(
-            lambda g: solve({**fixed, parameter.name: float(np.exp(g))})[0],  # noqa: B023
-            bounds=(grid[max(at - 1, 0)], grid[min(at + 1, GRID - 1)]),
-            method="bounded",
-            options={"xatol": 1e-7},
-        )
-        best = min(best, (float(found.fun), {**fixed, parameter.name: float(np.exp(found.x))}), key=lambda i: i[0])
-    residual, strengths = solve(best[1])
-    return best[1], strengths, residual
+        ends = tuple(np.log(bounds[parameter.name]))
+        for shape in shapes:
+            cost = lambda g, of=shape, name=parameter.name: solve({**of, name: float(np.exp(g[0]))})[0]  # noqa: E731
+            shape[parameter.name] = float(np.exp(optimize.brute(cost, [ends], Ns=GRID, finish=optimize.fmin)[0]))
+    best = min(shapes, key=lambda shape: solve(shape)[0])
+    residual, strengths = solve(best)
+    return best, strengths, residual
