@@ -11,13 +11,13 @@ from functools import _lru_cache_wrapper
 from pathlib import Path
 from threading import Event
 
-from rwa_monitor.messages import PERIOD_S, samples_json
+from rwa_monitor.messages import MAX_WHEELS, PERIOD_S, samples_json
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, MonitorBus, open_session
 from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
 from rwa_monitor.monitor.replay import RecoveredState, recover_state
-from rwa_monitor.monitor.service import MAX_WHEELS, Clock, Monitor, RunOptions
+from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import model, telemetry, wheel
