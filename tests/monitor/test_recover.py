@@ -113,7 +113,7 @@ def test_a_recording_too_large_to_be_read_whole_is_replayed_and_recovered(
     assert replay(path) == expected
     assert expected.equal
     recovery = recover(path, tmp_path / "saved.mcap")
-    assert not recovery.lost
+    assert not recovery.problems
     assert replay(tmp_path / "saved.mcap").messages == expected.messages
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -125,5 +125,5 @@ def test_order_changes_nothing(timelines: list[Timeline], random: Any) -> None:
     def mixed(given: Sequence[Any]) -> list[Any]:
         return random.sample(given, len(given))
 
-    shuffled = [replace(one, events=mixed(one.events), alarms=mixed(one.alarms)) for one in mixed(timelines)]
+    shuffled = [one._replace(events=mixed(one.events), alarms=mixed(one.alarms)) for one in mixed(timelines)]
     assert score(shuffled) == score(timelines)
