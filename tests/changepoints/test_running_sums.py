@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure, StructureSums
-from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, count_signs, extend_structure
+from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, count_signs, extend_structure
 from rwa_monitor.samples import BoolArray, FloatArray
 
 FIELDS = ("n", "x", "z", "xx", "xz", "zz")
@@ -69,6 +69,15 @@ def test_a_wild_first_sample_does_not_become_the_centre():
     sums = _sums(x, z, np.ones(1000, dtype=np.bool_))
     m = sums.between(np.array([500]), np.array([900]))
     assert m.zz[0] - m.z[0] ** 2 / m.n[0] == pytest.approx(400 * np.var(z[500:900]), rel=1e-6)
+
+
+def test_range_reads_at_most_one_stride_at_each_end():
+    rng = np.random.default_rng(4)
+    sums = _sums(*_record(rng, 5000))
+    here, there = np.array([3]), np.array([4999])
+    whole = sums.between(here, there).table
+    sums.arrays.x[STRIDE - 1 : 5000 - STRIDE + 1] = sums.arrays.z[STRIDE - 1 : 5000 - STRIDE + 1] = np.nan
+    np.testing.assert_array_equal(sums.between(here, there).table, whole)
 
 
 def test_empty_and_reversed_ranges_are_zero_and_shapes_are_kept():
