@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -27,7 +28,9 @@ def __getattr__(name: str) -> Any:
         return import_module("rwa_monitor.plot")
     if name == "__all__":
         return [*import_module("rwa_monitor.api").__all__, "__version__", "plot"]
-    if not name.startswith("_") and name in (api := import_module("rwa_monitor.api")).__all__:
+    # Python looks here also for a module of the package that is imported by its name: of that nothing else is needed.
+    known = name.startswith("_") or find_spec(f"{__name__}.{name}")
+    if not known and name in (api := import_module("rwa_monitor.api")).__all__:
         return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
