@@ -50,6 +50,14 @@ def test_a_cage_is_named_alone_and_its_bursts_are_no_jumps() -> None:
     assert result.gain.changepoints_base == pytest.approx(3, abs=2)  # of some twenty with the bursts in
 
 
+def test_what_stands_out_only_where_the_direction_changes_is_no_noise() -> None:
+    speed = swing(8000, period_s=60.0)
+    turning = np.flatnonzero(np.diff(np.sign(speed)) != 0)
+    near = np.abs(np.arange(speed.size)[:, None] - turning).min(axis=1) < 10
+    scatter = np.where(near, 5.0 * NOISE_NM * np.random.default_rng(4).standard_t(3.0, speed.size), 0.0)
+    assert names(search(record(speed, effect=lambda *_: scatter)[0])) == []
+
+
 def test_a_simulation_without_noise_is_adequate() -> None:
     speed = np.linspace(10.0, 200.0, 4000)
     friction = np.round(DRY_NM + VISCOUS * speed, 9)  # as a table with few digits has it
