@@ -26,9 +26,9 @@ from rwa_monitor.discrepancy.base_fit import (
     with_noise_of,
 )
 from rwa_monitor.discrepancy.hypotheses import sort_out
-from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series, asked_gain
+from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, wald, with_exact_jumps, with_law
+from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import IntArray
@@ -111,10 +111,9 @@ class Fitting:
             models.append(self.refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
         return _in_order(models, effects)
 
-    def counts(self, model: Model, simpler: Model, index: int = -1) -> bool:
-        """Return whether a term that a simpler model lacks stands out of what is left, and predicts something."""
-        stands_out = wald(self.problem, model)[index] >= asked_gain(len(model.terms) - 1)
-        return bool(stands_out) and predicts(self.problem, model, simpler)
+    def counts(self, model: Model, current: Model) -> bool:
+        """Return whether the last effect of a model is more than another is not exact by, and predicts something."""
+        return not model.is_minor(-1, self.problem.sign) and predicts(self.problem, model, current)
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
         """Return the model with another effect in the place of term `index`, of those that come near, best first."""
@@ -207,13 +206,7 @@ class Fitting:
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
         possible = [one for one in refined if _is_possible(one) and _explains(one, current)]
-        return _best_of_each(
-            [
-                one
-                for one in possible
-                if all_of_them or (not one.is_minor(-1, self.problem.sign) and self.counts(one, current))
-            ]
-        )
+        return _best_of_each([one for one in possible if all_of_them or self.counts(one, current)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
         """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.

@@ -66,7 +66,7 @@ def noise_effects(
     by_law
         Whether what the law of the model's noise holds is judged by the score, and the rest on its innovations.
     """
-    views = _views(problem, model)
+    views = _views(problem, model, turns=False)
     found: list[FoundEffect] = []
     if any(_is_quantised(view) for view in views):
         # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
@@ -167,12 +167,14 @@ def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
     return [np.where(record.used, values, np.nan) for record, values in spread]
 
 
-def _views(problem: Problem, model: Model) -> list[_View]:
-    """Return each record's residual along the rotation on its slots [N m], and which slots count."""
+def _views(problem: Problem, model: Model, *, turns: bool = True) -> list[_View]:
+    """Return each record's residual along the rotation on its slots [N m], and which slots count.
+
+    `turns`: those beside a change of direction, too. What stands out there alone is friction that no law has exactly.
+    """
     residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
-    # What stands out only around a change of direction is friction that no law has exactly.
     turning = distance_to_crossings(problem, np.arange(problem.size)) <= NEAR_CROSSING
-    turning &= 2 * np.count_nonzero(turning) < problem.size
+    turning &= not turns and 2 * np.count_nonzero(turning) < problem.size
     views = []
     for record, residual, begin, end in zip(
         problem.records, residuals, problem.starts[:-1], problem.starts[1:], strict=True
@@ -369,7 +371,7 @@ def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArra
 
 def largest_noise_gain(problem: Problem, model: Model) -> float:
     """Return the largest penalised gain of all noise effects on the residual of a model, whether accepted or not."""
-    views = _views(problem, model)
+    views = _views(problem, model, turns=False)
     names = [name for name in NOISE_EFFECTS if name != QUANTISED or views[0].friction_is_derived]
     return max(sum(_fit_noise(problem, view, name).penalised_gain for view in views) for name in names)
 

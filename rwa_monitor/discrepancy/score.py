@@ -281,13 +281,15 @@ def wald(problem: Problem, model: Model) -> FloatArray:
     """Return the square of each term's torque over the standard deviation of its size, float64 (terms,).
 
     Where the residual is noise of the fitted law, that is about what the term gains (A. Wald, Trans. AMS 54, 1943).
-    Infinite in a record so short that only the law shows what its noise remembers.
+    Infinite in a record so short that only the law shows what its noise remembers, and for what jumps: few samples
+    decide on that by nature, and each jump is paid for.
     """
     if problem.size < STRETCHES * MAX_LAG:
         return np.full(len(model.terms), np.inf)
     torques = np.column_stack([term.columns @ model.strengths(i) for i, term in enumerate(model.terms)])
     std = standard_deviations(problem, model, np.column_stack([torques, problem.speed]))[:-1]
-    return np.where(torques.any(axis=0), 1.0 / np.maximum(std**2, TINY), 0.0)
+    squares = np.where(torques.any(axis=0), 1.0 / np.maximum(std**2, TINY), 0.0)
+    return np.where([term.effect.family == "switching" for term in model.terms], np.inf, squares)
 
 
 def standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:

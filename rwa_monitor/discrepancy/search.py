@@ -11,8 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress, predicts
 from rwa_monitor.discrepancy.likelihood import asked_gain
+from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 
 MAX_EFFECTS: Final = 4
@@ -82,7 +83,7 @@ def grow(
             best_rejected = gain
             break
         alternatives = [one for one in alternatives if current.score - one.score >= least]
-        counted = (one for one in alternatives if len(one.terms) == named or fitting.counts(one, current))
+        counted = (one for one in alternatives if len(one.terms) == named or predicts(fitting.problem, one, current))
         accepted = next(counted, None)
         if accepted is None:
             break
@@ -96,8 +97,9 @@ def grow(
 
 
 def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
-    """Judge each effect of the last model by itself, and find what could stand in its place."""
-    model, found = grown.nested[-1], []
+    """Judge each effect of the last model that stands out by itself, and find what could stand in its place."""
+    model, found = _standing_out(fitting, grown.nested[-1]), []
+    grown = replace(grown, nested=(*(one for one in grown.nested if len(one.terms) < len(model.terms)), model))
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
         alternatives = fitting.replacements(model, index, grown.testable)
@@ -106,6 +108,17 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
         found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return replace(grown, found=ranked)
+
+
+def _standing_out(fitting: Fitting, model: Model) -> Model:
+    """Leave out effects that do not stand out of what the residual remembers, the weakest first."""
+    while model.terms:
+        squares = wald(fitting.problem, model)
+        weakest = int(np.argmin(squares))
+        if squares[weakest] >= asked_gain(len(model.terms) - 1):
+            break
+        model = fitting.without(model, weakest)
+    return model
 
 
 def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) -> Model:
@@ -125,7 +138,7 @@ def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
-        minor = minor or [one for index, one in enumerate(simpler) if not fitting.counts(model, one, index)]
+        minor = minor or [one for one in simpler if not predicts(fitting.problem, model, one)]
         plainer = None if keep_last or minor else fitting.plainer(model)
         tried = minor or ([*simpler, plainer] if plainer is not None else simpler)
         best = min(tried, key=lambda one: one.score, default=None)
