@@ -17,7 +17,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 188, 29_182, 317_526, 830
+MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 188, 29_202, 317_708, 830
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

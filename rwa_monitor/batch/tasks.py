@@ -1,4 +1,4 @@
-"""What is done with one recording, a value that travels to a worker; and with thousands.
+"""What is done with one recording, as a value that travels to a worker; and how it is done with many.
 
 Tasks go over the recordings in this process, in several on this machine (joblib), or on a Dask cluster.
 """
@@ -9,12 +9,11 @@ import hashlib
 import json
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, Future, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Generic, NamedTuple, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 
 from rwa_monitor.api import Monitor
 from rwa_monitor.diagnosis.features import Features
@@ -223,16 +222,18 @@ class ReadFeatures:
 
 Result = TypeVar("Result")
 Task = Callable[[Path], Result]  # what is done for each recording
+BLOCK: Final = 64  # recordings for each process at a time: what is finished waits in memory for those before it
 # Dask's own work for a parcel, some 7 ms, is a third of diagnosing one short recording.
 PARCEL: Final = 8  # recordings, where each worker has so many parcels as this:
-# No worker is idle while the first in order is worked on, and what waits for those before it is bounded.
-PARCELS_PER_WORKER: Final = 8
+# No worker is idle while the first in order is worked on, and memory does not grow with the number of recordings.
+PARCELS_PER_WORKER: Final = BLOCK // PARCEL
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
 IDLE_S: Final = 10  # after which a process with nothing to do ends, also where the one that started it was killed
 CONNECT_TIMEOUT_S: Final = 5
 
 
-class Outcome(NamedTuple, Generic[Result]):
+@dataclass(frozen=True, slots=True)
+class Outcome(Generic[Result]):
     """What became of one recording: its result, or why there is none.
 
     Attributes
@@ -277,13 +278,12 @@ def each(
         workers = max(1, min(cores(), len(files) // FEW))
     if scheduler is not None:
         with _client(scheduler) as client:
-            workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-            # Not pure: the same recording named twice is done twice, as it is without a cluster.
-            yield from _spread(partial(client.get_executor, pure=False), workers, task, files)
+            yield from _on_cluster(client, task, files)
     elif workers == 1:
         yield from (_guarded(task, file) for file in files)
     else:
-        yield from _spread(partial(_processes, workers), workers, task, files)
+        for first in range(0, len(files), BLOCK * workers):
+            yield from _in_processes(task, files[first : first + BLOCK * workers], workers)
 
 
 def _guarded(task: Task[Result], file: Path) -> Outcome[Result]:
@@ -299,49 +299,33 @@ def _guarded(task: Task[Result], file: Path) -> Outcome[Result]:
         )
 
 
-def _parcel(task: Task[Result], files: Sequence[Path]) -> list[Outcome[Result]]:
-    """Do the task for some recordings, one after the other."""
-    return [_guarded(task, file) for file in files]
+# ---- on this machine -------------------------------------------------------------------------------------------------
 
 
-def _spread(
-    pool: Callable[[], Executor], workers: int, task: Task[Result], files: Sequence[Path]
-) -> Iterator[Outcome[Result]]:
-    """Yield the outcomes in the order of `files`; a bounded number of recordings is on its way at a time.
-
-    Parameters
-    ----------
-    pool
-        Gives what runs the tasks; anew where a worker that ended took it along.
-    workers
-        How many it has.
-    task, files
-        As for `each`.
-    """
-    size = max(1, min(PARCEL, len(files) // (workers * PARCELS_PER_WORKER)))
-    waiting = deque(files[first : first + size] for first in range(0, len(files), size))
-    on_the_way: deque[tuple[Sequence[Path], Future[list[Outcome[Result]]]]] = deque()
-    while waiting or on_the_way:
-        while waiting and len(on_the_way) < workers * PARCELS_PER_WORKER:
-            on_the_way.append((waiting[0], pool().submit(_parcel, task, waiting.popleft())))
-        parcel, future = on_the_way.popleft()
-        if future.exception() is None:
-            yield from future.result()
-            continue
-        # All that waited at a worker that ended is given up. Alone, only the one that ends it is.
-        wait([others for _, others in on_the_way])
-        for file in parcel:
-            alone = pool().submit(_parcel, task, [file])
-            reason = "the process that worked on it was terminated: is there memory left for it?"
-            yield Outcome(file, None, f"{file}: {reason}") if alone.exception() else alone.result()[0]
+def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
+    """Yield the outcomes in the order of `files`, from so many processes."""
+    given = 0
+    try:
+        for outcome in _parallel(task, files, workers):
+            yield outcome
+            given += 1
+    except BrokenProcessPool:
+        # Which one ended its process is not known: those that are left are done alone, and only that one ends its own.
+        for file in files[given:]:
+            try:
+                yield from _parallel(task, [file], workers)
+            except BrokenProcessPool:
+                reason = "the process that worked on it was terminated: is there memory left for it?"
+                yield Outcome(file, None, f"{file}: {reason}")
 
 
-def _processes(workers: int) -> Executor:
-    """Return so many processes on this machine, with one thread of linear algebra each: more change the last bit."""
-    from joblib.externals.loky import get_reusable_executor
+def _parallel(task: Task[Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
+    from joblib import Parallel, delayed, parallel_config
 
-    one_thread = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    found: Executor = get_reusable_executor(workers, timeout=IDLE_S, env=one_thread)
+    # One thread of linear algebra, since the last bit depends on their number.
+    with parallel_config("loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
+        parallel = Parallel(workers, return_as="generator", max_nbytes=None)
+    found: Iterator[Outcome[Result]] = parallel(delayed(_guarded)(task, file) for file in files)
     return found
 
 
@@ -368,3 +352,43 @@ def _client(scheduler: str) -> Iterator[Client]:
 
 def _release() -> str:
     return SOFTWARE
+
+
+def _itself(task: Task[Result]) -> Task[Result]:
+    return task
+
+
+def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
+    """Yield the outcomes in the order of `files`; a bounded number of recordings is on its way at a time."""
+    from distributed import wait
+
+    # The model goes once to each worker and not with each recording; as a result, which is made again where a worker
+    # that held it dies.
+    shared = client.submit(_itself, task, pure=False)
+    workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    size = max(1, min(PARCEL, len(files) // (workers * PARCELS_PER_WORKER)))
+    waiting = deque(files[first : first + size] for first in range(0, len(files), size))
+    on_the_way: deque[tuple[Sequence[Path], Any]] = deque()
+
+    def submit(parcel: Sequence[Path]) -> Any:
+        # Not pure: the same recording named twice is done twice, as it is without a cluster.
+        return client.submit(_parcel, shared, parcel, pure=False)
+
+    while waiting or on_the_way:
+        while waiting and len(on_the_way) < workers * PARCELS_PER_WORKER:
+            on_the_way.append((waiting[0], submit(waiting.popleft())))
+        parcel, future = on_the_way.popleft()
+        if future.exception() is None:
+            yield from future.result()
+            continue
+        # Dask gives up all recordings that waited at a worker that ended. Alone, only the one that ends it is given up.
+        wait([others for _, others in on_the_way])
+        for file in parcel:
+            alone = submit([file])
+            error = alone.exception()
+            yield Outcome(file, None, f"{file}: {error}") if error else alone.result()[0]
+
+
+def _parcel(task: Task[Result], files: Sequence[Path]) -> list[Outcome[Result]]:
+    """Do the task for some recordings, one after the other."""
+    return [_guarded(task, file) for file in files]

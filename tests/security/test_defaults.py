@@ -151,7 +151,7 @@ def test_a_configuration_too_deep_or_too_long_is_refused_before_it_is_parsed(tex
 # ---- code ------------------------------------------------------------------------------------------------------------
 
 FORBIDDEN_MODULES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "yaml", "imp", "runpy"}
-FROM_JOBLIB = {"cpu_count", "get_reusable_executor"}  # processes of our own; its files are pickles
+FROM_JOBLIB = {"Parallel", "cpu_count", "delayed", "parallel_config"}  # processes of our own; its files are pickles
 FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__"}  # re.compile and the like are calls of something else
 FORBIDDEN_METHODS = {("os", "system"), ("os", "popen"), ("ctypes", "CDLL"), ("np", "load"), ("numpy", "load")}
 
@@ -161,7 +161,7 @@ def forbidden(node: ast.AST) -> bool:
     if isinstance(node, ast.Import):
         return any(alias.name.split(".")[0] in FORBIDDEN_MODULES for alias in node.names)
     if isinstance(node, ast.ImportFrom):
-        if node.module in {"joblib", "joblib.externals.loky"} and {alias.name for alias in node.names} <= FROM_JOBLIB:
+        if node.module == "joblib" and {alias.name for alias in node.names} <= FROM_JOBLIB:
             return False
         return (node.module or "").split(".")[0] in FORBIDDEN_MODULES
     if not isinstance(node, ast.Call):
