@@ -95,16 +95,18 @@ def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel
         assert few is not None, "nothing else is likelier"
         return few
     problem, effects, line = _by_angle(problem, effects, wheel)
-    jumping = _with_jumps(problem, effects, progress, wheel)
+    approach, jumping = _with_jumps(problem, effects, progress, wheel)
+    cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
+    if cage is None:
+        jumping = _with_formula(approach, jumping, effects, progress)
     of_line = None if line is None else line.unexplained()  # it was taken out
     smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
     if smooth is not None:
         return replace(smooth, leftover=both(smooth.leftover, of_line))
-    cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: all else is estimated without them.
         quiet = prepare(cage.quiet(jumping.problem.records), wheel, problem.each)
-        jumping = _with_jumps(quiet, effects, progress, wheel)
+        jumping = _with_formula(*_with_jumps(quiet, effects, progress, wheel), effects, progress)
     return replace(jumping, leftover=both(jumping.leftover, of_line), cage=cage)
 
 
@@ -128,8 +130,7 @@ def _without_jumps(problem: Problem, jumping: Model | None, effects: Effects, pr
     if complete.score > most:
         return None
     problem = with_noise_of(problem, complete.fit.residual)
-    explained = Explained(problem, found, leftover, complete, jumps=False)
-    return _with_formula(approach, explained, effects, progress) if leftover is not None else explained
+    return _with_formula(approach, Explained(problem, found, leftover, complete, jumps=False), effects, progress)
 
 
 def _least_score(problem: Problem, jumping: Model) -> float:
@@ -166,7 +167,7 @@ def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Prob
     return problem, [of_any_order if effect is TorqueRipple else effect for effect in candidates], None
 
 
-def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel: Wheel) -> Explained:
+def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel: Wheel) -> tuple[Fitting, Explained]:
     """Search for mean effects beside jumps, and judge what they leave: see `judge_leftover`."""
     candidates = [*candidates, *(effect for effect in UNNAMED if effect.may_show(problem))]
     approach, grown, own = _grown(problem, candidates, progress)
@@ -187,8 +188,7 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
     progress("what is left")
     found, leftover, complete = judge_leftover(approach, found)
     found, leftover = without_unnamed(approach, found, leftover)
-    explained = Explained(problem, found, leftover, complete)
-    return _with_formula(approach, explained, candidates, progress) if leftover is not None else explained
+    return approach, Explained(problem, found, leftover, complete)
 
 
 def _with_formula(approach: Fitting, explained: Explained, effects: Effects, progress: Progress) -> Explained:
@@ -196,6 +196,8 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
 
     Something is missing, as the curve shows: an effect need not prove that again.
     """
+    if explained.leftover is None:
+        return explained
     progress("a formula for what has no name")
     found, complete = explained.found, explained.complete
     last, most = found.nested[-1], complete.score + EQUIVALENT_WITHIN
