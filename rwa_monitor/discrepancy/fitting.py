@@ -205,7 +205,7 @@ class Fitting:
             gain = max((current.score - one.score for one in started), default=0.0)
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
-        possible = [one for one in refined if _is_possible(one) and _explains(one, current)]
+        possible = [one for one in refined if is_possible(one) and _explains(one, current)]
         return _best_of_each([one for one in possible if all_of_them or self.counts(one, current)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
@@ -302,9 +302,10 @@ class Fitting:
         return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model), jumps)
 
 
-def _is_possible(model: Model) -> bool:
-    """Return whether the strengths of the last term are what physics lets them be."""
-    return model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
+def is_possible(model: Model) -> bool:
+    """Return whether the strengths are what physics lets them be, beside the friction that the model has."""
+    dry, viscous = float(model.fit.level.mean()), float(model.fit.coefficients[0])
+    return all(term.effect.is_possible(model.strengths(i), dry, viscous) for i, term in enumerate(model.terms))
 
 
 def _explains(model: Model, current: Model) -> bool:

@@ -11,7 +11,15 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, SETTLED, Effects, Fitting, Progress, predicts
+from rwa_monitor.discrepancy.fitting import (
+    EQUIVALENT_WITHIN,
+    SETTLED,
+    Effects,
+    Fitting,
+    Progress,
+    is_possible,
+    predicts,
+)
 from rwa_monitor.discrepancy.likelihood import asked_gain
 from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
@@ -57,6 +65,9 @@ def grow(
     best_rejected = -np.inf
     while len(nested[-1].terms) < MAX_EFFECTS:
         nested[-1] = fitting.settled(nested[-1])
+        if not is_possible(nested[-1]):  # it was on its way there
+            testable = [effect for effect in testable if effect.name != nested[-1].names[-1]]
+            del nested[-1]
         current = nested[-1]
         progress(" + ".join((*current.names, f"one of {len(testable)} effects")))
         alternatives = fitting.extensions(current, testable, all_of_them=True)

@@ -371,8 +371,8 @@ class MeanEffect(Effect):
         return 1.0
 
     @classmethod
-    def is_possible(cls, strengths: FloatArray, viscous_Nm_s_rad: float) -> bool:
-        """Return whether physics lets the fitted strengths be, beside that viscous friction: a bound is no finding."""
+    def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
+        """Return whether physics lets the fitted strengths be beside that friction: a bound is no finding."""
         limits = [(parameter.low, parameter.high) for parameter in cls.strength_parameters()]
         return all(one == 0.0 or one not in ends for one, ends in zip(strengths.tolist(), limits, strict=True))
 

@@ -12,6 +12,7 @@ from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Paramet
 
 GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
 WIDEST_SHARE: Final = 0.5  # of the largest speed: e⁻² of a wide one (δ = 1) is left there, and the rest is seen
+MOST_STATIC: Final = 3.0  # (τ_S − τ_C)/τ_C [-]: bearings show up to 1, other machines more, a working assumption
 EXPONENT_REACH: Final = 0.6  # of a round of fitting; several follow each other
 
 
@@ -68,6 +69,11 @@ class Stribeck(MeanEffect):
         usual = {1.0: ratio, 2.0: ratio * ratio}  # without logarithms
         decay = np.exp(-(usual[exponent] if exponent in usual else np.power(ratio, exponent)))
         return channels.direction * decay
+
+    @classmethod
+    def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
+        """Static friction is little more than Coulomb friction: what is many times as much is another drag."""
+        return float(strengths[0]) <= MOST_STATIC * dry_Nm
 
 
 ZERO_CELSIUS_K: Final = 273.15  # [K]

@@ -59,7 +59,7 @@ class LubricantLag(MeanEffect):
         return stack(speed - lagged), state
 
     @classmethod
-    def is_possible(cls, strengths: FloatArray, viscous_Nm_s_rad: float) -> bool:
+    def is_possible(cls, strengths: FloatArray, dry_Nm: float, viscous_Nm_s_rad: float) -> bool:
         """What trails is a part of the viscous friction, or little more: drag hardly falls while the speed rises."""
         return float(strengths[0]) >= -MOST_TRAILING * viscous_Nm_s_rad
 

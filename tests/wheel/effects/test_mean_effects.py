@@ -26,19 +26,26 @@ def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
 
 @every_mean_effect
 def test_a_strength_at_the_end_of_its_range_is_no_finding(effect: type[MeanEffect]) -> None:
-    viscous = 5.333e-6
+    friction = 4.8e-4, 5.333e-6  # dry [N m], viscous [N m s/rad]
     inside = np.array([parameter.typical for parameter in effect.strength_parameters()])
-    assert effect.is_possible(inside, viscous)
-    assert effect.is_possible(np.zeros(inside.size), viscous)
+    assert effect.is_possible(inside, *friction)
+    assert effect.is_possible(np.zeros(inside.size), *friction)
     for i, parameter in enumerate(effect.strength_parameters()):
         if np.isfinite(parameter.high):
-            assert not effect.is_possible(np.where(np.arange(inside.size) == i, parameter.high, inside), viscous)
+            assert not effect.is_possible(np.where(np.arange(inside.size) == i, parameter.high, inside), *friction)
 
 
 def test_drag_that_trails_is_not_many_times_the_viscous_friction() -> None:
     lag = MEAN_EFFECTS["lubricant_lag"]
-    assert lag.is_possible(np.array([-1.1e-5]), 5.333e-6)
-    assert not lag.is_possible(np.array([-6e-3]), 3.8e-5)
+    assert lag.is_possible(np.array([-1.1e-5]), 4.8e-4, 5.333e-6)
+    assert not lag.is_possible(np.array([-6e-3]), 4.8e-4, 3.8e-5)
+
+
+def test_static_friction_is_not_many_times_the_dry_friction() -> None:
+    stribeck = MEAN_EFFECTS["stribeck"]
+    assert stribeck.is_possible(np.array([4.8e-4]), 4.8e-4, 0.0)
+    assert not stribeck.is_possible(np.array([4.8e-3]), 4.8e-4, 0.0)
+    assert not stribeck.is_possible(np.array([4.8e-4]), 0.0, 5.333e-6)
 
 
 def test_friction_runs_in_over_an_hour_or_longer() -> None:
