@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, exp
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.fitting import Progress
 from rwa_monitor.discrepancy.found_effects import found_delay, found_effect, found_zone, joined
-from rwa_monitor.discrepancy.hypotheses import can_show, candidates, speed_is_constant, untested
+from rwa_monitor.discrepancy.hypotheses import NOT_COMMANDED, can_show, candidates, speed_is_constant, untested
 from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
@@ -73,6 +73,7 @@ def find_discrepancy(
     silent = not_shown_without_motor(missing, wheel, problem.records[0].channels)
     tried = [effect for effect in missing if effect.name not in silent and can_show(problem, effect)]
     no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_made else None
+    no_noise = NOT_COMMANDED if problem.is_command else no_noise
     if no_noise is not None:
         silent |= dict.fromkeys(NOISE_EFFECTS, no_noise)
 

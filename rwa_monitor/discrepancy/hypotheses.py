@@ -60,6 +60,7 @@ SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is 
 LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
 EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
 SLOW_WINDOWS: Final = 50  # in a record: a motion smoothed over one of them has lost its noise
+NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
 FOLLOWS_THE_SPEED: Final = "a motion in which it does not follow the speed: several sweeps, or dwells"
 
 
@@ -94,6 +95,8 @@ def sort_out(
         if _beyond(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
             # Dry friction is not negative: where it seems to be, what drives the wheel is no part of it.
             return None if effect.may_drive and not problem.at_one_speed and level.max() <= 0.0 else effect.separate_by
+        if problem.is_command and _is_law_of_time(problem, effect, shape):
+            return NOT_COMMANDED
         if _is_law_of_speed(problem, effect, shape):
             return None
         slow = term_rows(series, make_term(calm, effect, shape, level))
@@ -153,6 +156,14 @@ def _is_law_of_speed(problem: Problem, effect: type[MeanEffect], shape: dict[str
     )
     here, there = effect.columns(channels, shape)[0], effect.columns(moved, shape)[0]
     return bool(np.array_equal(np.nan_to_num(here[order]), np.nan_to_num(there)))
+
+
+def _is_law_of_time(problem: Problem, effect: type[MeanEffect], shape: dict[str, float]) -> bool:
+    """Return whether an effect depends on the time itself."""
+    channels = problem.records[0].channels
+    later = replace(channels, time_s=channels.time_s[::-1])
+    here, there = effect.columns(channels, shape)[0], effect.columns(later, shape)[0]
+    return not np.array_equal(np.nan_to_num(here), np.nan_to_num(there))
 
 
 # ---- formulas as candidates of the search, for what no effect of the catalogue explains, and how one is reported -----

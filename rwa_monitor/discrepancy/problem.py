@@ -13,7 +13,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from rwa_monitor.discrepancy.plausible import ShownConstant, combined
-from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.record import DIGITS, Record
 from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
 
 # ---- the noise of the samples ----------------------------------------------------------------------------------------
@@ -109,7 +109,6 @@ def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray
     return clipped, clipped != values
 
 
-DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
 NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
 
 
@@ -275,6 +274,11 @@ class Problem:
     def friction_is_derived(self) -> bool:
         """Return whether friction was derived from current and speed in any of the records."""
         return any(record.friction_is_derived for record in self.records)
+
+    @property
+    def is_command(self) -> bool:
+        """Return whether friction is what was commanded in any of the records: a program of time without an error."""
+        return any(record.is_command for record in self.records)
 
     @property
     def at_one_speed(self) -> bool:

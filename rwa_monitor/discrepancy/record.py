@@ -45,6 +45,8 @@ MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 LARGEST_SPEED_NOISE: Final = 0.02
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
 BEYOND: Final = 0.1  # of the temperatures of a record, to which the law that it shows holds on either side
+DIGITS: Final = 1e-5  # of the RMS of a channel: what is smaller is no sensor's noise
+RAMP_SHARE: Final = 0.5  # of the samples: most
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -90,6 +92,8 @@ class Record:
         Constants of the wheel file as channels show them in which there is no friction.
     zone
         The dead zone of the speed that its readings show; none of its samples is used.
+    is_command
+        Whether the friction is what was commanded, and the speed what came of it: see `_is_command`.
     """
 
     source: str
@@ -109,6 +113,7 @@ class Record:
     own_viscous_rad_s: FloatArray | None = None
     shown: tuple[ShownConstant, ...] = ()
     zone: ReadZone | None = None
+    is_command: bool = False
 
     @property
     def viscous_speed_rad_s(self) -> FloatArray:
@@ -196,7 +201,21 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         steps=motion.steps,
         shown=shown_constants(samples, wheel),
         zone=motion.zone,
+        is_command=not derived and _is_command(friction, speed),
     )
+
+
+def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
+    """Return whether friction is mostly a ramp over time to the last digit, while the speed, float64 (n,), is not.
+
+    It is a duty or a voltage in units of torque: a curve over time would explain it without any error.
+    """
+    bend, of_speed = (
+        np.abs(np.diff(values, 2)) > DIGITS * np.sqrt(np.nanmean(values**2)) for values in (friction_Nm, speed_rad_s)
+    )
+    known = np.isfinite(np.diff(friction_Nm, 2) + np.diff(speed_rad_s, 2))
+    ramp = known & ~bend & of_speed & (friction_Nm[2:] != friction_Nm[:-2])
+    return int(np.count_nonzero(ramp)) > RAMP_SHARE * max(int(np.count_nonzero(known)), 1)
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:

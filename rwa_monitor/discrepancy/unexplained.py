@@ -166,6 +166,8 @@ def _free_terms(fitting: Fitting, model: Model) -> list[Term]:
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
     shown, _ = fitting.sort_out(known, model)
     terms = [make_term(problem, curve, {}, None) for curve in shown]
+    if problem.is_command:  # nothing over time is an error of it
+        return terms
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
         terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))

@@ -15,6 +15,7 @@ from rwa_monitor.batch.tasks import not_nominal
 from rwa_monitor.discrepancy.bench import MEAN_OF_A_TURN, SCALED_ONLY, as_measured, is_even, with_turns
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.hypotheses import NOT_COMMANDED
 from rwa_monitor.discrepancy.plausible import shown_inertia
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
@@ -101,6 +102,17 @@ def test_a_run_down_within_the_usual_window_of_the_derivative_is_read_with_a_sho
     assert np.count_nonzero(make_record(made.recordings[0][1], made.wheel, "short").used) > 130
     stated = FrictionFilter(derivative=Derivative(window_s=2.0), motor_off=True)
     assert as_measured(table, wheel.model_copy(update={"friction": stated})).wheel.friction == stated
+
+
+def test_what_was_commanded_is_a_ramp_over_time_to_the_last_digit_and_no_drift() -> None:
+    torque = 0.05 + 0.005 * np.arange(240)
+    speed = (-0.002 + np.sqrt(0.002**2 + 4 * WINDAGE * (torque - 0.02))) / (2 * WINDAGE)
+    speed += 0.05 * np.random.default_rng(0).normal(size=torque.size)
+    ramp = samples(0.5 * np.arange(240), speed, torque)
+    search = find_discrepancy([("ramp", ramp)], Wheel(name="bench", sample_period_s=0.5))
+    assert names(search) == ["quadratic_drag"]
+    assert search.result.unexplained is None
+    assert dict(search.result.untested)["run_in_drift"] == NOT_COMMANDED
 
 
 def test_without_an_inertia_a_run_down_is_refused_with_its_name() -> None:
