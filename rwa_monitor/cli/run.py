@@ -33,12 +33,13 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     "GB",
     "Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
-@click.option(
+@cli.option(
     "--shard",
-    callback=_shard,
+    str,
+    "I/N",
+    "Serve share I of N: the wheels are divided among N of these.",
     default="1/1",
-    metavar="I/N",
-    help="Serve share I of N: the wheels are divided among N of these.",
+    callback=_shard,
 )
 @cli.option(
     "--stored-after",
