@@ -40,7 +40,7 @@ from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, VerdictHist
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, recorded_samples, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import STORED_ALARM
-from rwa_monitor.history.database import AlarmRecord, EstimateRecord, HistoryError, RetirementEvent, TrendRecord, trends
+from rwa_monitor.history.database import AlarmRecord, HistoryError, RetirementEvent, TrendRecord, trends
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
     AlarmLevel,
@@ -52,6 +52,7 @@ from rwa_monitor.messages import (
     Status,
     Verdict,
 )
+from rwa_monitor.reporting.diagnoses import EstimateRecord
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from rwa_monitor.words import RELEASE, SOFTWARE
 

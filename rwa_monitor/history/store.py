@@ -28,13 +28,13 @@ from rwa_monitor.history.database import (
     Database,
     DiagnosisRow,
     DiscrepancyRow,
-    EstimateRecord,
     EstimateRow,
     MonitorState,
     RetirementEvent,
     WheelEventRow,
 )
 from rwa_monitor.messages import Diagnosis, Discrepancy
+from rwa_monitor.reporting.diagnoses import EstimateRecord, estimates_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 
 MAX_ID: Final = np.iinfo(np.int64).max  # that a database can hold
@@ -101,8 +101,8 @@ class History(Database):
         row = known or DiagnosisRow(**place, window_start_ns=diagnosis.window_start_ns)
         row.window_end_ns, row.message = diagnosis.window_end_ns, message
         session.add(row)
-        for estimate in _estimates(diagnosis):
-            session.merge(EstimateRow(**place, **estimate))
+        for estimate in estimates_of(diagnosis):
+            session.merge(EstimateRow(**place, **estimate.model_dump()))
         session.flush()
         end_ns = diagnosis.window_end_ns
         for wheel, name, level, reason in self._observed(session, diagnosis):
@@ -422,18 +422,6 @@ def _reason(diagnosis: Diagnosis, name: str) -> str:
         return diagnosis.reason
     suspected = f"; suspected: {diagnosis.suspected_effect}" if diagnosis.suspected_effect else ""
     return f"The friction model does not fit this wheel's telemetry{suspected}."
-
-
-def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
-    stds = {"dry": diagnosis.friction.base_dry.std, "viscous": diagnosis.friction.viscous.std}
-    for name, anomaly in diagnosis.anomalies.items():
-        yield anomaly.model_dump(exclude={"estimate", "severity_std"}) | {
-            "name": name,
-            "window_start_ns": diagnosis.window_start_ns,
-            "window_end_ns": diagnosis.window_end_ns,
-            "value": anomaly.estimate,
-            "std": stds.get(name),
-        }
 
 
 # ---- how long what is kept -------------------------------------------------------------------------------------------
