@@ -41,7 +41,6 @@ from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, rec
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import STORED_ALARM
 from rwa_monitor.history.database import AlarmRecord, HistoryError, RetirementEvent, TrendRecord, trends
-from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
     AlarmLevel,
     Changepoints,
@@ -412,14 +411,14 @@ class Api:
 
     Parameters
     ----------
-    fleet, history, notifier
-        What is shown and changed.
+    fleet, notifier
+        What is shown and changed, and who reports it, with the history.
     recordings
         Folder of the recordings, or None.
     """
 
-    def __init__(self, fleet: Fleet, history: History, notifier: AlarmNotifier, recordings: Path | None) -> None:
-        self._fleet, self._history, self.notifier, self._folder = fleet, history, notifier, recordings
+    def __init__(self, fleet: Fleet, notifier: AlarmNotifier, recordings: Path | None) -> None:
+        self._fleet, self._history, self.notifier, self._folder = fleet, notifier.history, notifier, recordings
         self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # by what the latest window was
 
     def _first_frame(self) -> str:

@@ -100,7 +100,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
         fleet = Fleet(Setup(options.wheel) if options.wheel else latest_setup(options.record))
         listening = stack.enter_context(_socket(options.port))
         notifier = stack.enter_context(AlarmNotifier(session, history))
-        app = create_app(Api(fleet, history, notifier, options.record), token, options.allow_origin)
+        app = create_app(Api(fleet, notifier, options.record), token, options.allow_origin)
         config = uvicorn.Config(
             app,
             log_level="error",
@@ -119,17 +119,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
             thread.join(0.01)
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
-        stack.enter_context(
-            Listener(
-                session,
-                fleet,
-                history,
-                notifier,
-                log,
-                options.connect,
-                options.silent_s,
-            )
-        )
+        stack.enter_context(Listener(fleet, notifier, log, options.connect, options.silent_s))
         if options.foxglove is not None:
             with needs_extra("foxglove"):
                 from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
