@@ -56,16 +56,14 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
 @cli.option("--to", str, "[HOST:]PORT", "Where packets go.  [HOST: 127.0.0.1 where none is given]")
 @cli.option("--xtce", cli.FILE, "X.xml", "Write their XTCE definition.")
 @cli.option("--apid", cli.Whole(0, 2046), "N", "APID of the first wheel; each other has the next.", default=1000)
-@cli.wheel_option
-@cli.model_option
+@cli.setup_options
 @cli.bus_options
 def packets(
     wheels: tuple[str, ...],
     to: str | None,
     xtce: Path | None,
     apid: int,
-    wheel: Path | None,
-    model: Path | None,
+    setup: cli.Setup,
     bus: cli.BusOptions,
 ) -> None:
     """Send each diagnosis of these wheels, and each change of their alarms, as a CCSDS space packet over UDP.
@@ -76,13 +74,12 @@ def packets(
     from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
     from rwa_monitor.messages import PERIOD_S
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.monitor.setup import read_model, read_wheel
     from rwa_monitor.telemetry.files import display_name, write_text
 
     if to is None and xtce is None:
         raise click.UsageError("nothing to do: give --to [HOST:]PORT, --xtce X.xml, or both")
     address = None if to is None else UdpAddress.parse(to, "--to")
-    writer = PacketWriter(wheels, apid, read_wheel(wheel), read_model(model))
+    writer = PacketWriter(wheels, apid, setup.common, setup.model)
     if xtce is not None:
         write_text(xtce, writer.definition())
         cli.log(f"written to {display_name(xtce)}")
