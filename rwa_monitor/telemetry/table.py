@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwa_monitor.errors import InputError, needs_extra
+from rwa_monitor.messages import MAX_CLOCK_NS
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry import files
 from rwa_monitor.telemetry.files import display_name
 from rwa_monitor.telemetry.pulses import speed_of_pulses
+from rwa_monitor.words import first_few
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
 PULSE_COLUMNS: Final = ("pulse_time_ns", "pulse_time_s")  # of a table that is one of pulses, without a speed
@@ -34,7 +36,6 @@ MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
 MAX_COLUMNS: Final = 1_000
 MAX_TABLE_BYTES: Final = 2_000_000_000  # of a file
 ROWS_AT_ONCE: Final = 50_000  # read or written; as texts they take 20 times the memory of their values
-MAX_SPAN_NS: Final = 2**61  # 73 years: the slot of a sample is reckoned in int64 with twice its time
 
 
 class SampleTable(NamedTuple):
@@ -99,8 +100,8 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
         missing = [" or ".join(reversed(TIME_COLUMNS)), *missing]
     if missing:
         others = f", and so is {', '.join(missing[1:])}" if len(missing) > 1 else ""
-        there = ", ".join(repr(name[:40]) for name in names[:8])
-        reason = f"is missing{others}; the table has {there}{', …' if len(names) > 8 else ''} (docs/formats.md)"
+        there = first_few([repr(name[:40]) for name in names])
+        reason = f"is missing{others}; the table has {there} (docs/formats.md)"
         raise InputError(source, reason, f"column {missing[0]}")
     channels = {name: names.index(name) for name in _COLUMNS if name in names}
     if {ANGLE, ANGLE_IN_DEGREES} <= channels.keys():
@@ -158,7 +159,7 @@ def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -
         reason = f"time does not increase ({here} after {before}); sort the rows by time and leave repeated ones out"
         raise InputError(source, reason, f"row {first_row + at}, column {column}")
     span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
-    if span_ns >= MAX_SPAN_NS:
+    if 2 * span_ns >= MAX_CLOCK_NS:  # the slot of a sample is reckoned in int64 with twice its time
         raise InputError(source, f"covers {span_ns / NANOSECONDS_PER_SECOND:.3g} s, more than 73 years", column)
 
 
