@@ -465,7 +465,6 @@ class RetiredWheels:
         self._session = database.session
         self._wall_ns = wall_ns
         self._lock = RLock()
-        self._changes = 0  # made here so far
         self._last = {(event.spacecraft, event.wheel): event for event in self._read()}
 
     def latest(self) -> list[RetirementEvent]:
@@ -491,13 +490,8 @@ class RetiredWheels:
         HistoryError
             If the history cannot be read; nothing is changed then.
         """
-        with self._lock:
-            changes = self._changes
-        written = self._read()
-        with self._lock:
-            if changes != self._changes:
-                return []  # something was done here meanwhile, perhaps after the history was read: the next time
-            new = [event for event in written if self._last.get((event.spacecraft, event.wheel)) != event]
+        with self._lock:  # nothing is done here between what is read and what is kept of it
+            new = [event for event in self._read() if self._last.get((event.spacecraft, event.wheel)) != event]
             self._last |= {(event.spacecraft, event.wheel): event for event in new}
         return new
 
@@ -534,7 +528,6 @@ class RetiredWheels:
 
     def _keep(self, event: RetirementEvent) -> RetirementEvent:
         with self._lock:
-            self._changes += 1
             self._last[event.spacecraft, event.wheel] = event
         return event
 

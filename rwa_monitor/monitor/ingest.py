@@ -11,7 +11,7 @@ and what becomes of a sample does not depend on how samples are cut into message
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Final, NamedTuple, Self
@@ -320,6 +320,12 @@ class Rows:
     def good(self) -> BoolArray:
         """Return which samples have both values that a diagnosis needs, bool (n,)."""
         return np.isfinite(self.values["speed_rad_s"]) & np.isfinite(self.values["torque_Nm"])
+
+
+def fits(values: Mapping[str, FloatArray], count: int, channels: Sequence[str]) -> bool:
+    """Return whether values that were kept can be of these channels: so many of each, none of them infinite."""
+    sound = (one.size == count and not np.isinf(one).any() for one in values.values())
+    return set(values) == set(channels) and all(sound)
 
 
 _NO_SLOTS: Final[IntArray] = np.zeros(0, dtype=np.int64)

@@ -316,22 +316,9 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
 # ---- files and folders of recordings ---------------------------------------------------------------------------------
 
 
-def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
-    """Read a recording, as much of it as is whole.
-
-    Parameters
-    ----------
-    path
-        The file.
-    limit
-        Size from which it is refused [bytes].
-
-    Raises
-    ------
-    InputError
-        As `Recording.parts`.
-    """
-    recording = Recording(path, limit, 0)  # all of it is kept
+def read_recording(path: Path) -> Recording:
+    """Read a recording, as much of it as is whole; raises InputError as `Recording.parts`."""
+    recording = Recording(path, MAX_FILE_BYTES, 0)  # all of it is kept
     for part in recording.parts():
         if isinstance(part, EncodedMessage):
             recording.messages.append(part)
