@@ -165,8 +165,6 @@ class Sequencer:
         self.held.clear()
         self.skipped.clear()
         self.largest = 0
-        if batch.publisher in self.replaced:
-            self.replaced.remove(batch.publisher)
         # A publisher whose first message overtook others has small numbers; one that we join late has any.
         self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
 

@@ -474,9 +474,7 @@ class FrictionSource:
         if torque is None or samples.motor_current_A is None:
             return None
         # At its limit the current is saturated, and the torque that would be needed is not known.
-        if limit_A is None:
-            return torque
-        saturated = np.abs(samples.motor_current_A) >= limit_A
+        saturated = np.abs(samples.motor_current_A) >= (np.inf if limit_A is None else limit_A)
         self.at_limit += int(np.count_nonzero(saturated))
         return np.where(saturated, np.nan, torque)
 
