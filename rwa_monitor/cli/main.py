@@ -64,24 +64,17 @@ class Program(click.Group):
         module = COMMANDS.get(cmd_name)
         return getattr(import_module(f"rwa_monitor.cli.{module}"), cmd_name) if module else None
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; for a name that is none, name the nearest; click searches loaded ones only."""
-        name = args[0]
-        if self.get_command(ctx, name) is None and not name.startswith("-") and not ctx.resilient_parsing:
-            ctx.fail(f"No such command {name!r}{did_you_mean(name, self.list_commands(ctx))}")
-        return super().resolve_command(ctx, args)
-
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
-        """Run the program; outside `standalone_mode`, as click does, errors are raised and the result is returned."""
+        """Run the program; outside `standalone_mode`, as click does, errors are raised and the result is returned.
+
+        A reader of the output that has gone is quietly the end: click and rich see to it.
+        """
         run: Callable[..., Any] = super().main
         if not standalone_mode:
             return run(*args, standalone_mode=False, **extra)
         status: int | None
         try:
             status = run(*args, standalone_mode=False, **{"prog_name": PROGRAM, **extra})
-            sys.stdout.flush()  # here, where a reader that is gone is quietly the end, and not while Python shuts down
         except RwaMonitorError as error:
             log(str(error))
             status = WRONG_USE if isinstance(error, InputError) else FAILED
@@ -97,16 +90,13 @@ class Program(click.Group):
             status = FAILED
         except click.Abort:
             status = 128 + signal.SIGINT  # as a shell reports it
-        except BrokenPipeError:
-            # Whoever read our output has gone; what Python still flushes at its end goes nowhere, without a complaint.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            status = FAILED
         sys.exit(status or 0)
 
 
 @click.group(
     name=PROGRAM,
     cls=Program,
+    commands=dict.fromkeys(COMMANDS),  # their names, which click searches for the one that was meant
     invoke_without_command=True,
     context_settings={
         "help_option_names": ["-h", "--help"],

@@ -6,7 +6,6 @@ import functools
 import ipaddress
 import math
 import signal
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -67,9 +66,6 @@ def track(items: Iterable[Item], total: int, description: str) -> Iterable[Item]
 @contextmanager
 def status_line(description: str) -> Iterator[Callable[[str], None]]:
     """Give a function that shows what is being done, on one line of stderr; nothing where that is no terminal."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
     from rich.console import Console
 
     with Console(stderr=True).status(description) as status:
