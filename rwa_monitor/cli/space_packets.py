@@ -23,8 +23,6 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     A datagram holds one packet or several. What cannot be read, is unknown or missing is logged on stderr as it comes;
     at the end, on SIGINT or SIGTERM, all counts are printed as one JSON object.
     """
-    from contextlib import ExitStack
-
     from rwa_monitor.dashboard.space_packets import Bridge, UdpAddress, listening, run_bridge
     from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, endpoints, open_session
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
@@ -34,14 +32,10 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     cli.warn_if_alone(bus)
     if not cli.is_loopback(address.host):
         cli.log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")
-    with cli.stop_on_signals() as stop, ExitStack() as stack:
-        receiver = stack.enter_context(listening(address))
-        session = stack.enter_context(open_session(bus))
+    with cli.stop_on_signals() as stop, listening(address) as receiver, open_session(bus) as session:
         publishers = {
             wheel.key: SamplesPublisher(session, wheel.key, "stored" if stored else None) for wheel in decoder.wheels
         }
-        for publisher in publishers.values():
-            stack.callback(publisher.close)
         bridge = Bridge(decoder, publishers, batch)
         cli.log(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
         watch = BusWatch(session, endpoints(bus))
