@@ -265,6 +265,7 @@ class AlarmStateRow(Table):
     recent: Mapped[str]  # levels as digits, the oldest first
     last_window_ns: Mapped[int]  # end of the last window taken in
     alarm_id: Mapped[int | None] = mapped_column(sa.ForeignKey("alarms.id", ondelete="SET NULL"))
+    alarm: Mapped[AlarmRow | None] = relationship()
 
 
 class AlarmRow(Table):

@@ -128,8 +128,7 @@ class History(Database):
         levels = [level for level in seen if level is not None]
         together = (sorted(levels[i : i + policy.n], reverse=True) for i in range(len(levels) - policy.k + 1))
         level = max((some[policy.k - 1] for some in together if len(some) >= policy.k), default=Level.NORMAL)
-        open_row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
-        if level > (Level.NORMAL if open_row is None else open_row.level):
+        if level > (state.alarm.level if state.alarm else Level.NORMAL):
             recent, last_ns = state.recent, state.last_window_ns
             state.recent = str(int(level)) * (policy.n - 1)
             self._advance(session, state, level, diagnosis.window_end_ns, policy, _reason(diagnosis, name))
@@ -199,7 +198,7 @@ class History(Database):
         self, session: Session, state: AlarmStateRow, level: Level, time_ns: int, policy: Policy, reason: str
     ) -> None:
         """Take a level into an alarm, and write down what it means."""
-        row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
+        row = state.alarm
         after, events = alarms.advance(_alarm(state, row), level, time_ns, policy)
         state.recent = "".join(str(int(level)) for level in after.recent)
         state.last_window_ns = time_ns
@@ -216,8 +215,7 @@ class History(Database):
                     self._log(session, row, happened._replace(event="unshelved"))
             self._log(session, row, happened)
         _write(row, after, time_ns)
-        session.flush()
-        state.alarm_id = row.id if row.closed_ns is None else None
+        state.alarm = row if row.closed_ns is None else None
 
     def _log(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
         session.info.setdefault(CHANGED, set()).add(row)
@@ -246,7 +244,7 @@ class History(Database):
                 self._log(session, row, happened, *((person, note) if happened.event == "acknowledged" else ()))
             _write(row, after, state.last_window_ns)
             if row.closed_ns is not None:
-                state.alarm_id = None
+                state.alarm = None
             return _records([row])[0]
 
     def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
@@ -380,9 +378,7 @@ def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
     state = session.get(AlarmStateRow, key)
     if state is None:
         spacecraft, wheel, name = key
-        state = AlarmStateRow(
-            spacecraft=spacecraft, wheel=wheel, name=name, recent="", last_window_ns=-1, alarm_id=None
-        )
+        state = AlarmStateRow(spacecraft=spacecraft, wheel=wheel, name=name, recent="", last_window_ns=-1)
         session.add(state)
     return state
 
