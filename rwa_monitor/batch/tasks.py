@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 
@@ -354,17 +355,13 @@ def _release() -> str:
     return SOFTWARE
 
 
-def _itself(task: Task[Result]) -> Task[Result]:
-    return task
-
-
 def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
     """Yield the outcomes in the order of `files`; a bounded number of recordings is on its way at a time."""
     from distributed import wait
 
     # The model goes once to each worker and not with each recording; as a result, which is made again where a worker
     # that held it dies.
-    shared = client.submit(_itself, task, pure=False)
+    shared = client.submit(partial, _guarded, task, pure=False)
     workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
     size = max(1, min(PARCEL, len(files) // (workers * PARCELS_PER_WORKER)))
     waiting = deque(files[first : first + size] for first in range(0, len(files), size))
@@ -389,6 +386,6 @@ def _on_cluster(client: Client, task: Task[Result], files: Sequence[Path]) -> It
             yield Outcome(file, None, f"{file}: {error}") if error else alone.result()[0]
 
 
-def _parcel(task: Task[Result], files: Sequence[Path]) -> list[Outcome[Result]]:
-    """Do the task for some recordings, one after the other."""
-    return [_guarded(task, file) for file in files]
+def _parcel(guarded: Callable[[Path], Outcome[Result]], files: Sequence[Path]) -> list[Outcome[Result]]:
+    """Do a task for some recordings, one after the other."""
+    return [guarded(file) for file in files]

@@ -16,7 +16,7 @@ from rwa_monitor.errors import InputError
 if TYPE_CHECKING:
     from rwa_monitor.batch.tasks import CarriedStates, Diagnose
     from rwa_monitor.messages import Diagnosis, Method
-    from rwa_monitor.reporting.diagnoses import WindowFriction
+    from rwa_monitor.reporting.diagnoses import EstimateRecord
 
 
 class AtOnce(NamedTuple):
@@ -73,7 +73,7 @@ def diagnose(
     """
     from rwa_monitor.batch.tasks import Diagnose
     from rwa_monitor.monitor.setup import read_model, read_wheel
-    from rwa_monitor.reporting.diagnoses import has_too_few_samples, render, window_friction
+    from rwa_monitor.reporting.diagnoses import estimates_of, has_too_few_samples, render
     from rwa_monitor.words import counted
 
     if carry and many != AtOnce():
@@ -85,7 +85,7 @@ def diagnose(
         read_wheel(wheel) if wheel else None, recordings.decoding, read_model(model) if model else None, method
     )
     console = None if json else cli.console_of_stdout()
-    by_wheel: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)
+    by_wheel: defaultdict[tuple[str, str], list[EstimateRecord]] = defaultdict(list)
     not_judged: list[str] = []
     windows = 0
     for diagnosis in _one_by_one(task, recordings, carry) if many == AtOnce() else _at_once(task, recordings, many):
@@ -96,7 +96,7 @@ def diagnose(
             click.echo(diagnosis.to_json())
         else:
             console.print(render(diagnosis), "")
-            by_wheel[diagnosis.spacecraft, diagnosis.wheel].append(window_friction(diagnosis))
+            by_wheel[diagnosis.spacecraft, diagnosis.wheel] += estimates_of(diagnosis)
     _print_trends(by_wheel)
     if not_judged:
         cli.log(f"{len(not_judged)} of {counted(windows, 'window')} could not be judged, the last: {not_judged[-1]}")
@@ -145,13 +145,13 @@ def _at_once(task: Diagnose, recordings: cli.Recordings, many: AtOnce) -> Iterat
         cli.log(f"results of {given - failed} of {given} recordings in {many.results}")
 
 
-def _print_trends(by_wheel: dict[tuple[str, str], list[WindowFriction]]) -> None:
+def _print_trends(by_wheel: dict[tuple[str, str], list[EstimateRecord]]) -> None:
     """Print what the windows of each wheel together show of its friction."""
-    from rwa_monitor.reporting.diagnoses import wheel_trends
+    from rwa_monitor.reporting.diagnoses import friction_trends
 
-    for (spacecraft, wheel), windows in by_wheel.items():
-        starts = [window["dry"].window_start_ns for window in windows]
+    for (spacecraft, wheel), estimates in by_wheel.items():
+        starts = [one.window_start_ns for one in estimates if one.name == "dry"]
         if any(later <= earlier for earlier, later in pairwise(starts)):
             continue  # several files of the same time: other wheels, or the same one twice, but not one history
-        for trend in wheel_trends(windows).values():
+        for trend in friction_trends(estimates).values():
             click.echo(f"{spacecraft}/{wheel}: {trend.sentence()}" if spacecraft else f"{wheel}: {trend.sentence()}")

@@ -64,14 +64,12 @@ report_options = cli.as_one(
 
 
 @click.command(short_help="Show what the simulation gets wrong, and name the cause.")
-@cli.wheel_option
-@cli.motor_off_option
+@cli.as_one("given", cli.known_wheel, cli.wheel_option, cli.motor_off_option)
 @cli.flag("--json", "Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
 @cli.recordings_options
 def discrepancy(
-    wheel: Path | None,
-    motor_off: bool,
+    given: Wheel | None,
     json: bool,
     wanted: ReportOptions,
     recordings: cli.Recordings,
@@ -92,7 +90,6 @@ def discrepancy(
 
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
-    given = cli.known_wheel(wheel, motor_off=motor_off)
     samples, known = recordings.of_one_wheel(given)
     held_out, _ = recordings.of_one_wheel(given, wanted.held_out)
     found = _search(samples, held_out, known or built_in_wheel(), wanted, on_threads(cores()))

@@ -37,7 +37,7 @@ COLUMNS: Final = {
 @click.command(short_help="Score diagnoses against labels, event by event.")
 @click.argument("diagnoses", type=cli.FILE, metavar="DIAGNOSES")
 @click.argument("labels", type=cli.FILE, metavar="LABELS")
-@click.option("--json", is_flag=True, help="Print one JSON object.")
+@cli.flag("--json", "Print one JSON object.")
 def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
     """Score diagnoses against labels, event by event, as in ESA's anomaly benchmark (ESA-ADB).
 

@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor.cli import options as cli
 from rwa_monitor.errors import InputError
 
+if TYPE_CHECKING:
+    from rwa_monitor.wheel.wheel import Wheel
 
-@click.command(short_help="Learn a wheel's nominal friction, noise and switching laws.")
-@cli.option("-o --output", cli.FILE, "W.toml", "Wheel file to write.", required=True)
-@cli.option(
+
+start_option = cli.option(
     "--wheel",
     cli.FILE,
     "START.toml",
     "What is known already: name, motor constants, limits.  [default: name and sample period from the data]",
 )
-@cli.motor_off_option
+
+
+@click.command(short_help="Learn a wheel's nominal friction, noise and switching laws.")
+@cli.option("-o --output", cli.FILE, "W.toml", "Wheel file to write.", required=True)
+@cli.as_one("start", cli.known_wheel, start_option, cli.motor_off_option)
 @cli.flag("--no-systems", "Learn nominal friction and noise only, for short recordings.")
 @cli.recordings_options
 def identify(
     output: Path,
-    wheel: Path | None,
-    motor_off: bool,
+    start: Wheel | None,
     no_systems: bool,
     recordings: cli.Recordings,
 ) -> int:
@@ -41,7 +46,6 @@ def identify(
     from rwa_monitor.identification.identify import bare_wheel, identify
     from rwa_monitor.telemetry.files import write_text
 
-    start = cli.known_wheel(wheel, motor_off=motor_off)
     samples, start = recordings.of_one_wheel(start)
     bench = as_measured(samples, start or bare_wheel(recordings.files[0].stem, samples[0][1]))
     cli.log(*bench.notes)

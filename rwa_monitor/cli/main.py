@@ -10,14 +10,14 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
 import click
 
-from rwa_monitor.cli.options import FAILED, FILE, PROGRAM, WRONG_USE, log
+from rwa_monitor.cli.options import FAILED, FILE, PROGRAM, WRONG_USE, flag, log, option
 from rwa_monitor.errors import InputError, RwaMonitorError, did_you_mean
 
 # One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each
@@ -60,35 +60,21 @@ class Program(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name in self.commands or cmd_name not in COMMANDS:
-            return super().get_command(ctx, cmd_name)
-        found: click.Command = getattr(import_module(f"rwa_monitor.cli.{COMMANDS[cmd_name]}"), cmd_name)
-        return found
+        del ctx
+        module = COMMANDS.get(cmd_name)
+        return getattr(import_module(f"rwa_monitor.cli.{module}"), cmd_name) if module else None
 
-    def resolve_command(
-        self, ctx: click.Context, args: list[str]
-    ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; for a name that is none, name the nearest; click searches loaded ones only."""
-        name = args[0]
-        if self.get_command(ctx, name) is None and not name.startswith("-") and not ctx.resilient_parsing:
-            ctx.fail(f"No such command {name!r}{did_you_mean(name, self.list_commands(ctx))}")
-        return super().resolve_command(ctx, args)
+    def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        """Run the program; outside `standalone_mode`, as click does, errors are raised and the result is returned.
 
-    def main(
-        self,
-        args: Sequence[str] | None = None,
-        prog_name: str | None = None,
-        complete_var: str | None = None,
-        standalone_mode: bool = True,
-        **extra: Any,
-    ) -> Any:
-        """Run the program; outside `standalone_mode`, as click does, errors are raised and the result is returned."""
+        A reader of the output that has gone is quietly the end: click and rich see to it.
+        """
+        run: Callable[..., Any] = super().main
         if not standalone_mode:
-            return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+            return run(*args, standalone_mode=False, **extra)
         status: int | None
         try:
-            status = super().main(args, prog_name or PROGRAM, complete_var, standalone_mode=False, **extra)
-            sys.stdout.flush()  # here, where a reader that is gone is quietly the end, and not while Python shuts down
+            status = run(*args, standalone_mode=False, **{"prog_name": PROGRAM, **extra})
         except RwaMonitorError as error:
             log(str(error))
             status = WRONG_USE if isinstance(error, InputError) else FAILED
@@ -104,25 +90,13 @@ class Program(click.Group):
             status = FAILED
         except click.Abort:
             status = 128 + signal.SIGINT  # as a shell reports it
-        except BrokenPipeError:
-            # Whoever read our output has gone; what Python still flushes at its end goes nowhere, without a complaint.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            status = FAILED
         sys.exit(status or 0)
-
-
-def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
-    del param
-    if wanted and not ctx.resilient_parsing:
-        from rwa_monitor import __version__
-
-        click.echo(f"{PROGRAM} {__version__}")
-        ctx.exit()
 
 
 @click.group(
     name=PROGRAM,
     cls=Program,
+    commands=dict.fromkeys(COMMANDS),  # their names, which click searches for the one that was meant
     invoke_without_command=True,
     context_settings={
         "help_option_names": ["-h", "--help"],
@@ -131,27 +105,25 @@ def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
         "auto_envvar_prefix": "RWA_MONITOR",
     },
 )
-@click.option(
+@option(
     "--settings",
-    type=FILE,
-    metavar="S.toml",
-    help="Options from a file, a table for each command; RWA_MONITOR_<COMMAND>_<OPTION> goes before it.",
+    FILE,
+    "S.toml",
+    "Options from a file, a table for each command; RWA_MONITOR_<COMMAND>_<OPTION> goes before it.",
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-    help="Show the version, and the commit it was built from; then exit.",
-)
+@flag("--version", "Show the version, and the commit it was built from; then exit.")
 @click.pass_context
-def main(ctx: click.Context, settings: Path | None) -> None:
+def main(ctx: click.Context, settings: Path | None, version: bool) -> None:
     """Watch reaction wheels through their friction.
 
     Splits a wheel's friction into its physical parts, reports which part is anomalous and why, and reports when its
     own model of the wheel is wrong. The command demo shows all of it on simulated wheels.
     """
+    if version:
+        from rwa_monitor import __version__
+
+        click.echo(f"{PROGRAM} {__version__}")
+        ctx.exit()
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)

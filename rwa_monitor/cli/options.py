@@ -6,7 +6,6 @@ import functools
 import ipaddress
 import math
 import signal
-import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rwa_monitor.monitor.bus import BusOptions as BusOptions  # noqa: PLC0414 - commands name it so
+    from rwa_monitor.monitor.setup import Setup as Setup  # noqa: PLC0414
     from rwa_monitor.samples import Samples
     from rwa_monitor.telemetry.reader import Decoding as Decoding  # noqa: PLC0414
     from rwa_monitor.wheel.wheel import Wheel
@@ -66,9 +66,6 @@ def track(items: Iterable[Item], total: int, description: str) -> Iterable[Item]
 @contextmanager
 def status_line(description: str) -> Iterator[Callable[[str], None]]:
     """Give a function that shows what is being done, on one line of stderr; nothing where that is no terminal."""
-    if not sys.stderr.isatty():
-        yield lambda _: None
-        return
     from rich.console import Console
 
     with Console(stderr=True).status(description) as status:
@@ -188,6 +185,16 @@ scheduler_option = option(
     "--scheduler", str, "ADDR", "Work on this Dask cluster, such as tcp://host:8786.  [default: this machine]"
 )
 workers_option = option("--workers", Whole(1, 1024), "N", "Processes on this machine.  [default: cores]")
+
+
+def _setup(wheel: Path | None, model: Path | None, wheel_folder: Path | None = None) -> Setup:
+    from rwa_monitor.monitor.setup import Setup, read_model, read_wheel, read_wheel_folder
+
+    return Setup(read_wheel(wheel), read_wheel_folder(wheel_folder) if wheel_folder else {}, read_model(model))
+
+
+setup_options = as_one("setup", _setup, wheel_option, model_option)
+fleet_options = as_one("setup", _setup, wheel_option, wheel_folder_option, model_option)
 
 
 def _decoding(**files: Path | None) -> Decoding:
@@ -322,7 +329,7 @@ recordings_options = as_one(
 )
 
 
-def known_wheel(wheel_file: Path | None, *, motor_off: bool) -> Wheel | None:
+def known_wheel(wheel: Path | None, motor_off: bool) -> Wheel | None:
     """Return the wheel of a file, with its motor off where that is asked for; None where there is no file.
 
     Raises
@@ -332,9 +339,9 @@ def known_wheel(wheel_file: Path | None, *, motor_off: bool) -> Wheel | None:
     """
     from rwa_monitor.monitor.setup import read_wheel
 
-    wheel = read_wheel(wheel_file) if wheel_file else None
+    known = read_wheel(wheel) if wheel else None
     if not motor_off:
-        return wheel
-    if wheel is None or wheel.inertia_kg_m2 is None:
+        return known
+    if known is None or known.inertia_kg_m2 is None:
         raise InputError("--motor-off", "needs inertia_kg_m2 under [wheel] of the file given with --wheel")
-    return wheel.model_copy(update={"friction": wheel.friction.model_copy(update={"motor_off": True})})
+    return known.model_copy(update={"friction": known.friction.model_copy(update={"motor_off": True})})

@@ -37,11 +37,10 @@ def replay(
     compare = verify or exact
     if publish and compare:
         raise click.UsageError("--publish only sends; it cannot be combined with --verify or --exact")
-    paths = recordings[0] if len(recordings) == 1 else recordings
     if publish:
-        return _publish(paths, speed, bus)
+        return _publish(recordings, speed, bus)
     with cli.status_line("replaying") as progress:
-        report = replay(paths, lambda recording, _: progress(f"{recording.share:.0%} of {recording.path.name}"))
+        report = replay(recordings, lambda recording, _: progress(f"{recording.share:.0%} of {recording.path.name}"))
     if compare:
         click.echo(report.long() if long else report.short())
     else:
@@ -54,7 +53,7 @@ def replay(
     return cli.UNREADABLE if report.unreadable else 0
 
 
-def _publish(paths: Path | tuple[Path, ...], speed: float, bus: cli.BusOptions) -> int:
+def _publish(paths: tuple[Path, ...], speed: float, bus: cli.BusOptions) -> int:
     """Send the recorded inputs in the pace of their own time."""
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.replay import replay_to_bus

@@ -23,9 +23,7 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 
 @click.command(short_help="Monitor wheels live on a Zenoh bus.")
 @cli.option("--wheels", str, "KEYEXPR", "Keys of the samples to take.", default="rwa/*/*/samples")
-@cli.wheel_option
-@cli.wheel_folder_option
-@cli.model_option
+@cli.fleet_options
 @cli.option("--record", cli.FILE, "DIR", "Record everything in this folder, and continue from what it holds.")
 @cli.option(
     "--record-limit",
@@ -33,12 +31,13 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     "GB",
     "Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
-@click.option(
+@cli.option(
     "--shard",
-    callback=_shard,
+    str,
+    "I/N",
+    "Serve share I of N: the wheels are divided among N of these.",
     default="1/1",
-    metavar="I/N",
-    help="Serve share I of N: the wheels are divided among N of these.",
+    callback=_shard,
 )
 @cli.option(
     "--stored-after",
@@ -51,9 +50,7 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 @cli.bus_options
 def run(
     wheels: str,
-    wheel: Path | None,
-    wheel_folder: Path | None,
-    model: Path | None,
+    setup: cli.Setup,
     record: Path | None,
     record_limit: float | None,
     shard: tuple[int, int],
@@ -67,18 +64,15 @@ def run(
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.monitor.service import STORED_AFTER_S, RunOptions, Supervisor, run
-    from rwa_monitor.monitor.setup import Setup, read_model, read_wheel, read_wheel_folder
 
-    common = read_wheel(wheel)
-    own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
-    for name, one in [(common.name, common), *(("/".join(key), own) for key, own in own_wheels.items())]:
+    for name, one in [(setup.common.name, setup.common), *(("/".join(key), own) for key, own in setup.own.items())]:
         cli.log(*(f"{name}: {note}" for note in one.missing()))
     cli.warn_if_alone(bus)
     if record is None:
         cli.log("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
         wheels=wheels,
-        setup=Setup(common, own_wheels, read_model(model)),
+        setup=setup,
         record=record,
         max_record_bytes=None if record_limit is None else int(record_limit * 1e9),
         bus=bus,

@@ -23,8 +23,6 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     A datagram holds one packet or several. What cannot be read, is unknown or missing is logged on stderr as it comes;
     at the end, on SIGINT or SIGTERM, all counts are printed as one JSON object.
     """
-    from contextlib import ExitStack
-
     from rwa_monitor.dashboard.space_packets import Bridge, UdpAddress, listening, run_bridge
     from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, endpoints, open_session
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
@@ -34,14 +32,10 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     cli.warn_if_alone(bus)
     if not cli.is_loopback(address.host):
         cli.log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not identify the sender")
-    with cli.stop_on_signals() as stop, ExitStack() as stack:
-        receiver = stack.enter_context(listening(address))
-        session = stack.enter_context(open_session(bus))
+    with cli.stop_on_signals() as stop, listening(address) as receiver, open_session(bus) as session:
         publishers = {
             wheel.key: SamplesPublisher(session, wheel.key, "stored" if stored else None) for wheel in decoder.wheels
         }
-        for publisher in publishers.values():
-            stack.callback(publisher.close)
         bridge = Bridge(decoder, publishers, batch)
         cli.log(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
         watch = BusWatch(session, endpoints(bus))
@@ -56,16 +50,14 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
 @cli.option("--to", str, "[HOST:]PORT", "Where packets go.  [HOST: 127.0.0.1 where none is given]")
 @cli.option("--xtce", cli.FILE, "X.xml", "Write their XTCE definition.")
 @cli.option("--apid", cli.Whole(0, 2046), "N", "APID of the first wheel; each other has the next.", default=1000)
-@cli.wheel_option
-@cli.model_option
+@cli.setup_options
 @cli.bus_options
 def packets(
     wheels: tuple[str, ...],
     to: str | None,
     xtce: Path | None,
     apid: int,
-    wheel: Path | None,
-    model: Path | None,
+    setup: cli.Setup,
     bus: cli.BusOptions,
 ) -> None:
     """Send each diagnosis of these wheels, and each change of their alarms, as a CCSDS space packet over UDP.
@@ -76,13 +68,12 @@ def packets(
     from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
     from rwa_monitor.messages import PERIOD_S
     from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
-    from rwa_monitor.monitor.setup import read_model, read_wheel
     from rwa_monitor.telemetry.files import display_name, write_text
 
     if to is None and xtce is None:
         raise click.UsageError("nothing to do: give --to [HOST:]PORT, --xtce X.xml, or both")
     address = None if to is None else UdpAddress.parse(to, "--to")
-    writer = PacketWriter(wheels, apid, read_wheel(wheel), read_model(model))
+    writer = PacketWriter(wheels, apid, setup.common, setup.model)
     if xtce is not None:
         write_text(xtce, writer.definition())
         cli.log(f"written to {display_name(xtce)}")

@@ -40,8 +40,7 @@ from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, VerdictHist
 from rwa_monitor.dashboard.recordings import RecordingFile, list_recordings, recorded_samples, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import STORED_ALARM
-from rwa_monitor.history.database import AlarmRecord, EstimateRecord, HistoryError, RetirementEvent, TrendRecord, trends
-from rwa_monitor.history.store import History
+from rwa_monitor.history.database import AlarmRecord, HistoryError, RetirementEvent, TrendRecord, trends
 from rwa_monitor.messages import (
     AlarmLevel,
     Changepoints,
@@ -52,6 +51,7 @@ from rwa_monitor.messages import (
     Status,
     Verdict,
 )
+from rwa_monitor.reporting.diagnoses import EstimateRecord
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from rwa_monitor.words import RELEASE, SOFTWARE
 
@@ -411,14 +411,14 @@ class Api:
 
     Parameters
     ----------
-    fleet, history, notifier
-        What is shown and changed.
+    fleet, notifier
+        What is shown and changed, and who reports it, with the history.
     recordings
         Folder of the recordings, or None.
     """
 
-    def __init__(self, fleet: Fleet, history: History, notifier: AlarmNotifier, recordings: Path | None) -> None:
-        self._fleet, self._history, self.notifier, self._folder = fleet, history, notifier, recordings
+    def __init__(self, fleet: Fleet, notifier: AlarmNotifier, recordings: Path | None) -> None:
+        self._fleet, self._history, self.notifier, self._folder = fleet, notifier.history, notifier, recordings
         self._earlier: dict[tuple[str, str], tuple[bytes, VerdictHistory]] = {}  # by what the latest window was
 
     def _first_frame(self) -> str:

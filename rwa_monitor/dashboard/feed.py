@@ -155,8 +155,8 @@ class AlarmNotifier:
 
     def __init__(self, session: zenoh.Session, history: History) -> None:
         self.hub = Hub()
-        self._session = session
-        self._history = history
+        self.session = session
+        self.history = history
         self._publishing = Lock()
         self._health = HealthAnswers(session)
         self._queryable = self._health.offer()
@@ -187,7 +187,7 @@ class AlarmNotifier:
         Of all wheels of a spacecraft there is no diagnosis, only what they share.
         """
         with self._publishing:  # else what was read before a change could be published after it
-            latest, records = self._history.windows(spacecraft, wheel, 1), self._history.open_alarms(spacecraft, wheel)
+            latest, records = self.history.windows(spacecraft, wheel, 1), self.history.open_alarms(spacecraft, wheel)
             if latest:
                 health = messages.health_message(latest[0])
             elif wheel == ALL_WHEELS:
@@ -198,7 +198,7 @@ class AlarmNotifier:
             message = health.encoded(spacecraft, wheel)
             timestamp = self._health.stamp(message)
             with suppress(zenoh.ZError):  # the session is closed; a later query is answered
-                self._session.put(message.topic, message.payload, encoding=message.encoding, timestamp=timestamp)
+                self.session.put(message.topic, message.payload, encoding=message.encoding, timestamp=timestamp)
 
 
 def shared_health(spacecraft: str, alarms: Sequence[AlarmRecord]) -> Health:
@@ -242,10 +242,8 @@ class Listener(BusThread):
 
     Parameters
     ----------
-    session
-        An open Zenoh session; it is left open.
-    fleet, history, notifier
-        Where messages go.
+    fleet, notifier
+        Where messages go; those of the notifier's session go into its history, too.
     log
         Takes lines of the log.
     connect
@@ -260,26 +258,18 @@ class Listener(BusThread):
     """
 
     def __init__(
-        self,
-        session: zenoh.Session,
-        fleet: Fleet,
-        history: History,
-        notifier: AlarmNotifier,
-        log: Log,
-        connect: Sequence[str],
-        silent_s: float,
+        self, fleet: Fleet, notifier: AlarmNotifier, log: Log, connect: Sequence[str], silent_s: float
     ) -> None:
-        self.fleet, self.history = fleet, history
-        self.notifier, self.hub = notifier, notifier.hub
-        self.log = log
+        self.fleet, self.log = fleet, log
+        self.notifier, self.hub, self.history = notifier, notifier.hub, notifier.history
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
         # Windows whose samples were old by the clock when they came.
         self._late: deque[tuple[str, str, int]] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
-        self._watch = BusWatch(session, connect)
-        self._monitors = MonitorWatch(silent_s, history.monitors())
-        super().__init__(session, "dashboard listener", KEYS)
+        self._watch = BusWatch(notifier.session, connect)
+        self._monitors = MonitorWatch(silent_s, self.history.monitors())
+        super().__init__(notifier.session, "dashboard listener", KEYS)
 
     def on_idle(self) -> None:
         """Do what is due by the clock: store what could not be stored, check database and bus."""

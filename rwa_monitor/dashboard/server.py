@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import secrets
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -28,7 +27,6 @@ from rwa_monitor.words import Log
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
 HISTORY_NAME: Final = "history.sqlite3"
-START_S: Final = 60.0  # on a busy machine; when it cannot start at all, its thread ends at once
 SHUTDOWN_S: Final = 2
 
 
@@ -100,7 +98,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
         fleet = Fleet(Setup(options.wheel) if options.wheel else latest_setup(options.record))
         listening = stack.enter_context(_socket(options.port))
         notifier = stack.enter_context(AlarmNotifier(session, history))
-        app = create_app(Api(fleet, history, notifier, options.record), token, options.allow_origin)
+        app = create_app(Api(fleet, notifier, options.record), token, options.allow_origin)
         config = uvicorn.Config(
             app,
             log_level="error",
@@ -114,22 +112,11 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
         thread.start()
         stack.callback(thread.join)
         stack.callback(setattr, server, "should_exit", True)
-        deadline = time.monotonic() + START_S
-        while not server.started and thread.is_alive() and time.monotonic() < deadline:
+        while not server.started and thread.is_alive():  # when it cannot start, its thread ends at once
             thread.join(0.01)
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
-        stack.enter_context(
-            Listener(
-                session,
-                fleet,
-                history,
-                notifier,
-                log,
-                options.connect,
-                options.silent_s,
-            )
-        )
+        stack.enter_context(Listener(fleet, notifier, log, options.connect, options.silent_s))
         if options.foxglove is not None:
             with needs_extra("foxglove"):
                 from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own

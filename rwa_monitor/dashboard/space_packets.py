@@ -161,7 +161,7 @@ class PacketWriter:
         If a name is none, two parameters would have one name, or there are too few APIDs.
     """
 
-    def __init__(self, wheels: Sequence[str], apid: int, wheel: Wheel, model: Model) -> None:
+    def __init__(self, wheels: Sequence[str], apid: int, wheel: Wheel, model: Model | None) -> None:
         if apid + len(wheels) - 1 > MAX_APID:
             raise InputError("--apid", f"{len(wheels)} wheels from {apid} on need APIDs above {MAX_APID}, the last one")
         self._wheel, self._model = wheel, model

@@ -23,8 +23,8 @@ from sqlalchemy.pool import StaticPool
 from rwa_monitor.diagnosis.trend import Reach
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.history.alarms import ALL_WHEELS, BOUNDS, EventKind, Level, advice
-from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number, Share
-from rwa_monitor.reporting.diagnoses import FrictionEstimate, coefficient_trend
+from rwa_monitor.messages import AlarmLevel, AlarmPhase, Message, Number
+from rwa_monitor.reporting.diagnoses import EstimateRecord, coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
 from rwa_monitor.telemetry.files import make_folder, refusing
 
@@ -265,6 +265,7 @@ class AlarmStateRow(Table):
     recent: Mapped[str]  # levels as digits, the oldest first
     last_window_ns: Mapped[int]  # end of the last window taken in
     alarm_id: Mapped[int | None] = mapped_column(sa.ForeignKey("alarms.id", ondelete="SET NULL"))
+    alarm: Mapped[AlarmRow | None] = relationship()
 
 
 class AlarmRow(Table):
@@ -390,15 +391,6 @@ class RetirementEvent(Message):
     def retired(self) -> bool:
         """Whether the wheel is retired after this."""
         return self.event == "retired"
-
-
-class EstimateRecord(FrictionEstimate):
-    """One estimate of one window, with its nominal range and what was diagnosed of it."""
-
-    name: str
-    probability: Share
-    severity: Number | None
-    active: bool
 
 
 # ---- trends ----------------------------------------------------------------------------------------------------------

@@ -28,13 +28,13 @@ from rwa_monitor.history.database import (
     Database,
     DiagnosisRow,
     DiscrepancyRow,
-    EstimateRecord,
     EstimateRow,
     MonitorState,
     RetirementEvent,
     WheelEventRow,
 )
 from rwa_monitor.messages import Diagnosis, Discrepancy
+from rwa_monitor.reporting.diagnoses import EstimateRecord, estimates_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 
 MAX_ID: Final = np.iinfo(np.int64).max  # that a database can hold
@@ -101,8 +101,8 @@ class History(Database):
         row = known or DiagnosisRow(**place, window_start_ns=diagnosis.window_start_ns)
         row.window_end_ns, row.message = diagnosis.window_end_ns, message
         session.add(row)
-        for estimate in _estimates(diagnosis):
-            session.merge(EstimateRow(**place, **estimate))
+        for estimate in estimates_of(diagnosis):
+            session.merge(EstimateRow(**place, **estimate.model_dump()))
         session.flush()
         end_ns = diagnosis.window_end_ns
         for wheel, name, level, reason in self._observed(session, diagnosis):
@@ -128,8 +128,7 @@ class History(Database):
         levels = [level for level in seen if level is not None]
         together = (sorted(levels[i : i + policy.n], reverse=True) for i in range(len(levels) - policy.k + 1))
         level = max((some[policy.k - 1] for some in together if len(some) >= policy.k), default=Level.NORMAL)
-        open_row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
-        if level > (Level.NORMAL if open_row is None else open_row.level):
+        if level > (state.alarm.level if state.alarm else Level.NORMAL):
             recent, last_ns = state.recent, state.last_window_ns
             state.recent = str(int(level)) * (policy.n - 1)
             self._advance(session, state, level, diagnosis.window_end_ns, policy, _reason(diagnosis, name))
@@ -199,7 +198,7 @@ class History(Database):
         self, session: Session, state: AlarmStateRow, level: Level, time_ns: int, policy: Policy, reason: str
     ) -> None:
         """Take a level into an alarm, and write down what it means."""
-        row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
+        row = state.alarm
         after, events = alarms.advance(_alarm(state, row), level, time_ns, policy)
         state.recent = "".join(str(int(level)) for level in after.recent)
         state.last_window_ns = time_ns
@@ -216,8 +215,7 @@ class History(Database):
                     self._log(session, row, happened._replace(event="unshelved"))
             self._log(session, row, happened)
         _write(row, after, time_ns)
-        session.flush()
-        state.alarm_id = row.id if row.closed_ns is None else None
+        state.alarm = row if row.closed_ns is None else None
 
     def _log(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
         session.info.setdefault(CHANGED, set()).add(row)
@@ -246,7 +244,7 @@ class History(Database):
                 self._log(session, row, happened, *((person, note) if happened.event == "acknowledged" else ()))
             _write(row, after, state.last_window_ns)
             if row.closed_ns is not None:
-                state.alarm_id = None
+                state.alarm = None
             return _records([row])[0]
 
     def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
@@ -380,9 +378,7 @@ def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
     state = session.get(AlarmStateRow, key)
     if state is None:
         spacecraft, wheel, name = key
-        state = AlarmStateRow(
-            spacecraft=spacecraft, wheel=wheel, name=name, recent="", last_window_ns=-1, alarm_id=None
-        )
+        state = AlarmStateRow(spacecraft=spacecraft, wheel=wheel, name=name, recent="", last_window_ns=-1)
         session.add(state)
     return state
 
@@ -422,18 +418,6 @@ def _reason(diagnosis: Diagnosis, name: str) -> str:
         return diagnosis.reason
     suspected = f"; suspected: {diagnosis.suspected_effect}" if diagnosis.suspected_effect else ""
     return f"The friction model does not fit this wheel's telemetry{suspected}."
-
-
-def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
-    stds = {"dry": diagnosis.friction.base_dry.std, "viscous": diagnosis.friction.viscous.std}
-    for name, anomaly in diagnosis.anomalies.items():
-        yield anomaly.model_dump(exclude={"estimate", "severity_std"}) | {
-            "name": name,
-            "window_start_ns": diagnosis.window_start_ns,
-            "window_end_ns": diagnosis.window_end_ns,
-            "value": anomaly.estimate,
-            "std": stds.get(name),
-        }
 
 
 # ---- how long what is kept -------------------------------------------------------------------------------------------
@@ -477,7 +461,6 @@ class RetiredWheels:
         self._session = database.session
         self._wall_ns = wall_ns
         self._lock = RLock()
-        self._changes = 0  # made here so far
         self._last = {(event.spacecraft, event.wheel): event for event in self._read()}
 
     def latest(self) -> list[RetirementEvent]:
@@ -503,13 +486,8 @@ class RetiredWheels:
         HistoryError
             If the history cannot be read; nothing is changed then.
         """
-        with self._lock:
-            changes = self._changes
-        written = self._read()
-        with self._lock:
-            if changes != self._changes:
-                return []  # something was done here meanwhile, perhaps after the history was read: the next time
-            new = [event for event in written if self._last.get((event.spacecraft, event.wheel)) != event]
+        with self._lock:  # nothing is done here between what is read and what is kept of it
+            new = [event for event in self._read() if self._last.get((event.spacecraft, event.wheel)) != event]
             self._last |= {(event.spacecraft, event.wheel): event for event in new}
         return new
 
@@ -546,7 +524,6 @@ class RetiredWheels:
 
     def _keep(self, event: RetirementEvent) -> RetirementEvent:
         with self._lock:
-            self._changes += 1
             self._last[event.spacecraft, event.wheel] = event
         return event
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import Gathered
 from rwa_monitor.messages import ClockNs, Count, Slot
-from rwa_monitor.monitor.ingest import Rows, Sequencer
+from rwa_monitor.monitor.ingest import Rows, Sequencer, fits
 from rwa_monitor.monitor.stored import StoredTelemetry
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
@@ -59,14 +59,8 @@ class Slots(Strict):
 
     def fits(self, ring: RingBuffer) -> bool:
         """Return whether a ring buffer could have held them."""
-        lengths = {values.size for values in self.values.values()}
-        return (
-            sum(self.filled) <= ring.capacity
-            and set(self.values) == set(ring.channels)
-            and len(lengths) == 1
-            and max(lengths) <= sum(self.filled)
-            and not any(np.isinf(values).any() for values in self.values.values())
-        )
+        slots, kept = sum(self.filled), max((values.size for values in self.values.values()), default=0)
+        return kept <= slots <= ring.capacity and fits(self.values, kept, ring.channels)
 
     def restore(self, ring: RingBuffer) -> None:
         """Put them into a ring buffer that they fit."""
@@ -140,10 +134,9 @@ class Checkpoint(Hashed):
             and (
                 waiting is None
                 or (
-                    waiting.time_ns.size == 1
+                    len(waiting) == 1
                     and MIN_TIME_NS <= waiting.time_ns[0] <= MAX_TIME_NS
-                    and set(waiting.values) == set(ring.channels)
-                    and all(values.size == 1 and not np.isinf(values[0]) for values in waiting.values.values())
+                    and fits(waiting.values, 1, ring.channels)
                 )
             )
         )

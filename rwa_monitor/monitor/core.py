@@ -94,8 +94,7 @@ class WheelCore:
         self._sequencer = sequencer or Sequencer()
         self.counts = self._sequencer.counts
         self._windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
-        limits, most_torque_Nm = wheel.limits, wheel.max_motor_torque_Nm
-        self._assignment = SlotAssignment(wheel.period_ns, wheel.window.samples, limits, most_torque_Nm, self.counts)
+        self._assignment = SlotAssignment(wheel, self.counts)
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._reported_missing = False
         self._settings_check = SettingsCheck(wheel)

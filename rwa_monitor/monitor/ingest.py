@@ -11,7 +11,7 @@ and what becomes of a sample does not depend on how samples are cut into message
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Final, NamedTuple, Self
@@ -22,7 +22,7 @@ from rwa_monitor.kernels.ingest import all_between, assign_slots
 from rwa_monitor.messages import ClockNs, Count
 from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray, IntArray, Samples, SlotGrid
 from rwa_monitor.telemetry.slots import RingBuffer
-from rwa_monitor.wheel.wheel import Limits
+from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted
 
 # A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
@@ -165,8 +165,6 @@ class Sequencer:
         self.held.clear()
         self.skipped.clear()
         self.largest = 0
-        if batch.publisher in self.replaced:
-            self.replaced.remove(batch.publisher)
         # A publisher whose first message overtook others has small numbers; one that we join late has any.
         self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
 
@@ -322,6 +320,12 @@ class Rows:
         return np.isfinite(self.values["speed_rad_s"]) & np.isfinite(self.values["torque_Nm"])
 
 
+def fits(values: Mapping[str, FloatArray], count: int, channels: Sequence[str]) -> bool:
+    """Return whether values that were kept can be of these channels: so many of each, none of them infinite."""
+    sound = (one.size == count and not np.isinf(one).any() for one in values.values())
+    return set(values) == set(channels) and all(sound)
+
+
 _NO_SLOTS: Final[IntArray] = np.zeros(0, dtype=np.int64)
 
 
@@ -361,12 +365,8 @@ class SlotAssignment:
 
     Parameters
     ----------
-    period_ns, window_slots
-        Of the wheel; a clock step of more than a window begins a new epoch.
-    limits
-        Samples beyond are rejected.
-    max_motor_torque_Nm
-        Limit of a motor torque; None leaves it unchecked.
+    wheel
+        Gives period and limits, beyond which samples are rejected; a clock step of more than a window begins an epoch.
     counts
         Where to count.
 
@@ -378,15 +378,13 @@ class SlotAssignment:
         Time of the latest sample that took a slot.
     """
 
-    def __init__(
-        self, period_ns: int, window_slots: int, limits: Limits, max_motor_torque_Nm: float | None, counts: Counts
-    ) -> None:
-        self.period_ns = period_ns
-        self.window_slots = window_slots
+    def __init__(self, wheel: Wheel, counts: Counts) -> None:
+        self.period_ns = wheel.period_ns
+        self.window_slots = wheel.window.samples
         known = {
-            "speed_rad_s": limits.max_speed_rad_s,
-            "motor_current_A": limits.max_current_A,
-            "motor_torque_Nm": max_motor_torque_Nm,
+            "speed_rad_s": wheel.limits.max_speed_rad_s,
+            "motor_current_A": wheel.limits.max_current_A,
+            "motor_torque_Nm": wheel.max_motor_torque_Nm,
         }
         self._limits = [MAX_MAGNITUDE if (limit := known.get(name)) is None else limit for name in CHANNELS]
         self.counts = counts

@@ -672,7 +672,7 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> Written:
     InputError
         If a path is no recording, holds a message that is none of ours, or the target exists or cannot be written.
     """
-    files = [file for path in paths for file in recordings_of(path)]
+    files = recordings_of(paths)
     translator, seen = Translator(), Seen()
     written, problems, published = 0, list[str](), {message.schema_name() for message in messages.MESSAGES}
     with _new_file(target) as stream, _new_file(layout_of(target)) as layout_file:

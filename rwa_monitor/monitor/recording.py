@@ -24,6 +24,7 @@ from typing import Any, BinaryIO, Final, Literal, TypeVar
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.writer import MCAP0_MAGIC
+from pydantic import ConfigDict
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, EncodedMessage, Message, SamplesMessage
@@ -62,6 +63,12 @@ CHECKPOINT_PREFIX: Final = "checkpoint/"  # of the attachments' names
 # Of which wheels a recording holds the state ("checkpoints" in its settings): of some while the wheels are brought over
 # from the recording before, which holds the state of the others.
 Held = Literal["all", "some"]
+
+
+class _Settings(Message):
+    """What the recorder attaches as settings: an object, of whatever fields."""
+
+    model_config = ConfigDict(extra="allow")
 
 
 class Recording:
@@ -119,15 +126,7 @@ class Recording:
     def settings(self) -> dict[str, Any]:
         """Return the settings attached by the recorder; raises InputError where there are none."""
         text = self.text(SETTINGS_ATTACHMENT)
-        try:
-            if len(text) > MAX_MESSAGE_BYTES:
-                raise ValueError(f"larger than {MAX_MESSAGE_BYTES} bytes")
-            content = json.loads(text)
-            if not isinstance(content, dict):
-                raise ValueError("no object")
-        except (ValueError, RecursionError) as error:
-            raise InputError(str(self.path), f"is no JSON that can be used: {error}", SETTINGS_ATTACHMENT) from error
-        return content
+        return _Settings.parse(text.encode(), f"{self.path}: {SETTINGS_ATTACHMENT}").model_extra or {}
 
     def parsed(self, kind: type[Parsed]) -> list[Parsed]:
         """Return the messages of a kind, in order; raises InputError where one cannot be read."""
@@ -316,22 +315,9 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
 # ---- files and folders of recordings ---------------------------------------------------------------------------------
 
 
-def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
-    """Read a recording, as much of it as is whole.
-
-    Parameters
-    ----------
-    path
-        The file.
-    limit
-        Size from which it is refused [bytes].
-
-    Raises
-    ------
-    InputError
-        As `Recording.parts`.
-    """
-    recording = Recording(path, limit, 0)  # all of it is kept
+def read_recording(path: Path) -> Recording:
+    """Read a recording, as much of it as is whole; raises InputError as `Recording.parts`."""
+    recording = Recording(path, MAX_FILE_BYTES, 0)  # all of it is kept
     for part in recording.parts():
         if isinstance(part, EncodedMessage):
             recording.messages.append(part)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.messages import ClockNs, Count, Slot
-from rwa_monitor.monitor.ingest import Counts, Rows
+from rwa_monitor.monitor.ingest import Counts, Rows, fits
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, FloatArray, IntArray, SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 
@@ -99,8 +99,7 @@ class StoredTelemetry:
         return (
             (self.period_ns, self.window_slots) == (period_ns, window_slots)
             and all(MIN_TIME_NS <= self.grid_of(number).origin_ns <= MAX_TIME_NS for number in numbers)
-            and all(set(values) == set(channels) for values, _ in kept)
-            and all(one.size == n and not np.isinf(one).any() for values, n in kept for one in values.values())
+            and all(fits(values, count, channels) for values, count in kept)
         )
 
     def grid_of(self, number: int) -> SlotGrid:

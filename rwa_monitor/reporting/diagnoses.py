@@ -9,7 +9,7 @@ Each coefficient is followed to the bound of its nominal range, or to a limit th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -19,15 +19,16 @@ from rich.text import Text
 
 from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
 from rwa_monitor.diagnosis.verdict import MIN_COVERAGE, quantity, span, title
-from rwa_monitor.messages import Anomaly, Diagnosis, Message, Number, Quantity
+from rwa_monitor.messages import Anomaly, Diagnosis, Message, Number, Quantity, Share
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
+from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES
 from rwa_monitor.words import time_text
 
 SMALLEST_P: Final = 1e-9  # below, a p-value is only given as smaller: it rests on Gaussian tails
 
 
-class FrictionEstimate(Message):
-    """One coefficient in one window: SI units, None where it is not known."""
+class EstimateRecord(Message):
+    """One estimate of one window: SI units, None where it is not known; its nominal range, and what was diagnosed."""
 
     window_start_ns: int
     window_end_ns: int
@@ -36,29 +37,24 @@ class FrictionEstimate(Message):
     nominal_low: Number | None
     nominal_high: Number | None
     unit: str
+    name: str
+    probability: Share
+    severity: Number | None
+    active: bool
 
 
-WindowFriction = Mapping[str, FrictionEstimate]  # of one window: base dry and viscous friction by name
-
-
-def window_friction(diagnosis: Diagnosis) -> WindowFriction:
-    """Return what is kept of a diagnosis for the trend of its friction."""
-
-    def estimate(name: str, found: Quantity) -> FrictionEstimate:
-        """Return the value of one part in this window, with its error and nominal range, in its unit."""
-        known = diagnosis.anomalies.get(name)
-        return FrictionEstimate(
+def estimates_of(diagnosis: Diagnosis) -> Iterator[EstimateRecord]:
+    """Yield what is kept of a diagnosis for the trends of a wheel: an estimate of each part of its friction."""
+    stds = {"dry": diagnosis.friction.base_dry.std, "viscous": diagnosis.friction.viscous.std}
+    for name, anomaly in diagnosis.anomalies.items():
+        yield EstimateRecord(
             window_start_ns=diagnosis.window_start_ns,
             window_end_ns=diagnosis.window_end_ns,
-            value=found.value,
-            std=found.std,
-            nominal_low=known.nominal_low if known else None,
-            nominal_high=known.nominal_high if known else None,
-            unit=found.unit,
+            value=anomaly.estimate,
+            std=stds.get(name),
+            name=name,
+            **anomaly.model_dump(exclude={"estimate", "severity_std"}),
         )
-
-    friction = diagnosis.friction
-    return {"dry": estimate("dry", friction.base_dry), "viscous": estimate("viscous", friction.viscous)}
 
 
 class CoefficientTrend(NamedTuple):
@@ -110,7 +106,7 @@ class CoefficientTrend(NamedTuple):
 
 
 def coefficient_trend(
-    name: str, estimates: Sequence[FrictionEstimate], limit: float | None = None
+    name: str, estimates: Sequence[EstimateRecord], limit: float | None = None
 ) -> CoefficientTrend | None:
     """Find the trend of one coefficient of one wheel.
 
@@ -144,14 +140,14 @@ def coefficient_trend(
 
 
 def wheel_trends(
-    windows: Sequence[Diagnosis | WindowFriction], limits: Mapping[str, float] | None = None
+    windows: Iterable[Diagnosis], limits: Mapping[str, float] | None = None
 ) -> dict[str, CoefficientTrend]:
     """Find the trends of base dry and viscous friction over the windows of one wheel.
 
     Parameters
     ----------
     windows
-        Diagnoses of one wheel, or what is left of them, in any order.
+        Diagnoses of one wheel, in any order.
     limits
         By coefficient, `dry` [N m] and `viscous` [N m s/rad]; the others are followed to their nominal range.
 
@@ -159,12 +155,18 @@ def wheel_trends(
     -------
     By coefficient; one that too few windows show is not in it.
     """
-    frictions = [window_friction(window) if isinstance(window, Diagnosis) else window for window in windows]
+    return friction_trends((estimate for window in windows for estimate in estimates_of(window)), limits)
+
+
+def friction_trends(
+    estimates: Iterable[EstimateRecord], limits: Mapping[str, float] | None = None
+) -> dict[str, CoefficientTrend]:
+    """Find the trends that `wheel_trends` does, from what is kept of the diagnoses."""
+    ordered = sorted(estimates, key=lambda estimate: estimate.window_start_ns)
     found = {}
-    for name in ("dry", "viscous"):
-        estimates = sorted((friction[name] for friction in frictions), key=lambda estimate: estimate.window_start_ns)
-        trend = coefficient_trend(name, estimates, (limits or {}).get(name))
-        if trend is not None:
+    for name in RESERVED_ANOMALIES:
+        own = [estimate for estimate in ordered if estimate.name == name]
+        if trend := coefficient_trend(name, own, (limits or {}).get(name)):
             found[name] = trend
     return found
 

@@ -30,7 +30,7 @@ from rwa_monitor.telemetry import reader
 from rwa_monitor.telemetry.files import MAX_DEPTH, display_name, first_line, read_bytes
 from rwa_monitor.telemetry.reader import Decoding, PacketWheel, TelemetryFile, TextFile
 from rwa_monitor.telemetry.table import MAX_ROWS, MAX_TABLE_BYTES
-from rwa_monitor.words import counted
+from rwa_monitor.words import counted, first_few
 
 HEADER: Final = struct.Struct(">HHH")  # version, kind and APID; sequence flags and count; bytes behind it, less one
 UNSEGMENTED: Final = 0b11
@@ -308,7 +308,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
         problems.append(f"{counts.bad} of {counts.packets} packets cannot be read, the first: {counts.first_bad}")
     if stop < len(data):
         problems.append(f"bytes {stop} to {len(data)} of {len(data)} are no whole packet")
-    apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
+    apids = first_few([str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})])
     return reader.telemetry_file(
         source,
         ((wheel.map, wheel.samples()) for wheel in decoder.wheels),
@@ -333,9 +333,8 @@ def packet_notes(counts: PacketCounts) -> list[str]:
     """Report what was left out of packets, and what is missing between them, a sentence each."""
     notes: list[str] = []
     if counts.unknown:
-        apids = ", ".join(str(apid) for apid in sorted(counts.unknown_apids)[:8])
-        more = ", …" if len(counts.unknown_apids) > 8 else ""
-        notes.append(f"{counted(counts.unknown, 'packet')} of APIDs that the map does not name ({apids}{more})")
+        apids = first_few([str(apid) for apid in sorted(counts.unknown_apids)])
+        notes.append(f"{counted(counts.unknown, 'packet')} of APIDs that the map does not name ({apids})")
     if counts.other:
         notes.append(f"{counted(counts.other, 'packet')} of a known APID without the parameters of the map")
     if counts.gaps:

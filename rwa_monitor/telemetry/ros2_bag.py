@@ -45,9 +45,8 @@ from rwa_monitor.telemetry.files import (
 )
 from rwa_monitor.telemetry.reader import Decoding, TelemetryFile, TopicChannel, TopicWheel
 from rwa_monitor.telemetry.table import MAX_COLUMNS, MAX_ROWS
-from rwa_monitor.words import counted
+from rwa_monitor.words import counted, first_few
 
-MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
 MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
 # Of a topic of the map, and of its schema; the state of a thousand joints has some 50 kB.
@@ -202,18 +201,18 @@ class _Bag:
         """Raise InputError where the map names a topic that the bag does not have."""
         for name in self._series:
             if name not in self._names:
-                there = ", ".join(sorted(self._names)[:8]) or "no topics at all"
+                there = first_few(sorted(self._names)) or "no topics at all"
                 because = "".join(f"; {problem}" for problem in self.problems()[:1])
                 raise InputError(self._source, f"there is no topic {name}; there are {there}{because}")
 
     def read(self, file: IO[bytes]) -> None:
         """Read all that is whole."""
-        position = file.seek(len(MCAP0_MAGIC))
+        end, position = file.seek(0, os.SEEK_END), file.seek(len(MCAP0_MAGIC))
         while len(head := file.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
             opcode, length = RECORD_HEAD.unpack(head)
             if opcode == Opcode.DATA_END:  # what follows repeats what came
                 return
-            if opcode not in _WANTED and length <= MAX_SKIPPED_BYTES:
+            if opcode not in _WANTED and length <= end:
                 position = file.seek(length, os.SEEK_CUR)
                 continue
             content = file.read(length) if length <= MAX_CHUNK_BYTES else b""

@@ -39,7 +39,8 @@ from rwa_monitor.wheel.wheel import Wheel
 # are worked on, are kept for `values_capacity`.
 
 
-REQUIRED: Final = ("speed_rad_s", "torque_Nm")
+SPEED: Final = "speed_rad_s"
+TORQUE: Final = "torque_Nm"
 OPTIONAL: Final = ("motor_torque_Nm", "bearing_temperature_degC")
 
 
@@ -69,7 +70,7 @@ class RingBuffer:
         self.end = 0
         self._first = 0
         self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
-        self.channels = (*REQUIRED, *optional)
+        self.channels = (SPEED, TORQUE, *optional)
         self._values: dict[str, FloatArray] = {name: np.zeros(self.values_capacity) for name in self.channels}
 
     @property
@@ -155,7 +156,7 @@ class RingBuffer:
 
     def read_required(self, start: int, stop: int) -> tuple[FloatArray, FloatArray]:
         """Return speed and torque of the slots [start, stop), as `read` does."""
-        return self.read("speed_rad_s", start, stop), self.read("torque_Nm", start, stop)
+        return self.read(SPEED, start, stop), self.read(TORQUE, start, stop)
 
     def overwrite(self, name: str, start: int, values: FloatArray) -> None:
         """Replace a channel's slots [start, start + n), whose values must be held."""
@@ -185,9 +186,6 @@ def _put(array: NDArray[Any], start: int, values: NDArray[Any]) -> None:
 # torque.
 LARGEST_FACTOR: Final = 2.0
 LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
-
-SPEED: Final = "speed_rad_s"
-TORQUE: Final = "torque_Nm"
 
 # The memory of a channel: the last value that was not missing; the last first and second difference; the share of the
 # recent slots in which the second difference changed its sign; how often the last value has been repeated, and that
@@ -476,9 +474,7 @@ class FrictionSource:
         if torque is None or samples.motor_current_A is None:
             return None
         # At its limit the current is saturated, and the torque that would be needed is not known.
-        if limit_A is None:
-            return torque
-        saturated = np.abs(samples.motor_current_A) >= limit_A
+        saturated = np.abs(samples.motor_current_A) >= (np.inf if limit_A is None else limit_A)
         self.at_limit += int(np.count_nonzero(saturated))
         return np.where(saturated, np.nan, torque)
 
@@ -539,7 +535,7 @@ class FrictionSource:
         if last.size == 0 or last[-1] != slots.size - 1:
             last = np.append(last, slots.size - 1)
         after = np.append(torque[1:], np.nan)
-        following = ring.read("torque_Nm", start + 1, stop + 1)[last]
+        following = ring.read(TORQUE, start + 1, stop + 1)[last]
         after[last] = friction_torque(following, acceleration[last], inertia_of(self.wheel))
         judged = self.channel.judge(torque, after, self.limit_Nm)
         masked = 0
@@ -573,7 +569,7 @@ class FrictionSource:
     ) -> tuple[FloatArray, ViscousSpeed]:
         """Return the torque that effects add in one block of slots [N m], and what viscous friction follows."""
         period_s = self.wheel.sample_period_s
-        speed = ring.read("speed_rad_s", start, stop)
+        speed = ring.read(SPEED, start, stop)
         good = np.isfinite(speed)
         # Where a speed is missing, the wheel turns on with the last one known.
         held = np.append(self.last_speed_rad_s, speed)

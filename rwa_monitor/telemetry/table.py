@@ -21,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rwa_monitor.errors import InputError, needs_extra
+from rwa_monitor.messages import MAX_CLOCK_NS
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 from rwa_monitor.telemetry import files
 from rwa_monitor.telemetry.files import display_name
 from rwa_monitor.telemetry.pulses import speed_of_pulses
+from rwa_monitor.words import first_few
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
 PULSE_COLUMNS: Final = ("pulse_time_ns", "pulse_time_s")  # of a table that is one of pulses, without a speed
@@ -34,7 +36,6 @@ MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
 MAX_COLUMNS: Final = 1_000
 MAX_TABLE_BYTES: Final = 2_000_000_000  # of a file
 ROWS_AT_ONCE: Final = 50_000  # read or written; as texts they take 20 times the memory of their values
-MAX_SPAN_NS: Final = 2**61  # 73 years: the slot of a sample is reckoned in int64 with twice its time
 
 
 class SampleTable(NamedTuple):
@@ -46,20 +47,17 @@ class SampleTable(NamedTuple):
         The telemetry; time strictly increases, there is at least one sample.
     ignored_columns
         Names of the columns that were left out, in the table's order.
-    are_pulses
-        Whether each row is a pulse of the wheel: its speed is then not measured, but follows from the times.
     notes
         What was made of the rows, a sentence each.
     """
 
     samples: Samples
     ignored_columns: tuple[str, ...]
-    are_pulses: bool = False
     notes: tuple[str, ...] = ()
 
 
 class Layout(NamedTuple):
-    """Which column of a table holds what.
+    """Which column of a table holds what; in a table of pulses the speed is not measured, but follows from the times.
 
     Attributes
     ----------
@@ -99,8 +97,8 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
         missing = [" or ".join(reversed(TIME_COLUMNS)), *missing]
     if missing:
         others = f", and so is {', '.join(missing[1:])}" if len(missing) > 1 else ""
-        there = ", ".join(repr(name[:40]) for name in names[:8])
-        reason = f"is missing{others}; the table has {there}{', …' if len(names) > 8 else ''} (docs/formats.md)"
+        there = first_few([repr(name[:40]) for name in names])
+        reason = f"is missing{others}; the table has {there} (docs/formats.md)"
         raise InputError(source, reason, f"column {missing[0]}")
     channels = {name: names.index(name) for name in _COLUMNS if name in names}
     if {ANGLE, ANGLE_IN_DEGREES} <= channels.keys():
@@ -118,39 +116,8 @@ def check_rows(rows: int, source: str) -> None:
         raise InputError(source, f"has {rows:,} rows; the limit is {MAX_ROWS:,}: split it, and use --carry")
 
 
-def table_of(
-    time_ns: IntArray, columns: Mapping[str, FloatArray], layout: Layout, source: str, first_row: int
-) -> SampleTable:
-    """Return a table once its time is checked.
-
-    Parameters
-    ----------
-    time_ns, columns
-        All rows, at least one: time, and the columns of the layout, each in the unit of its name.
-    layout, source
-        Of the table.
-    first_row
-        The row that the first sample stands in, as a person counts.
-
-    Raises
-    ------
-    InputError
-        If time does not strictly increase, or its span is too long.
-    """
-    channels = dict(columns)
-    if ANGLE_IN_DEGREES in channels:
-        channels[ANGLE] = np.radians(channels.pop(ANGLE_IN_DEGREES))
-    are_pulses = layout.time in PULSE_COLUMNS
-    if are_pulses:
-        channels.setdefault(SPEED, np.full(time_ns.size, np.nan))
-    samples = Samples(time_ns=time_ns, **channels)
-    _check_time(samples, layout, source, first_row)
-    return SampleTable(samples, layout.ignored, are_pulses)
-
-
-def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -> None:
+def _check_time(time_ns: IntArray, column: str, source: str, first_row: int) -> None:
     """Raise InputError, naming the row, unless time strictly increases over a span that slots can count."""
-    time_ns, column = samples.time_ns, layout.time
     late = time_ns[1:] <= time_ns[:-1]
     if late.any():
         at = int(np.argmax(late)) + 1
@@ -158,7 +125,7 @@ def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -
         reason = f"time does not increase ({here} after {before}); sort the rows by time and leave repeated ones out"
         raise InputError(source, reason, f"row {first_row + at}, column {column}")
     span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
-    if span_ns >= MAX_SPAN_NS:
+    if 2 * span_ns >= MAX_CLOCK_NS:  # the slot of a sample is reckoned in int64 with twice its time
         raise InputError(source, f"covers {span_ns / NANOSECONDS_PER_SECOND:.3g} s, more than 73 years", column)
 
 
@@ -236,17 +203,20 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
     MissingExtraError
         If what it takes to read Parquet is not installed.
     """
-    table: SampleTable = read_parquet(path) if file_format(path) == "parquet" else read_csv(path)
-    if not table.are_pulses:
-        return table
     source = display_name(path)
+    layout, time_ns, channels = (_read_parquet if file_format(path) == "parquet" else _read_csv)(path, source)
+    if ANGLE_IN_DEGREES in channels:
+        channels[ANGLE] = np.radians(channels.pop(ANGLE_IN_DEGREES))
+    if layout.time not in PULSE_COLUMNS:
+        return SampleTable(Samples(time_ns=time_ns, **channels), layout.ignored)
     if pulses_per_turn is None:
         raise InputError(
             source, "holds pulses: how many make a turn is pulses_per_turn, under [wheel] in the wheel file"
         )
-    turning = speed_of_pulses(table.samples, pulses_per_turn, source)
-    note = f"{source}: {turning.in_words(len(table.samples), pulses_per_turn)}"
-    return SampleTable(turning.samples, table.ignored_columns, notes=(note,))
+    pulses = Samples(time_ns=time_ns, **{SPEED: np.full(time_ns.size, np.nan), **channels})
+    turning = speed_of_pulses(pulses, pulses_per_turn, source)
+    note = f"{source}: {turning.in_words(len(pulses), pulses_per_turn)}"
+    return SampleTable(turning.samples, layout.ignored, (note,))
 
 
 # ---- CSV: comma-separated UTF-8, one header row; read as text, so that every bad value can be named ------------------
@@ -261,15 +231,8 @@ _PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which t
 _CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
 
 
-def read_csv(path: Path) -> SampleTable:
-    """Read a CSV sample table.
-
-    Raises
-    ------
-    InputError
-        If it cannot be used; names the file, the row (the header is row 1), the column and the reason.
-    """
-    source = display_name(path)
+def _read_csv(path: Path, source: str) -> tuple[Layout, IntArray, dict[str, FloatArray]]:
+    """Read the rows of a CSV table: its layout, the times, and the other columns, each in the unit of its name."""
     # A closing blank line is nobody's mistake; one in the middle is a row without values, and is refused as such.
     content = files.read_bytes(path, MAX_TABLE_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
     if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
@@ -286,8 +249,9 @@ def read_csv(path: Path) -> SampleTable:
             channels[name].append(_numbers([fields[at].strip() for fields in rows], name, source, row))
         row += len(rows)
     check_rows(row - FIRST_DATA_ROW, source)
-    joined = {name: np.concatenate(parts) for name, parts in channels.items()}
-    return table_of(np.concatenate(times), joined, layout, source, FIRST_DATA_ROW)
+    time_ns = np.concatenate(times)
+    _check_time(time_ns, layout.time, source, FIRST_DATA_ROW)
+    return layout, time_ns, {name: np.concatenate(parts) for name, parts in channels.items()}
 
 
 def write_csv(samples: Samples, path: Path) -> None:
@@ -414,15 +378,9 @@ def table_writer(path: Path) -> Callable[[Samples, Path], None]:
 MAX_UNPACKED_BYTES: Final = 4_000_000_000  # of all columns; 20 million rows of 7 channels are 1.3 GB
 
 
-def read_parquet(path: Path) -> SampleTable:
-    """Read a Parquet sample table.
-
-    Raises
-    ------
-    InputError
-        If it cannot be used; names the file, the row (the first is row 1), the column and the reason.
-    """
-    pa, source = arrow(), display_name(path)
+def _read_parquet(path: Path, source: str) -> tuple[Layout, IntArray, dict[str, FloatArray]]:
+    """Read the rows of a Parquet table, as `_read_csv` does; the first is row 1."""
+    pa = arrow()
     try:
         if path.stat().st_size > MAX_TABLE_BYTES:
             raise InputError(source, f"is larger than the limit of {MAX_TABLE_BYTES:,} bytes")
@@ -437,8 +395,8 @@ def read_parquet(path: Path) -> SampleTable:
             raise files.unreadable(path, error) from error
         raise InputError(source, f"is no readable Parquet file: {files.first_line(error)}") from error
     time_ns = _column_nanoseconds(table[layout.time], layout.time, source)
-    channels = {name: _column_numbers(table[name]) for name in layout.channels}
-    return table_of(time_ns, channels, layout, source, 1)
+    _check_time(time_ns, layout.time, source, 1)
+    return layout, time_ns, {name: _column_numbers(table[name]) for name in layout.channels}
 
 
 def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:

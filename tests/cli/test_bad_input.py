@@ -64,7 +64,7 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         "simulate recording --scenario {file} -o x.csv",
         "s.toml: duration: no key has this name; did you mean 'duration_s'?",
     ),
-    "command misspelt": ("t.csv", HEAD, "diagnoze {file}", "No such command 'diagnoze'; did you mean 'diagnose'?"),
+    "command misspelt": ("t.csv", HEAD, "diagnoze {file}", "No such command 'diagnoze'. Did you mean 'diagnose'?"),
     "option misspelt": ("t.csv", HEAD, "diagnose {file} --jsn", "No such option '--jsn'. Did you mean '--json'?"),
     "recipe misspelt": ("t.csv", HEAD, "simulate dataset --recipe papr --count 1 -o d", "did you mean 'paper'?"),
     "nowhere to write": ("t.csv", HEAD, "simulate recording -o no/folder/x.csv", "cannot be written: No such file"),

@@ -21,7 +21,7 @@ from rwa_monitor.monitor.ingest import (
 )
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
 from rwa_monitor.telemetry.slots import RingBuffer
-from rwa_monitor.wheel.wheel import Limits, Wheel
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import time_text
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
 
@@ -288,7 +288,8 @@ def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) ->
 )
 def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: int, jitter: list[float]) -> None:
     """The compiled loop, against the grid's own arithmetic."""
-    guard = SlotAssignment(period_ns, 100, Limits(), None, Counts())
+    guard = SlotAssignment(built_in_wheel(), Counts())
+    guard.period_ns, guard.window_slots = period_ns, 100
     grid = guard.grid = SlotGrid(origin_ns, period_ns)
     ring = RingBuffer(100, (), 100)
     ring.clear(frontier)

@@ -8,14 +8,15 @@ import pytest
 
 import rwa_monitor as rwa
 from rwa_monitor.monitor.core import diagnose_samples
-from rwa_monitor.reporting.diagnoses import FrictionEstimate, coefficient_trend
+from rwa_monitor.reporting.diagnoses import EstimateRecord, coefficient_trend
 from rwa_monitor.simulation.datasets import FLEET_SEVERITIES, LabelledWindow, generate
 
 LIFE = 16  # windows of a wheel here
 
 
-def estimate(*values: object) -> FrictionEstimate:
-    return FrictionEstimate.model_validate(dict(zip(FrictionEstimate.model_fields, values, strict=True)))
+def estimate(*values: object) -> EstimateRecord:
+    judged = ("dry", 0.5, None, False)
+    return EstimateRecord.model_validate(dict(zip(EstimateRecord.model_fields, (*values, *judged), strict=True)))
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Course:
     """What was estimated of one wheel, and what was true."""
 
     windows: list[LabelledWindow]
-    estimates: dict[str, list[FrictionEstimate]]
+    estimates: dict[str, list[EstimateRecord]]
 
 
 @pytest.fixture(scope="module")
