@@ -15,10 +15,11 @@ from dataclasses import dataclass
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.messages import SamplesMessage, key_of
 from rwa_monitor.monitor.core import WindowDiagnosed, diagnose_samples
 from rwa_monitor.monitor.searches import PATIENCE
 from rwa_monitor.samples import Samples
-from rwa_monitor.simulation.demo_satellite import WINDOW_SECONDS, Satellite, same, samples_key, simulate_satellite
+from rwa_monitor.simulation.demo_satellite import WINDOW_SECONDS, Satellite, same, simulate_satellite
 
 TARGET = 0.9  # share of seeds whose first name is right: 18 of 20
 WINDOWS = 5  # reported at most: 30 s of the demo
@@ -53,7 +54,7 @@ def window_to_search(samples: Samples, satellite: Satellite) -> tuple[int, Windo
 def try_seed(seed: int) -> Row:
     """Simulate the satellite of a seed and search the hidden wheel."""
     satellite = simulate_satellite("benchmark", WINDOWS * WINDOW_SECONDS, start_ns=0, seed=seed)
-    samples = satellite.telemetry[samples_key("benchmark", satellite.hiding)]
+    samples = satellite.telemetry[key_of(SamplesMessage, "benchmark", satellite.hiding)]
     name = satellite.hidden.effect.name
     found = window_to_search(samples, satellite)
     if found is None:

@@ -26,11 +26,11 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray, Samples
-from rwa_monitor.simulation.datasets import MEAN_DEGC, ORBIT_SWING_K, RECIPES, SEASON_K, LabelledWindow, wheel_windows
+from rwa_monitor.simulation.datasets import ORBIT_SWING_K, RECIPES, LabelledWindow, wheel_windows
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.effects.drag_laws import REFERENCE_K, ZERO_CELSIUS_K
+from rwa_monitor.wheel.effects.drag_laws import REFERENCE_K, SEASON_K, ZERO_CELSIUS_K
 from rwa_monitor.wheel.wheel import Wheel
 
 ANOMALIES: Final = ("dry", "viscous", "fss_1", "fss_2")
@@ -83,7 +83,7 @@ def _without_temperature(window: LabelledWindow) -> LabelledWindow:
     wheel = window.wheel
     (law,) = viscous_effects(wheel)
     assert wheel.nominal is not None
-    year_K = MEAN_DEGC + np.linspace(-SEASON_K, SEASON_K, SEASONS) + ZERO_CELSIUS_K
+    year_K = Temperature().mean_degC + np.linspace(-SEASON_K, SEASON_K, SEASONS) + ZERO_CELSIUS_K
     factor = np.exp(law.values["activation_temperature_K"] * (1.0 / year_K - 1.0 / REFERENCE_K))
     mean = float(np.mean(factor))
     spread = {
@@ -100,7 +100,7 @@ def _without_temperature(window: LabelledWindow) -> LabelledWindow:
 
 def _still(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
     """What happens to a wheel of `orbit`, at one temperature of its surroundings."""
-    at_once = Temperature(mean_degC=MEAN_DEGC)
+    at_once = Temperature()
     return RECIPES["orbit"].scenario(wheel, number, windows, rng).model_copy(update={"temperature": at_once})
 
 
@@ -115,7 +115,9 @@ CHANNELS: Final[dict[str, Callable[[LabelledWindow], LabelledWindow]]] = {
     "missing for 20 min": _with_channel(_missing),
     "missing throughout": _with_channel(_gone),
     "stuck after a third of the window": _with_channel(_stuck),
-    "stuck at 20 °C from before the window": _with_channel(lambda values: np.full(values.size, MEAN_DEGC)),
+    "stuck at 20 °C from before the window": _with_channel(
+        lambda values: np.full(values.size, Temperature().mean_degC)
+    ),
     "right, but its lag is not in the wheel file": _without_lag,
 }
 

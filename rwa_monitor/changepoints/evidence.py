@@ -30,11 +30,12 @@ from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
 from rwa_monitor.kernels import changepoints as kernel
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
+from rwa_monitor.kernels.noise import LAGS
 from rwa_monitor.kernels.running_sums import BLOCK, STRIDE
 from rwa_monitor.kernels.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.wheel import SPEED_NOISES, Wheel
+from rwa_monitor.wheel.wheel import Wheel
 
 SCALES: Final = tuple(1 << k for k in range(MAX_SCALE.bit_length()))  # half-widths [slots] (errata 5)
 
@@ -45,8 +46,10 @@ BESIDE_OUTLIER: Final = 2.7
 UNKNOWN_TAIL: Final = 2.0  # the factor to which a tail is known, where no run length is asked for
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 UNKNOWN_K: Final = 1.0  # K: with a larger error a temperature counts as unknown, viscosity as off by 2 to 8 %
+# Speed, torque and whether they are good, and what viscous friction is in proportion to: as `Window.gather` takes them.
+_Slots = tuple[FloatArray, FloatArray, BoolArray, FloatArray]
 _NO_VALUES: Final[FloatArray] = np.empty(0)
-_NO_SLOTS: Final[BoolArray] = np.empty(0, dtype=np.bool_)
+_NO_SLOTS: Final[_Slots] = (_NO_VALUES, _NO_VALUES, np.empty(0, dtype=np.bool_), _NO_VALUES)
 
 
 class ViscousSpeed(NamedTuple):
@@ -122,9 +125,7 @@ class WindowSettings(NamedTuple):
     block_hop, stretch_hop
         Slots from one block of the noise, and one stretch of the structure, to the next.
     dead_band
-        Below it samples are not used, normalised.
-    speed_noises
-        The same in standard deviations of the speed's noise, where it is not stated.
+        Below it samples are not used, normalised; NaN: `SPEED_NOISES` of the kernel.
     start_std
         Standard deviation of the noise expected before any data, normalised.
     prior_mean, prior_std
@@ -146,7 +147,6 @@ class WindowSettings(NamedTuple):
     block_hop: int
     stretch_hop: int
     dead_band: float
-    speed_noises: float
     start_std: float
     prior_mean: float
     prior_std: float
@@ -221,7 +221,6 @@ class WindowAccumulator:
             block_hop=BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK,
             stretch_hop=self._structure.hop,
             dead_band=math.nan if stated is None else stated / wheel.speed_unit_rad_s,
-            speed_noises=SPEED_NOISES,
             start_std=(wheel.noise.friction_std_Nm or math.nan) / wheel.torque_unit_Nm,
             prior_mean=prior.mean,
             prior_std=prior.std,
@@ -236,7 +235,8 @@ class WindowAccumulator:
             ),
         )
         sums, structure = self._sums, self._structure.arrays
-        arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, structure)
+        blocks: FloatArray = np.empty((2, self.slots // self.settings.block_hop + 1, LAGS))
+        arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, *blocks, structure)
         self._window = Window(arrays, self.settings, self._scales)
 
     # ---- samples in ------------------------------------------------------------------------------------------------
@@ -265,10 +265,10 @@ class WindowAccumulator:
         if self._closed or self.filled + count > self.slots:
             raise ValueError(f"{count} more slots do not fit into a window with {self.filled} of {self.slots}")
         if not self._own_viscous:
-            return self._gather(speed_rad_s, torque_Nm, good)
+            return self._gather((speed_rad_s, torque_Nm, good, _NO_VALUES))
         part = slice(self.filled, self.filled + count)
         self._heat[0, part], self._heat[1, part] = (np.nan, 0.0) if viscous is None else viscous[1:]
-        return self._gather(speed_rad_s, torque_Nm, good, speed_rad_s if viscous is None else viscous.speed_rad_s)
+        return self._gather((speed_rad_s, torque_Nm, good, speed_rad_s if viscous is None else viscous.speed_rad_s))
 
     def gathered(self) -> Gathered:
         """Return the samples so far."""
@@ -345,30 +345,20 @@ class WindowAccumulator:
 
     # ---- detection -------------------------------------------------------------------------------------------------
 
-    def _gather(
-        self,
-        speed_rad_s: FloatArray = _NO_VALUES,
-        torque_Nm: FloatArray = _NO_VALUES,
-        good: BoolArray = _NO_SLOTS,
-        viscous_speed_rad_s: FloatArray = _NO_VALUES,
-        *,
-        last: bool = False,
-    ) -> list[ConfirmedCandidate]:
+    def _gather(self, slots: _Slots = _NO_SLOTS, *, last: bool = False) -> list[ConfirmedCandidate]:
         """Take new slots and detect in all that are there; return the jumps that became certain."""
         events: list[ConfirmedCandidate] = []
         heavy = True
         while heavy:
-            count, self._done, reported, heavy = self._window.gather(
-                speed_rad_s, torque_Nm, good, viscous_speed_rad_s, self.filled, self._done, last
-            )
+            count, self._done, reported, heavy = self._window.gather(*slots, self.filled, self._done, last)
             self.good += count
-            self.filled += speed_rad_s.size
+            self.filled += slots[0].size
             self._sums.slots = self._done
             if reported:
                 events += self._announced()
             if heavy:
                 self._window.set_outlier(*self._outliers(self._window.variances, self._window.quantiles))
-            speed_rad_s, torque_Nm, good, viscous_speed_rad_s = _NO_VALUES, _NO_VALUES, _NO_SLOTS, _NO_VALUES
+            slots = _NO_SLOTS
         return events
 
     def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> tuple[float, float]:

@@ -38,9 +38,9 @@ from rwa_monitor.changepoints.noise import NORMAL_MEDIAN, ar_coefficient, median
 from rwa_monitor.changepoints.running_sums import HARMONICS
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.kernels.running_sums import BLOCK, STRIDE, lagged_products
+from rwa_monitor.kernels.running_sums import BLOCK, STRIDE
 from rwa_monitor.samples import TINY, FloatArray, IntArray
-from rwa_monitor.wheel.switching_systems import jumping_chain_law
+from rwa_monitor.wheel.switching_systems import jump_rate
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
 # Standard deviations from which an interval's slope disagrees with the common one, and that one block counts at most: 1
@@ -305,7 +305,7 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
     """Compare the jumps with what the switching systems make."""
     unattributed = int((assignment.system == UNATTRIBUTED).sum())
     jumps = int((assignment.system != REJECTED).sum())
-    expected = expected_jumps(systems, evidence.slots)
+    expected = evidence.slots * sum(map(jump_rate, systems))
     if systems and unattributed >= NO_ACCIDENT:
         finding = f"{unattributed} of {jumps} jumps fit no switching system"
     elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + NO_ACCIDENT:
@@ -314,18 +314,6 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
         return None
     # Most jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
     return Adequacy("extra_switching_system" if 2 * unattributed > jumps else None, finding)
-
-
-def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:
-    """Return how many jumps healthy or failing systems make in a window on average: slots over the mean sojourn."""
-    return slots * _jump_rate(tuple(systems))
-
-
-@functools.lru_cache(maxsize=256)
-def _jump_rate(systems: tuple[SwitchingSystem, ...]) -> float:
-    """Return the jumps of all systems together per slot; a wheel's never changes, its windows come for months."""
-    means = [np.array([law.mean() for law in system.durations]) for system in systems]
-    return sum(1.0 / float(jumping_chain_law(one) @ mean) for one, mean in zip(systems, means, strict=True))
 
 
 # ---- persistence -----------------------------------------------------------------------------------------------------
@@ -364,19 +352,28 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     scale = median_size(known) / NORMAL_MEDIAN if known.size >= FEWEST_BLOCKS else 0.0
     if not scale > 0.0:
         return 0.0, 0.0
-    first, lags, usable = PERSISTENCE_LAGS.start, len(PERSISTENCE_LAGS), blocks.usable.astype(np.float64)
+    usable = blocks.usable.astype(np.float64)
     capped = np.clip(value / scale, -DISAGREEING_SIGMAS, DISAGREEING_SIGMAS) * usable
-    pairs = lagged_products(usable, interval, intervals, first, lags)
+    pairs = _lagged_products(usable, interval, intervals)
     # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
     expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in PERSISTENCE_LAGS])
     level = 1.0 / np.maximum(np.bincount(interval, usable, intervals), 1.0)
-    products = lagged_products(capped, interval, intervals, first, lags) - pairs * (expected - level[:, None])
+    products = _lagged_products(capped, interval, intervals) - pairs * (expected - level[:, None])
     if np.count_nonzero(pairs[:, 0]) >= NO_ACCIDENT:
         worst = np.argmax(np.square(products).sum(axis=1))
         products[worst] = pairs[worst] = 0.0
     total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
     mean_product = scale * scale * float(np.abs(total / count).max())
     return float((total * total / count).sum()), math.sqrt(mean_product / blocks.size)
+
+
+def _lagged_products(value: FloatArray, interval: IntArray, intervals: int) -> FloatArray:
+    """Return the sums of products of values that are PERSISTENCE_LAGS apart in one interval, (intervals, lags)."""
+    columns = []
+    for lag in PERSISTENCE_LAGS:
+        products = np.where(interval[lag:] == interval[:-lag], value[lag:] * value[:-lag], 0.0)
+        columns.append(np.bincount(interval[lag:], products, intervals))
+    return np.stack(columns, axis=1)
 
 
 def _ar_agreement(phi: float, size: int, lag: int) -> float:

@@ -15,11 +15,12 @@ from scipy import stats
 
 from rwa_monitor.diagnosis.model import Levels, Model, models_for
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.running_sums import BLOCK
+from rwa_monitor.samples import SECONDS_PER_DAY
+from rwa_monitor.wheel.switching_systems import jump_rate
 from rwa_monitor.wheel.wheel import Wheel
 
 CHANGES: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)  # of the nominal speed
-LEAST_HOLD: Final = 64  # samples: the monitor adds samples up in blocks of so many
-LONGEST_S: Final = 86_400.0  # a day: what takes longer is no manoeuvre
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +82,8 @@ def deciding_manoeuvres(
     # Of the slope [N m s/rad]: dry friction is the level at this speed, which is known well, less the slope times it.
     std = wanted * (nominal.viscous_Nm_s_rad if name == "viscous" else nominal.dry_torque_Nm / speed)
     found = [_of_change(wheel, share * nominal.nominal_speed_rad_s, noise_Nm, std) for share in CHANGES]
-    return [one for one in found if one.duration_s < LONGEST_S and one.change_rad_s <= max(top - speed, speed)]
+    # What takes longer than a day is no manoeuvre.
+    return [one for one in found if one.duration_s < SECONDS_PER_DAY and one.change_rad_s <= max(top - speed, speed)]
 
 
 def _wanted_std(levels: Levels, certainty: float) -> float:
@@ -97,8 +99,8 @@ def _of_change(wheel: Wheel, change_rad_s: float, noise_Nm: float, slope_std: fl
     if torque is not None and wheel.inertia_kg_m2 is not None:
         ramp_s = wheel.inertia_kg_m2 * change_rad_s / torque
     samples = 2.0 * (noise_Nm / (change_rad_s * slope_std)) ** 2  # to each side, if one change is to decide
-    rate = sum(one.configurations / sum(law.mean() for law in one.durations) for one in wheel.fss)  # jumps a sample
+    rate = sum(map(jump_rate, wheel.fss))  # jumps a sample
     longest = 0.25 / rate if rate > 0.0 else math.inf  # to each side: half of a stretch between jumps holds both
     changes = max(math.ceil(samples / longest), 1) if math.isfinite(longest) else 1
-    hold_s = max(math.ceil(samples / changes), LEAST_HOLD) * period_s
+    hold_s = max(math.ceil(samples / changes), BLOCK) * period_s  # the monitor adds samples up in blocks
     return Manoeuvre(change_rad_s, hold_s, changes, changes * (2.0 * hold_s + ramp_s))

@@ -37,6 +37,7 @@ from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, n
 from rwa_monitor.switching.components import split
 from rwa_monitor.switching.friction_model import slope_prior
 from rwa_monitor.wheel.effects.catalogue import viscous_per_K
+from rwa_monitor.wheel.effects.drag_laws import SEASON_K
 from rwa_monitor.wheel.wheel import Wheel
 
 MIN_USED: Final = 16  # samples below which nothing is estimated at all
@@ -168,7 +169,6 @@ def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | Non
 # does at the window's speed is in the levels.
 
 
-UNSEEN_K: Final = 15.0  # K: what a sensor that never moves may miss, the swing of the seasons; a working assumption
 # Of what is not known of a wheel's heat, what may come and go within a window. A working assumption: of an orbit's ±3 K
 # and a year's ±15 K it is a fifth, of an orbit's alone it is all.
 WITHIN_WINDOW: Final = 0.5
@@ -206,7 +206,7 @@ def temperature_uncertainty(
         error_K = heat.error_K
         reason = f"the bearing's temperature is missing, or stuck, for {100.0 * heat.unknown:.0f} % of the window"
         if not adequate and heat.low_degC == heat.high_degC and not heat.unknown:
-            error_K = math.hypot(error_K, UNSEEN_K)
+            error_K = math.hypot(error_K, SEASON_K)  # what a sensor that never moves may miss
             reason = f"the bearing's temperature stands still at {heat.mean_degC:.3g} °C while friction does not"
         share = abs(viscous_per_K(wheel, heat.mean_degC)) * error_K
     if share == 0.0:

@@ -32,13 +32,13 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.duration_likelihoods import broad_pmf
 from rwa_monitor.switching.jump_attribution import SIGMAS, Sojourn
 from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
+from rwa_monitor.wheel.effects.switching_base import STRAY_SHARE
+from rwa_monitor.wheel.file_content import rounded
 
 NODES: Final = 41  # of each parameter over its posterior
 REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; sojourns that were cut only lengthen it
 SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from what comes in bursts to what is nearly a clock
 SCALES: Final = float(np.log(1e6))  # width of the prior of a scale's logarithm: from a slot to a day and a half at 8 Hz
-# Of the sojourns that are none: a visit of a few slots is not seen, and the rests before and after it pass for one.
-STRAY_SHARE: Final = 0.02
 BEYOND: Final = 60  # points at which the tail of a sojourn that outlasts a record is added up
 POINTS: Final = 1000  # at which the law's survival function is known before it is written
 NEGLIGIBLE: Final = 1e-7  # probability of one law of thousands: invisible in what is written
@@ -277,5 +277,5 @@ def _histogram(at: IntArray, survival: FloatArray) -> Histogram:
     beyond[-1] = 0.0
     return Histogram(
         edges=tuple(edges.tolist()),
-        weights=tuple(float(f"{share:.4g}") for share in -np.diff(beyond)),
+        weights=tuple(rounded(share, 4) for share in -np.diff(beyond)),
     )

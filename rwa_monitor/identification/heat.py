@@ -20,6 +20,7 @@ from rwa_monitor.discrepancy.record import Record, temperature_range, without_kn
 from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.samples import TINY, FloatArray, IntArray
+from rwa_monitor.simulation.datasets import BASE_VISCOUS_STD
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS, mean_effects, to_block, viscous_per_K
 from rwa_monitor.wheel.wheel import Nominal, Wheel
@@ -27,7 +28,6 @@ from rwa_monitor.wheel.wheel import Nominal, Wheel
 # Of the friction at rest, the standard deviation of what temperature adds, below which it is let be.
 SMALLEST_SWING: Final = 0.005
 FEWEST_RECORDINGS: Final = 3  # that show a spread: two differ, or one is of a failing wheel
-LEAST_SPREAD: Final = 0.02  # of viscous friction: what healthy wheels differ by in the built-in model
 GRID: Final = 4  # values of a shape that fits begin at
 ROUNDS: Final = 2  # of jumps and shape in turns
 SETTLED: Final = 0.1  # of the criterion
@@ -186,7 +186,7 @@ def _with_spread(plain: Heat, records: Sequence[Record], bare: Wheel) -> Heat:
     # The spread of a few is known badly: as wide as recordings to come need it (Student).
     few = float(stats.t.ppf(ONE_SIDED, count - 1) / stats.norm.ppf(ONE_SIDED) * np.sqrt(1.0 + 1.0 / count))
     spread = float(np.std(slopes, ddof=1)) / max(mean, TINY)
-    if spread < LEAST_SPREAD or slopes.min() <= 0.0:
+    if spread < BASE_VISCOUS_STD or slopes.min() <= 0.0:
         return plain
     own = [
         replace(record, own_viscous_rad_s=record.viscous_speed_rad_s * slope / mean)

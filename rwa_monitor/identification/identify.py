@@ -33,6 +33,7 @@ from rwa_monitor.switching.jump_attribution import (
     confused_pairs,
     ways_up,
 )
+from rwa_monitor.wheel.file_content import rounded
 from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 from rwa_monitor.words import counted
 
@@ -121,7 +122,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             raise InputError(error.source, "; ".join((*drift, error.reason)), error.place) from error
     if base <= 0:
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
-    nominal_speed = _rounded(float(np.quantile(problem.motion, 0.95)), 2)
+    nominal_speed = rounded(float(np.quantile(problem.motion, 0.95)), 2)
     cause = cause_of(problem, fitted, bare)
     check_enough(problem, base, viscous, names, cause)
     blocks = [_block_of(f"fss_{number}", laws, system, base) for number, (system, laws) in enumerate(found, start=1)]
@@ -134,9 +135,9 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
                 dry_torque_Nm=base,
                 viscous_Nm_s_rad=viscous,
                 nominal_speed_rad_s=nominal_speed,
-                dry_torque_std_Nm=_rounded(dry_std, 2) if np.isfinite(dry_std) else None,
-                viscous_std_Nm_s_rad=_rounded(viscous_std, 2) if np.isfinite(viscous_std) else None,
-                viscous_spread=None if heat.spread is None else _rounded(heat.spread, 3),
+                dry_torque_std_Nm=rounded(dry_std, 2) if np.isfinite(dry_std) else None,
+                viscous_std_Nm_s_rad=rounded(viscous_std, 2) if np.isfinite(viscous_std) else None,
+                viscous_spread=None if heat.spread is None else rounded(heat.spread, 3),
             ),
             "temperature": start.temperature,
             "noise": Noise(friction_std_Nm=problem.noise.std),
@@ -319,12 +320,12 @@ def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: f
         # A sample of n misses about 1/(n+1) of a range at each end.
         margin = 0.0 if q == 0 else float(np.ptp(relative)) / (relative.size + 1)
         low, high = (0.0, 0.0) if q == 0 else (float(relative.min()) - margin, float(relative.max()) + margin)
-        ranges.append(FrictionRange(low=_rounded(low, 4), high=_rounded(high, 4)))
+        ranges.append(FrictionRange(low=rounded(low, 4), high=rounded(high, 4)))
     count = len(laws)
     up = None
     if count > 2 and all(system.ups[1:-1]):
         # Laplace's rule of succession: no transition is ruled out because it was not seen.
-        middle = [_rounded((sum(ways) + 1) / (len(ways) + 2), 4) for ways in system.ups[1:-1]]
+        middle = [rounded((sum(ways) + 1) / (len(ways) + 2), 4) for ways in system.ups[1:-1]]
         up = (1.0, *middle, 0.0)
     return SwitchingSystem(
         name=name,
@@ -343,10 +344,6 @@ def _note(name: str, laws: Sequence[LearnedLaw], system: _System) -> str:
             f" from {len(seen)} sojourns{f', {cut} of them cut' if cut else ''}"
         )
     return f"{name}: {'; '.join(parts)}"
-
-
-def _rounded(value: float, digits: int) -> float:
-    return float(f"{value:.{digits}g}")
 
 
 # ---- what the recordings may not show, and warnings ------------------------------------------------------------------

@@ -72,7 +72,7 @@ using std::ranges::all_of, std::ranges::any_of, std::ranges::copy, std::ranges::
     std::ranges::fill, std::ranges::fill_n, std::ranges::find, std::ranges::lower_bound, std::ranges::max_element,
     std::ranges::min_element, std::ranges::none_of, std::ranges::nth_element, std::ranges::partial_sort,
     std::ranges::reverse, std::ranges::sort, std::ranges::stable_sort;
-using std::array, std::int64_t, std::make_tuple, std::move, std::size_t, std::tie, std::tuple;
+using std::array, std::int64_t, std::move, std::size_t, std::tie, std::tuple;
 #ifdef RWA_ONBOARD
 template <typename T>
 using vector = std::vector<T, Pooled<T>>;

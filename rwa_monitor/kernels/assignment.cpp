@@ -753,29 +753,9 @@ tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> w
     return {path, system, direction, borders, statistics, log_evidence, score};
 }
 
-// Add the weight of another path to each attribution (m, 2) that it shares with the best: the same system and direction
-// at a candidate at most `apart` slots away. Two that jump at once are listed in the order of their systems, so places
-// correspond.
-void add_agreement(
-    Integers index, int64_t apart, IntegerMatrix system, IntegerMatrix direction,
-    IntegerMatrix other_system, IntegerMatrix other_direction, double weight, Matrix<double> sure) {
-    for (int64_t k : range(index.size())) {
-        for (int64_t place : range(2)) {
-            const auto shared = [&, who = system(k, place), way = direction(k, place)](int64_t near, int beside) {
-                return other_system(near, beside) == who && other_direction(near, beside) == way;
-            };
-            bool same = shared(k, place);
-            for (int64_t near = 0; near < index.size() && !same && system(k, place) != REJECTED; ++near) {
-                same = abs(index[near] - index[k]) <= apart && (shared(near, 0) || shared(near, 1));
-            }
-            if (same) sure(k, place) += weight;
-        }
-    }
-}
-
 }  // namespace
 
 STAGE(assignment, REJECT, NO_SYSTEM, STEPS, REJECTED, UNATTRIBUTED, PREFERENCE, fit_table, refine_nodes, find_paths,
-      add_up_laws, weigh, add_agreement)
+      add_up_laws, weigh)
 
 }  // namespace rwa

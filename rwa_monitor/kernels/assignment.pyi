@@ -73,18 +73,3 @@ def weigh(
         REJECTED or UNATTRIBUTED alone, REJECTED in second place; slots at which the path's segments begin and end, and
         their statistics; the samples' log-likelihood, and the same with the laws'.
     """
-
-def add_agreement(
-    index: IntArray,
-    apart: int,
-    system: IntArray,
-    direction: IntArray,
-    other_system: IntArray,
-    other_direction: IntArray,
-    weight: float,
-    sure: FloatArray,
-) -> None:
-    """Add the weight of another path to each attribution (m, 2) that it shares with the best, in `sure`.
-
-    Shared is the same system and direction at a candidate at most `apart` slots away.
-    """

@@ -173,9 +173,9 @@ struct StructureArrays {
     FIELDS(signs, counts, near_zero, zeros, ripple)
 };
 
-// The pieces of `length` slots, one every `hop` slots from 0 on, `most` of them, that end by `slot`.
-inline int64_t pieces_before(int64_t slot, int64_t length, int64_t hop, int64_t most) {
-    return slot < length ? 0 : min((slot - length) / hop + 1, most);
+// The pieces of `length` slots, one every `hop` slots from 0 on, that end by `slot`.
+inline int64_t pieces_before(int64_t slot, int64_t length, int64_t hop) {
+    return slot < length ? 0 : (slot - length) / hop + 1;
 }
 
 void count_signs(int64_t first, Floats speed, Flags good, Vector<int64_t> signs, Vector<int64_t> counts);

@@ -6,6 +6,7 @@
 namespace rwa {
 namespace {
 constexpr double LARGEST_VALUE = 1e4;  // normalised; speed or friction beyond is a broken word of telemetry
+constexpr double SPEED_NOISES = 5.0;  // dead band in standard deviations of the speed's noise, where it is not stated
 constexpr double KEPT_STATISTIC = 12.0;     // peaks below are not kept: no threshold at the close is as low
 constexpr double CERTAIN_STATISTIC = 30.0;  // peaks that split the window while its slope is first estimated
 constexpr double SMALLEST_WEIGHT = 1e-12;   // W_b where nothing is known of the slope: only keeps 0/0 away (errata 3)
@@ -69,17 +70,18 @@ struct WindowArrays {
     Vector<bool> good, used;
     SumArrays sums;
     Vector<double> running;
+    Matrix<double> block_sums, block_pairs;  // see `block_differences`
     StructureArrays structure;
-    FIELDS(motion, x, z, good, used, sums, running, structure)
+    FIELDS(motion, x, z, good, used, sums, running, block_sums, block_pairs, structure)
 };
 
 struct WindowSettings {
     double speed_unit, torque_unit, angle_per_x;
     int64_t block_hop, stretch_hop;
-    double dead_band, speed_noises, start_std, prior_mean, prior_std, nominal_slope;
+    double dead_band, start_std, prior_mean, prior_std, nominal_slope;
     double outlier, sure_outlier, sure_margin, sure_statistic;
-    FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, dead_band, speed_noises, start_std, prior_mean,
-           prior_std, nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
+    FIELDS(speed_unit, torque_unit, angle_per_x, block_hop, stretch_hop, dead_band, start_std, prior_mean, prior_std,
+           nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
 };
 
 // Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
@@ -88,30 +90,12 @@ bool is_odd_power(int64_t chunks) {
     return chunks == 2;
 }
 
-// Memory whose pages the system need not give before they are written to.
-struct Untouched {
-    Untouched() = default;
-    Untouched(const Untouched&) = delete;
-    Untouched& operator=(const Untouched&) = delete;
-    ~Untouched() { if (data) allocator.deallocate(data, size); }
-    double* take(size_t count) { return data = allocator.allocate(size = count); }
-
-    NewFloats::allocator_type allocator;
-    double* data = nullptr;
-    size_t size = 0;
-};
-
 // A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and
 // what it learns of itself.
 struct Window {
     Window(const WindowArrays& arrays, const WindowSettings& settings, Integers scales)
         : a(arrays), by(settings), slope(settings.nominal_slope), detector(scales), variances(scales.size(), NAN),
-          floors(scales.size(), INFINITY), sure(scales.size(), INFINITY) {
-        const int64_t blocks = blocks_before(a.x.size());
-        // Not touched before there are samples for it.
-        block_sums = Matrix<double>(memory.take(2 * blocks * LAGS), {blocks, LAGS});
-        block_pairs = Matrix<double>(block_sums.end(), {blocks, LAGS});
-    }
+          floors(scales.size(), INFINITY), sure(scales.size(), INFINITY) {}
 
     // Learn from the first chunk, the slots [0, stop): the speed whose sign is certain, the dead band, which samples are
     // used, and the weight of the slope's prior.
@@ -122,7 +106,7 @@ struct Window {
             if (a.good[k]) speeds.push_back(a.motion[k]);
         }
         // The second difference of a smooth speed is noise, of √6 times its standard deviation.
-        certain = by.speed_noises * median_size(differences(differences(speeds))) / (normal_median * sqrt(6.0));
+        certain = SPEED_NOISES * median_size(differences(differences(speeds))) / (normal_median * sqrt(6.0));
         band = isnan(by.dead_band) ? certain : by.dead_band;
         mark_used(a.motion.data, a.good.data, band, stop, a.used.data);
         weight = SMALLEST_WEIGHT;
@@ -155,7 +139,7 @@ struct Window {
     Noise noise(int64_t done) const {
         const int64_t blocks = blocks_before(done);
         return learn_noise(
-            {block_sums.data, {blocks, LAGS}}, {block_pairs.data, {blocks, LAGS}}, detector.histogram, detector.scales,
+            {a.block_sums.data, {blocks, LAGS}}, {a.block_pairs.data, {blocks, LAGS}}, detector.histogram, detector.scales,
             by.start_std * by.start_std);
     }
 
@@ -183,7 +167,7 @@ struct Window {
 
     // The blocks of the noise that end by `slot`.
     int64_t blocks_before(int64_t slot) const {
-        return pieces_before(slot, BLOCK + LAGS, by.block_hop, a.x.size());
+        return pieces_before(slot, BLOCK + LAGS, by.block_hop);
     }
 
     // Detect from `done` on, as long as the tails of the noise do not look heavy; returns whether they do.
@@ -228,8 +212,8 @@ struct Window {
             a.motion, a.x, a.z, a.good, a.used, start, stop, certain, by.angle_per_x, by.stretch_hop, a.structure);
 #endif
         block_differences(
-            a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight, block_sums,
-            block_pairs);
+            a.x, a.z, a.used, blocks_before(start), blocks_before(stop), by.block_hop, slope, weight,
+            a.block_sums, a.block_pairs);
     }
 
     // Bring the variance of each scale, and what is kept and sure, up to date. Returns whether the tails of the noise
@@ -292,8 +276,6 @@ struct Window {
     Detector detector;
     NewFloats variances, floors, sure;          // see `ScanSettings`; NaN and infinite where not known
     Quantiles quantiles{NAN, NAN, NAN};         // of the narrowest scale's statistic
-    Untouched memory;
-    Matrix<double> block_sums, block_pairs;  // see `block_differences`
     NewIntegers announced;                   // the last slots reported
     tuple<NewIntegers, NewFloats, NewFloats, NewFloats> reported;  // slot, jump, its std, normalised statistic
 };
@@ -301,7 +283,7 @@ struct Window {
 
 #ifndef RWA_ONBOARD
 void bind_evidence(nanobind::module_& module) {
-    EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT);
+    EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT, SPEED_NOISES);
     nanobind::class_<Window>(module, "Window")
         .def(nanobind::init<WindowArrays, WindowSettings, Integers>(), nanobind::keep_alive<1, 2>())
         .def("gather", &Window::gather, nanobind::call_guard<nanobind::gil_scoped_release>())

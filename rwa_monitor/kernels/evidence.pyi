@@ -6,10 +6,23 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 KEPT_STATISTIC: Final[float]
 SMALLEST_WEIGHT: Final[float]
+SPEED_NOISES: Final[float]
 
 # motion, x, z, good, used, (slots,): the samples, normalised, |ω| first (the same array as x where viscous friction is
-# in proportion to it); which are good, and which of those are used. Running sums, see `RunningSums`, and structure.
-_WindowArrays = tuple[FloatArray, FloatArray, FloatArray, BoolArray, BoolArray, SumArrays, FloatArray, StructureArrays]
+# in proportion to it); which are good, and which of those are used. Running sums, see `RunningSums`; sums and pairs of
+# the noise's blocks, see `kernels.noise.block_differences`; structure.
+_WindowArrays = tuple[
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    BoolArray,
+    BoolArray,
+    SumArrays,
+    FloatArray,
+    FloatArray,
+    FloatArray,
+    StructureArrays,
+]
 
 class Window:
     """A window: arrays that are filled in place, and must not be replaced while it is in use; what it learns of itself.

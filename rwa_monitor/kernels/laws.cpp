@@ -163,6 +163,6 @@ NewCube densities(
 }
 }  // namespace
 
-STAGE(laws, SOFT_SHARE, OTHER_SIZE, LEVEL_NUMBERS, tabulate, densities)
+STAGE(laws, SOFT_SHARE, LEVEL_NUMBERS, tabulate, densities)
 
 }  // namespace rwa

@@ -87,21 +87,6 @@ tuple<double, double> slope_within(
     return {sxz / sxx, sqrt(variance / sxx)};
 }
 
-// The sums of products of values that lie `first` places apart and more, in the order of their intervals and within one:
-// (intervals, lags).
-NewMatrix lagged_products(Floats value, Integers interval, int64_t intervals, int64_t first, int64_t lags) {
-    NewMatrix products({intervals, lags});
-    for (int64_t begin = 0, end = 0; begin < value.size(); begin = end) {
-        while (end < value.size() && interval[end] == interval[begin]) ++end;
-        double* __restrict sums = &products(interval[begin], 0);
-        for (int64_t b : range(begin, end)) {
-            const double* later = value.data + b + first;
-            for (int64_t row : range(min(lags, end - b - first))) sums[row] += value[b] * later[row];
-        }
-    }
-    return products;
-}
-
 // ---- direction, dead band and wheel angle beside the sums: of no use before the close of a window ---------------------
 
 #ifndef RWA_ONBOARD
@@ -268,9 +253,7 @@ void extend_structure(
         }
         first = end;
     }
-    const int64_t most = arrays.ripple.shape[0];
-    for (int64_t stretch = pieces_before(start, STRETCH, hop, most);
-         stretch < pieces_before(stop, STRETCH, hop, most); ++stretch) {
+    for (int64_t stretch : range(pieces_before(start, STRETCH, hop), pieces_before(stop, STRETCH, hop))) {
         const int64_t from = stretch * hop;
         if (all_of(&used[from], &used[from] + STRETCH, [](bool taken) { return taken; })) {
             ripple_power(&motion[from], &z[from], angle_per_x, &arrays.ripple(stretch, 0), arrays.ripple.shape[1]);
@@ -279,7 +262,7 @@ void extend_structure(
 }
 #endif
 
-STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, lagged_products, BLOCK, STRETCH, count_signs,
+STAGE(running_sums, STRIDE, extend_sums, range_moments, slope_within, BLOCK, STRETCH, count_signs,
       extend_structure)
 
 }  // namespace rwa

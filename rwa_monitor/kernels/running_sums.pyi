@@ -46,12 +46,6 @@ def slope_within(
         Of the slope; NaN where nothing is known.
     """
 
-def lagged_products(value: FloatArray, interval: IntArray, intervals: int, first: int, lags: int) -> FloatArray:
-    """Return Σ value_k value_{k+lag} of the pairs within each interval, lags from `first` on; (intervals, lags).
-
-    `value` and `interval`, int64, are (n,), in the order of the intervals.
-    """
-
 def count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray, counts: IntArray) -> None:
     """Add the slots from `first` on that are good, and those forward less those backward, to their blocks."""
 

@@ -61,7 +61,6 @@ def assign(
     noise: NoiseEstimate,
     wheel: Wheel,
     *,
-    limit: int = BUDGET,
     hard: bool = False,
     w: int = SCALE,
 ) -> tuple[Assignment, Estimate]:
@@ -75,8 +74,6 @@ def assign(
         int64 (N_cp,), its changepoints, ascending.
     wheel
         Its wheel.
-    limit
-        States kept per changepoint: the paper's number "may increase exponentially".
     hard
         Whether to keep to the hard duration laws as printed, also where no sequence of jumps is possible under them.
     w
@@ -93,11 +90,11 @@ def assign(
     sizes = np.diff(all_of_them.friction.level)
     directions = np.where(sizes >= 0, 1, -1)  # Δf_i
     tables = [_tables(system, index) for system in wheel.fss]
-    choices, start, score, states, pruned = _programme(tables, directions, all_of_them.rejection, limit)
+    choices, start, score, states, pruned = _programme(tables, directions, all_of_them.rejection)
     if choices is None and not hard:
         # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
         tables = [_softened(table) for table in tables]
-        choices, start, score, more, pruned = _programme(tables, directions, all_of_them.rejection, limit)
+        choices, start, score, more, pruned = _programme(tables, directions, all_of_them.rejection)
         states += more
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
     accepted = system != REJECTED
@@ -128,7 +125,7 @@ def _softened(tables: _Tables) -> _Tables:
 
 
 def _programme(
-    tables: list[_Tables], directions: IntArray, rejection: FloatArray, limit: int
+    tables: list[_Tables], directions: IntArray, rejection: FloatArray
 ) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
     """Run the dynamic programme; return the choice per candidate, the start, the score, states expanded, cut or not."""
     best: dict[_State, tuple[float, _Choices, tuple[int, ...]]] = {
@@ -144,8 +141,8 @@ def _programme(
                     found[following] = (score + gain, (*choices, choice), start)
         alive = [(entry[0] + _survival(tables, state, k), state) for state, entry in found.items()]
         alive = sorted((one for one in alive if one[0] > -np.inf), reverse=True)
-        pruned = pruned or len(alive) > limit
-        best = {state: found[state] for _, state in alive[:limit]}
+        pruned = pruned or len(alive) > BUDGET
+        best = {state: found[state] for _, state in alive[:BUDGET]}  # their number "may increase exponentially"
     last = len(directions) - 1
     complete = [(entry[0] + _survival(tables, state, last), state) for state, entry in best.items()]
     if not complete:

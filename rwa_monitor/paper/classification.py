@@ -109,9 +109,7 @@ def with_classifiers(model: Model, windows: Sequence[LabelledFeatures]) -> Model
     return model.model_copy(update={"anomalies": tuple(anomalies)})
 
 
-def train_svm(
-    values: Sequence[FloatArray], anomalous: BoolArray, bins: int, cost: float = SVM_COST
-) -> LinearSvm | None:
+def train_svm(values: Sequence[FloatArray], anomalous: BoolArray, bins: int) -> LinearSvm | None:
     """Train a linear support vector machine; None where a class has too few windows.
 
     Parameters
@@ -122,8 +120,6 @@ def train_svm(
         bool (windows,).
     bins
         Of the histogram; 0 for a coefficient.
-    cost
-        C of the support vector machine.
     """
     if min(int(anomalous.sum()), int((~anomalous).sum())) < MIN_WINDOWS:
         return None
@@ -136,7 +132,7 @@ def train_svm(
     from sklearn.svm import LinearSVC  # takes a second to import
 
     # The primal problem with squared hinge loss is strictly convex: one optimum, on every machine.
-    machine = LinearSVC(C=cost, dual=False, tol=SVM_TOLERANCE, max_iter=SVM_ITERATIONS).fit(features, anomalous)
+    machine = LinearSVC(C=SVM_COST, dual=False, tol=SVM_TOLERANCE, max_iter=SVM_ITERATIONS).fit(features, anomalous)
     weights, bias = machine.coef_[0], float(machine.intercept_[0])
     slope, offset = _calibrate(features @ weights + bias, anomalous)
     return LinearSvm(

@@ -17,6 +17,7 @@ from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import Telemetry, cut, simulate
 from rwa_monitor.simulation.scenario import Anomaly, Base, Fault, FrictionNoise, Scenario, Sensors, Temperature
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Histogram, Lognormal, Uniform, Weibull
+from rwa_monitor.wheel.effects.drag_laws import SEASON_K
 from rwa_monitor.wheel.wheel import EffectBlock, FrictionRange, SwitchingSystem, Wheel, built_in_wheel
 
 # Severities: the factor of each anomaly on what is nominal (dry and viscous coefficients, friction of a system).
@@ -53,10 +54,8 @@ LABEL_SHARE: Final = 0.5  # a growing anomaly counts as active from half of its 
 # A bearing in orbit: ±3 K with the eclipses, ±15 K over the seasons, seen by a sensor on the housing; viscosity falls
 # by 2 to 8 % a kelvin (the catalogue's range). Working assumptions, but for the catalogue's.
 ORBIT_SWING_K: Final = 3.0
-SEASON_K: Final = 15.0
 ACTIVATION_K: Final = (1700.0, 6900.0)
 SENSOR_LAG_S: Final = (300.0, 1200.0)  # s, tens of minutes at most for a wheel of a few kilograms
-MEAN_DEGC: Final = 20.0
 # `flown`: noise as measured on six joints of a robot at 200 Hz (docs/measured.md: correlation of neighbours 0.56 to
 # 0.98 after the law that was found, spread up to three times larger at speed, 3.5 to 12 degrees of freedom), taken to
 # the wheel's own period. Quanta are those of 13 to 16 bits over twice the maximum current. No record at hand is long
@@ -331,7 +330,7 @@ def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
 def _orbit(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
     """The same as `mild`, on a wheel whose bearing warms and cools in an orbit and over the year."""
     mild = _one_anomaly(MILD_SEVERITIES)(wheel, number, windows, rng)
-    mean_degC = MEAN_DEGC + SEASON_K * rng.uniform(-1.0, 1.0)
+    mean_degC = Temperature().mean_degC + SEASON_K * rng.uniform(-1.0, 1.0)
     return mild.model_copy(update={"temperature": Temperature(mean_degC=mean_degC, swing_K=ORBIT_SWING_K)})
 
 

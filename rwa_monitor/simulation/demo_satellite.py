@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
+from rwa_monitor.messages import SamplesMessage, key_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
 from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.simulation.motion import SpeedProfile
@@ -89,11 +90,6 @@ class Satellite(NamedTuple):
     hidden: Hidden
 
 
-def samples_key(spacecraft: str, wheel: str) -> str:
-    """Return the bus key of a wheel's samples."""
-    return f"rwa/{spacecraft}/{wheel}/samples"
-
-
 def demo_wheel() -> Wheel:
     """Return the constants of the demo's wheels."""
     wheel = scaled_wheel(built_in_wheel(), 1.0 / QUICKER)
@@ -124,7 +120,7 @@ def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: 
     *streams, hidden_stream = np.random.default_rng(seed).spawn(len(WHEELS) + 1)
     hiding = str(hidden_stream.choice([name for name in WHEELS if name != FAILING]))
     hidden = hide(wheel, simulated_s, start_ns, hidden_stream)
-    telemetry = {samples_key(spacecraft, hiding): hidden.samples}
+    telemetry = {key_of(SamplesMessage, spacecraft, hiding): hidden.samples}
     for name, profile, rng in zip(WHEELS, PROFILES, streams, strict=True):
         if name == hiding:
             continue
@@ -135,7 +131,7 @@ def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: 
             anomalies=failure if name == FAILING else {},
             channels=("friction_torque_Nm", "motor_current_A"),
         )
-        telemetry[samples_key(spacecraft, name)] = simulate(scenario, wheel, rng).samples
+        telemetry[key_of(SamplesMessage, spacecraft, name)] = simulate(scenario, wheel, rng).samples
     return Satellite(wheel, telemetry, speed, start_ns, start_ns + round(onset_s * 1e9), hiding, hidden)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.random import Generator
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.evidence import SPEED_NOISES
 from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.samples import SECONDS_PER_HOUR, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.simulation.motion import ORBIT_S, ROUNDING, Motion, simulate_motion, wheel_angle
@@ -23,7 +24,7 @@ from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEf
 from rwa_monitor.wheel.effects.catalogue import build
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
 from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
-from rwa_monitor.wheel.wheel import SPEED_NOISES, Wheel
+from rwa_monitor.wheel.wheel import Wheel
 
 # A jump counts as visible when an oracle, given its place, its neighbours and the slope, finds it at six standard
 # deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises

@@ -50,7 +50,7 @@ from rwa_monitor.changepoints.stage_results import (
     Evidence,
     SwitchingPath,
 )
-from rwa_monitor.kernels.assignment import REJECT, STEPS, add_agreement, find_paths, fit_table, weigh
+from rwa_monitor.kernels.assignment import REJECT, STEPS, find_paths, fit_table, weigh
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations
@@ -171,8 +171,6 @@ def assign(
     evidence: Evidence,
     wheel: Wheel,
     carried: CarriedState | None = None,
-    *,
-    limit: int = BUDGET,
     priors: Priors | None = None,
 ) -> tuple[Assignment, Estimate]:
     """Decide which candidates are changepoints and which switching system made each.
@@ -185,8 +183,6 @@ def assign(
         Its wheel; any number of switching systems.
     carried
         What earlier windows showed, or None.
-    limit
-        Extensions of partial assignments kept per candidate; past it the search is pruned and marked so.
     priors
         In place of `window_priors`.
 
@@ -211,7 +207,7 @@ def assign(
     while True:
         rounds += 1
         scores = _scores(inputs, level, signs)
-        result = search(scores, paths=KEPT_PATHS, margin=MARGIN, budget=limit)
+        result = search(scores, paths=KEPT_PATHS, margin=MARGIN, budget=BUDGET)
         states += result.states
         if rounds == MAX_ROUNDS:
             break
@@ -387,11 +383,18 @@ def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
 
     The same system and direction at a candidate within SAME_JUMP slots is the same attribution.
     """
-    best = ranked[0]
+    system, direction = ranked[0].system, ranked[0].direction
     weights = softmax(np.array([one.score for one in ranked]))
-    sure = np.zeros(best.system.shape)
+    sure = np.zeros(system.shape)
+    here, near = np.nonzero(np.abs(index[:, None] - index) <= SAME_JUMP)
     for weight, one in zip(weights, ranked, strict=True):
-        add_agreement(index, SAME_JUMP, best.system, best.direction, one.system, one.direction, weight, sure)
+        same = (system == REJECTED) & (one.system == REJECTED)
+        found = (system[here, :, None] == one.system[near, None]) & (
+            direction[here, :, None] == one.direction[near, None]
+        )
+        pair, place = (found.any(axis=2) & (system[here] != REJECTED)).nonzero()
+        same[here[pair], place] = True
+        sure += weight * same
     return np.minimum(sure, 1.0)
 
 

@@ -278,8 +278,8 @@ def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...
         return FrictionLaw(0.0, 0.0), *(FrictionLaw(q * jump, jump) for q in range(1, system.configurations))
     laws = []
     for given in system.friction:
-        mid = 0.5 * (given.low + given.high)
-        laws.append(FrictionLaw(mid, max((given.high - given.low) / 12.0**0.5, 0.02 * abs(mid))))
+        width = given.high - given.low
+        laws.append(FrictionLaw(given.middle, max(width / 12.0**0.5, 0.02 * abs(given.middle))))
     return tuple(laws)
 
 

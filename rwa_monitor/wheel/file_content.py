@@ -25,9 +25,9 @@ _PART: Final = r"""(?:(?<![\w-])[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _LONG_KEY: Final = re.compile(rf"(?:{_PART}[ \t]*+\.[ \t]*+){{{MAX_KEY_PARTS}}}")
 
 
-def rounded(value: float) -> float:
-    """Return a value at 12 significant digits; applying it twice changes nothing."""
-    return float(f"{value:.{SIGNIFICANT_DIGITS}g}")
+def rounded(value: float, digits: int = SIGNIFICANT_DIGITS) -> float:
+    """Return a value at so many significant digits; applying it twice changes nothing."""
+    return float(f"{value:.{digits}g}")
 
 
 # Types of a float that is kept in a file.

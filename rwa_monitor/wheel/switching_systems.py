@@ -6,6 +6,7 @@ randomly chosen moment sees (errata 9).
 """
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -61,6 +62,12 @@ def jumping_chain_law(system: SwitchingSystem) -> FloatArray:
             weight[q + 1] = weight[q] * up[q] / down
     law: FloatArray = weight / weight.sum()
     return law
+
+
+@lru_cache(maxsize=256)
+def jump_rate(system: SwitchingSystem) -> float:
+    """Return how often a system jumps per slot, one over its mean sojourn; a wheel's is asked for at every window."""
+    return 1.0 / float(jumping_chain_law(system) @ np.array([law.mean() for law in system.durations]))
 
 
 def time_law(system: SwitchingSystem) -> FloatArray:

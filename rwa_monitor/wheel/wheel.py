@@ -10,12 +10,9 @@ from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import Field, model_validator
 
-from rwa_monitor.samples import MIN_PERIOD_NS, period_ns
+from rwa_monitor.samples import MIN_PERIOD_NS, SECONDS_PER_DAY, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
 from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile, packaged
-
-SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise, where it is not stated
-MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day shows nothing of a wheel's friction
 
 Positive = Annotated[float, Field(gt=0)]
 NoNegative = Annotated[float, Field(ge=0)]
@@ -175,7 +172,7 @@ class Wheel(TomlFile):
     what: ClassVar[str] = "wheel file"
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
-    sample_period_s: Annotated[float, Field(gt=0, le=MAX_PERIOD_S)]
+    sample_period_s: Annotated[float, Field(gt=0, le=SECONDS_PER_DAY)]
     inertia_kg_m2: Positive | None = None
     torque_constant_Nm_A: Positive | None = None
     gear_ratio: Positive | None = None  # turns of the motor for one of the wheel; unset without a gear

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.diagnosis.manoeuvre import LEAST_HOLD, Manoeuvre, deciding_manoeuvres
+from rwa_monitor.diagnosis.manoeuvre import Manoeuvre, deciding_manoeuvres
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.simulation.motion import SpeedProfile
@@ -90,7 +91,7 @@ def test_more_certainty_and_more_noise_take_longer(certainty: float, more: float
 def test_larger_changes_are_held_shorter_but_for_a_block_of_samples() -> None:
     holds = [one.hold_s * one.changes for one in deciding_manoeuvres(WHEEL, MODEL, "viscous", 0.95, SPEED)]
     assert holds == sorted(holds, reverse=True)
-    assert min(holds) == LEAST_HOLD * WHEEL.sample_period_s
+    assert min(holds) == BLOCK * WHEEL.sample_period_s
 
 
 def test_where_the_wheel_cannot_run_faster_it_is_slowed_down_and_beyond_its_limit_it_is_refused() -> None:

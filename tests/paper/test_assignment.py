@@ -14,7 +14,7 @@ from tests.switching.assignment_windows import candidates_at, evidence_of, windo
 WHEEL = built_in_wheel()
 
 
-def assigned(evidence: Evidence, **options: int) -> tuple[Assignment, Estimate]:
+def assigned(evidence: Evidence, **options: bool) -> tuple[Assignment, Estimate]:
     """Assign the candidates of a window as if they had been detected."""
     return assign(Signal.of(evidence), evidence.candidates.index, evidence.noise, WHEEL, **options)
 
@@ -94,7 +94,8 @@ def test_a_window_without_candidates():
     assert split(assignment, levels, WHEEL).base_dry == pytest.approx(1.0, abs=0.01)
 
 
-def test_states_are_capped_and_said():
+def test_states_are_capped_and_said(monkeypatch):
+    monkeypatch.setattr("rwa_monitor.paper.assignment.BUDGET", 2)
     made = window(WHEEL, np.random.default_rng(55), false_candidates=8.0)
-    assignment, _ = assigned(made.evidence, limit=2)
+    assignment, _ = assigned(made.evidence)
     assert assignment.pruned

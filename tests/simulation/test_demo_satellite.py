@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.adequacy.strength import level_columns, orthogonal_rms
 from benchmarks.adequacy.trials import true_channels
+from rwa_monitor.messages import SamplesMessage, key_of
 from rwa_monitor.simulation.demo_satellite import (
     EFFECTS,
     FAILING,
@@ -14,7 +15,6 @@ from rwa_monitor.simulation.demo_satellite import (
     Satellite,
     demo_wheel,
     same,
-    samples_key,
     simulate_satellite,
 )
 from rwa_monitor.simulation.motion import SpeedProfile
@@ -34,7 +34,7 @@ def _satellite(seed: int) -> Satellite:
 def test_a_seed_always_gives_the_same_satellite() -> None:
     one, two = _satellite(3), _satellite(3)
     assert (one.hiding, one.hidden.effect) == (two.hiding, two.hidden.effect)
-    assert one.telemetry.keys() == two.telemetry.keys() == {samples_key("test", wheel) for wheel in WHEELS}
+    assert one.telemetry.keys() == two.telemetry.keys() == {key_of(SamplesMessage, "test", wheel) for wheel in WHEELS}
     for key, samples in one.telemetry.items():
         assert np.array_equal(samples.time_ns, two.telemetry[key].time_ns)
         assert samples.friction_torque_Nm is not None
@@ -72,7 +72,7 @@ def test_each_effect_leaves_one_to_two_deviations_of_the_noise_in_a_pass(effect:
 def test_the_hidden_wheel_sends_in_passes_of_a_window() -> None:
     satellite = _satellite(0)
     samples = satellite.hidden.samples
-    assert samples is satellite.telemetry[samples_key("test", satellite.hiding)]
+    assert samples is satellite.telemetry[key_of(SamplesMessage, "test", satellite.hiding)]
     steps_s = np.diff(samples.time_ns) / 1e9
     pauses = steps_s[steps_s > 1.5 * satellite.wheel.sample_period_s]
     np.testing.assert_allclose(pauses, PAUSE_S + satellite.wheel.sample_period_s)

@@ -29,19 +29,21 @@ double interpolate(double at, const double* x, const double* y, int64_t n) {
 struct rwa_detector {
     rwa_detector(const rwa_detector_settings& by, rwa::Pool* memory)
         : settings(by), pool(memory), x(by.slots), z(by.slots), running(6), centre(2), good(by.slots), used(by.slots),
-          checkpoints({by.slots / rwa::STRIDE + 1, 6}), window(arrays(), kernel_settings(), scales()) {}
+          checkpoints({by.slots / rwa::STRIDE + 1, 6}), block_sums({by.slots / by.block_hop + 1, rwa::LAGS}),
+          block_pairs(block_sums.shape), window(arrays(), kernel_settings(), scales()) {}
 
     static rwa::Vector<bool> flags(rwa::vector<unsigned char>& values) {
         return {reinterpret_cast<bool*>(values.data()), {static_cast<int64_t>(values.size())}};
     }
     rwa::WindowArrays arrays() {
         const rwa::Vector<bool> taken = flags(used);
-        return {x, x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, {}};
+        return {x, x, z, flags(good), taken, {checkpoints, x, z, taken, centre}, running, block_sums, block_pairs,
+                {}};
     }
     rwa::WindowSettings kernel_settings() const {
         return {settings.speed_unit, settings.torque_unit, 0.0, settings.block_hop, 0, settings.dead_band,
-                settings.speed_noises, settings.start_std, settings.prior_mean, settings.prior_std,
-                settings.nominal_slope, settings.outlier, settings.sure_outlier, settings.sure_margin,
+                settings.start_std, settings.prior_mean, settings.prior_std, settings.nominal_slope,
+                settings.outlier, settings.sure_outlier, settings.sure_margin,
                 settings.sure_statistic};
     }
     // Without any idea of the slope, two neighbouring samples show nothing of a jump.
@@ -64,7 +66,7 @@ struct rwa_detector {
     rwa::Pool* pool;
     rwa::NewFloats x, z, running, centre;
     rwa::vector<unsigned char> good, used;
-    rwa::NewMatrix checkpoints;
+    rwa::NewMatrix checkpoints, block_sums, block_pairs;
     rwa::Window window;
     int64_t filled = 0, done = 0;
 };

@@ -24,7 +24,6 @@ typedef struct {
     int64_t block_hop;
     double start_std, prior_mean, prior_std, nominal_slope;
     double outlier, sure_outlier, sure_margin, sure_statistic;
-    double speed_noises;    /* dead band in standard deviations of the speed's noise, where none is stated */
     /* Largest outliers of noise with heavy tails, in robust standard deviations, by the ratio of two quantiles. */
     double tail_ratio[RWA_TAIL_NODES], tail_outlier[RWA_TAIL_NODES], tail_sure[RWA_TAIL_NODES];
 } rwa_detector_settings;

@@ -105,7 +105,7 @@ class CageInstability(NoiseEffect):
             "burst_s": values["burst_s"] / bursts,
             "quiet_s": values["quiet_s"] / bursts,
         }
-        return LikelihoodFit(values, std, gain, PARAMETERS, count), on
+        return LikelihoodFit(values, std, gain, len(cls.parameters), count), on
 
     @classmethod
     def fitted(
@@ -227,7 +227,6 @@ LEAST_FREEDOM: Final = 2.05  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
 MOST_EVALUATIONS: Final = 800
 FIRST_EVALUATIONS: Final = 120  # of each width: enough to find which is best
-PARAMETERS: Final = 6  # two scales, two mean stays, place and width of the band
 
 
 def find_bursts(

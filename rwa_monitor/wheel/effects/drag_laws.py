@@ -11,7 +11,8 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
 
 GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for exponents of one and more
-WIDEST_SHARE: Final = 0.5  # of the largest speed: e⁻² of a wide one (δ = 1) is left there, and the rest is seen
+# Of the largest value: e⁻² of a wide knee (δ = 1) is left there, and the rest is seen; a wider bump has no centre.
+WIDEST_SHARE: Final = 0.5
 MOST_STATIC: Final = 3.0  # (τ_S − τ_C)/τ_C [-]: bearings show up to 1, other machines more, a working assumption
 EXPONENT_REACH: Final = 0.6  # of a round of fitting; several follow each other
 
@@ -79,6 +80,7 @@ class Stribeck(MeanEffect):
 ZERO_CELSIUS_K: Final = 273.15  # [K]
 ORIGIN_degC: Final = 20.0  # where laws of the temperature are one or zero: a convention
 REFERENCE_K: Final = ZERO_CELSIUS_K + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
+SEASON_K: Final = 15.0  # [K] to either side over a year in orbit; a working assumption
 LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
 LAG_REACH_S: Final = 300.0  # [s] of a round of fitting; several follow each other
 

@@ -20,14 +20,13 @@ from rwa_monitor.errors import InputError, did_you_mean
 from rwa_monitor.kernels.effects import time_since
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, follow, stack
-from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
+from rwa_monitor.wheel.effects.drag_laws import WIDEST_SHARE, ORIGIN_degC
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_turned
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
 RESOLVED_STEPS: Final = 3.0  # of a variable from slot to slot: a narrower feature falls between samples
 FINEST_SHARE: Final = 0.02  # of the largest value: a scale below is a step at zero
 INSIDE_SHARE: Final = 0.05  # of the range: a centre nearer to its ends has no samples beyond
-WIDEST_SHARE: Final = 0.5  # of the range: a wider bump or step is a curve without a centre
 SLEW_QUANTILE: Final = 0.99  # of |dω/dt|: what single samples reach is noise
 
 

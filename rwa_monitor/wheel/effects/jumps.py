@@ -12,6 +12,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.durations import DurationLaw, Geometric, Weibull
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter, Shape, curvature_std, most_likely, stack
+from rwa_monitor.wheel.effects.noise_laws import BINS
 from rwa_monitor.wheel.effects.switching_base import (
     TINY,
     JumpClock,
@@ -143,8 +144,7 @@ class ExtraSwitchingSystem(SwitchingEffect):
         return self.values["strength_Nm"] * simulate_system(system, len(channels), rng).friction
 
 
-FEWEST_JUMPS: Final = 5
-BINS: Final = 200  # of the covariate
+FEWEST_SOJOURNS: Final = 5  # or jumps: fewer show no law
 FEWEST_PASSES: Final = 2  # from the lower quarter of the covariate's range to the upper one, or back
 STEEPEST: Final = 20.0  # of the log rate over the range of the speed: beyond, all jumps are at one speed
 
@@ -201,7 +201,7 @@ class SpeedTriggeredJumps(SwitchingEffect):
         """Fit λ ∝ exp(c·x), with the sojourns where jumps were attributed, else with the places of all jumps."""
         known = evidence.good & np.isfinite(covariate)
         everywhere = covariate[known]
-        if len(evidence.jumps) < FEWEST_JUMPS or everywhere.size < 2 or everywhere.max() == everywhere.min():
+        if len(evidence.jumps) < FEWEST_SOJOURNS or everywhere.size < 2 or everywhere.max() == everywhere.min():
             return cls.nothing_found(len(evidence.jumps))
         low, span = float(everywhere.min()), float(everywhere.max() - everywhere.min())
         if _passes((everywhere - low) / span) < FEWEST_PASSES:
@@ -264,9 +264,6 @@ def _sojourn_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float
 
     plain = log_likelihood(0.0)
     return lambda c: log_likelihood(c) - plain
-
-
-FEWEST_SOJOURNS: Final = 5
 
 
 class WrongDurationLaw(SwitchingEffect):

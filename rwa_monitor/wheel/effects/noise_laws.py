@@ -141,7 +141,7 @@ def student_log_likelihood(squares: FloatArray, degrees_of_freedom: float) -> fl
     return float(squares.size * constant - 0.5 * (nu + 1.0) * np.sum(np.log1p(squares / (nu * scale2))))
 
 
-BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in each
+BINS: Final = 200  # of |ω|, or of what else a law follows: its likelihood needs only count and mean square in each
 
 
 class SpeedDependentNoise(NoiseEffect):

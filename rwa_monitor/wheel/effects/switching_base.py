@@ -18,7 +18,8 @@ from rwa_monitor.wheel.effects.base import Channels, Effect, Family, Shape
 from rwa_monitor.wheel.switching_systems import Realisation
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
-STRAY_SHARE: Final = 0.02  # of the sojourns: one in fifty may be anything
+# Of the sojourns, that may be anything: a visit of a few slots is not seen, and the rests beside it pass for one.
+STRAY_SHARE: Final = 0.02
 TINY: Final = float(np.finfo(np.float64).tiny)  # keeps a logarithm finite
 
 

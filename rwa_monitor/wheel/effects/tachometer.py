@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, MeanEffect, NoiseEffect, Parameter, Shape
 
@@ -133,7 +134,6 @@ def read_zone(speed_rad_s: FloatArray, step_rad_s: float) -> ReadZone | None:
 
 SMOOTHING_SLOTS: Final = (7, 15)  # of a parabola that stands for the true speed under the steps: as that bends, or not
 LONGEST_STENCIL: Final = 8  # slots to each side: a Savitzky-Golay window of 2 s at 8 Hz
-MEDIAN_OF_CHI_SQUARE: Final = 0.455  # with one degree of freedom, over its mean: a variance that outliers do not move
 WIDER: Final = 8.0  # times as many multiples in each turn: a step known over some gives eight times as many rightly
 ON_LATTICE: Final = 1e-3  # of a step: how far a reading may be off its grid point (rounding of the file)
 SHARE_OF_SCATTER: Final = 0.25  # of the scatter of the readings: less, and it is noise, not rounding, that matters
@@ -197,7 +197,8 @@ class TachometerQuantisation(NoiseEffect):
         for slots in SMOOTHING_SLOTS:
             error = speed - signal.savgol_filter(speed, slots, 2, mode="constant", cval=np.nan)
             followed = signal.savgol_coeffs(slots, 2)[slots // 2]  # of an error of its own, by the parabola
-            scatter = float(np.nanmedian(error**2)) / MEDIAN_OF_CHI_SQUARE / (1.0 - followed)
+            # By the median, which outliers do not move.
+            scatter = float(np.nanmedian(error**2)) / CHI_MEDIAN / (1.0 - followed)
             if step**2 / 12.0 >= SHARE_OF_SCATTER * scatter:
                 fits += [
                     cls._regress(residual_Nm, error, usable, channels.sample_period_s, step, stencil)
