@@ -33,7 +33,6 @@ SHARING = {
     "test_page.py",
     "test_paper_page.py",
     "test_site.py",
-    "test_trends.py",
 }
 
 

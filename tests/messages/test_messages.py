@@ -119,6 +119,7 @@ def test_a_publisher_that_only_writes_the_arrays_is_served() -> None:
         (b'{"time_ns":[1],"speed_rad_s":[true]}', "speed_rad_s.0"),
         (b'{"time_ns":[1,2],"speed_rad_s":[1]}', ""),
         (b'{"time_ns":[1],"speed_rad_s":[1],"batch":-1}', "batch"),
+        (b'{"time_ns":[1],"speed_rad_s":[1],"data":"later"}', "data"),
         (b'{"time_ns":[1],"speed_rad_s":[1],"publisher":"' + b"x" * 65 + b'"}', "publisher"),
     ],
 )

@@ -160,16 +160,6 @@ def test_a_lost_message_is_given_up_when_enough_others_wait() -> None:
     assert adds_up(core.counts)
 
 
-def test_a_restarted_publisher_is_taken_over_and_loses_nothing() -> None:
-    parts = batches(10)
-    core = new_core()
-    events = []
-    for number, part in enumerate(parts):
-        events += core.feed(part, "before" if number < 4 else "after", number if number < 4 else number - 4)
-    assert troubles(events, "publisher change") == [TOOK_OVER]
-    assert core.counts.used == 500
-
-
 def test_a_history_that_comes_again_after_the_clock_stepped_back_is_no_new_count() -> None:
     before, after = batches(6), [replace(part, time_ns=part.time_ns - 40 * WINDOW * PERIOD_NS) for part in batches(8)]
     core = new_core()

@@ -13,8 +13,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.messages import SamplesMessage, Status, samples_json
+from rwa_monitor.messages import Status, samples_json
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
 from rwa_monitor.monitor.replay import replay, replay_to_bus
@@ -198,9 +197,3 @@ def test_a_replay_that_is_stated_on_the_wheels_own_key_is_kept_apart_too(
     status = of(listener, "rwa/sat/wheel_1/status", "live")[-1]
     assert (status["samples_received"], status["last_error"]) == (200, None)
     assert len(recorded(tmp_path, "rwa.Samples")) == 1
-
-
-def test_data_that_is_none_of_the_three_is_refused() -> None:
-    content = json.loads(samples_json(DAY[:2], "p", 0)) | {"data": "later"}
-    with pytest.raises(InputError, match="data"):
-        SamplesMessage.parse(json.dumps(content).encode(), KEY)

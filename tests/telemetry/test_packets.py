@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,8 +18,6 @@ from rwa_monitor.telemetry.reader import Decoding, TextFile, joined, only_wheel,
 from tests.telemetry import packets as made
 from tests.telemetry.packet_writer import FIELDS, FIRST_APID, XTCE_FILE, example_decoding, packets_of, write_packets
 
-CONTENT = struct.Struct(">I3sBiiiifH")
-
 
 def decoder(decoding: Decoding | None = None) -> PacketDecoder:
     return PacketDecoder(decoding or made.decoding(), "test")
@@ -35,16 +32,6 @@ def times_of(packets: Iterable[bytes]) -> list[int]:
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------
-
-
-def test_a_packet_is_read_as_its_bits_say() -> None:
-    content = CONTENT.pack(5, (2**23).to_bytes(3, "big"), 0b11111100, -12_345_678, 1_600_000, 5, -7, 1.5, 25_000)
-    packet = bytes(SpacePacketHeader.tm(FIRST_APID, 0, len(content) - 1).pack()) + content
-    (wheel,) = decoder().take(packet)
-    read = {name: values.tolist() for name, values in wheel.samples().channels()}
-    assert read.pop("time_ns") == [5_500_000_000]
-    expected = [-123.45678, 1.6e-3, 5e-7, -7e-9, 1.5, 25.0]
-    assert [read[name] for name in CHANNELS] == [[pytest.approx(value, rel=1e-12)] for value in expected]
 
 
 def test_samples_come_back_within_what_a_packet_resolves(tmp_path: Path) -> None:

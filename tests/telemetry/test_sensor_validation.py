@@ -157,17 +157,6 @@ def test_friction_of_the_wrong_sign_or_unit_is_never_nominal(factor: float, verd
 
 
 @pytest.mark.parametrize("kind", GIVEN)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_values_that_are_no_numbers_are_masked_and_change_no_verdict(kind: str, value: float) -> None:
-    samples, channel = telemetry(kind), SOURCE[kind]
-    rows = np.flatnonzero(np.random.default_rng(2).random(len(samples)) < 0.3)
-    window, core, _ = diagnosed(changed(samples, channel, rows.tolist(), value))
-    assert core.counts.masked == rows.size
-    assert window.diagnosis.coverage == pytest.approx(0.7, abs=0.02)
-    assert window.diagnosis.verdict == "nominal"
-
-
-@pytest.mark.parametrize("kind", GIVEN)
 def test_lost_samples_cost_their_own_slots_and_not_a_stencil_each(kind: str) -> None:
     samples = telemetry(kind)
     keep = np.random.default_rng(3).random(len(samples)) >= 0.05
