@@ -6,7 +6,7 @@ A spacecraft is slewed by steps of torque, ten times the friction. Only speed an
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -45,15 +45,18 @@ WHEEL = Wheel.from_toml(
 )
 
 
-def levels(rng: np.random.Generator) -> tuple[FloatArray, list[int]]:
-    """Return the level of the dry friction, of its nominal value, and the slots of its jumps."""
+def levels(rng: np.random.Generator, factors: Sequence[float] = (1.0, 1.0)) -> tuple[FloatArray, list[int]]:
+    """Return the level of the dry friction, of its nominal value, and the slots of its jumps; systems times factors."""
     level, jumps = np.ones(SLOTS), []
-    pulses, stairs = ((0.0, 0.0), (0.3, 0.6)), ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2))
-    for stays, frictions in ((((1_500, 3_500), (40, 200)), pulses), (((2_500, 6_000),) * 3, stairs)):
+    systems = (
+        (((1_500, 3_500), (40, 200)), ((0.0, 0.0), (0.3, 0.6))),
+        (((2_500, 6_000),) * 3, ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2))),
+    )
+    for (stays, frictions), factor in zip(systems, factors, strict=True):
         at, q, up = 0, int(rng.integers(len(frictions))), True
         until = int(rng.integers(40, stays[q][1]))
         while at < SLOTS:
-            level[at:until] += rng.uniform(*frictions[q])
+            level[at:until] += factor * rng.uniform(*frictions[q])
             jumps.append(at)
             up = q == 0 or (q < len(frictions) - 1 and rng.random() < 0.5)
             at, q = until, q + (1 if up else -1)
