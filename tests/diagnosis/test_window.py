@@ -159,16 +159,6 @@ def test_without_a_model_friction_is_split_and_nothing_is_judged() -> None:
     assert not active(diagnosis)
 
 
-def test_a_bare_wheel_is_split_as_far_as_it_goes() -> None:
-    wheel = Wheel(name="bare", sample_period_s=0.125)
-    speed, torque = telemetry(14)
-    diagnosis, _ = diagnose(speed, torque, wheel=wheel)
-    assert diagnosis.verdict == "inconclusive"
-    assert "[nominal]" in diagnosis.reason
-    assert list(diagnosis.anomalies) == ["dry", "viscous"]
-    assert diagnosis.friction.viscous.value == pytest.approx(5.333e-6, rel=0.02)
-
-
 def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     wheel = built_in_wheel()
     renamed = wheel.fss[1].model_copy(update={"name": "cage"})

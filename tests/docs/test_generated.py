@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.util
 import re
+import runpy
 import tomllib
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -17,15 +16,11 @@ DOCS = ROOT / "docs"
 WRITTEN = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
 
 
-def _generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_make", DOCS / "make.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+GENERATOR = runpy.run_path(str(DOCS / "make.py"))
 
 
 def test_generated_pages_are_those_of_the_code() -> None:
-    for name, text in _generator().pages().items():
+    for name, text in GENERATOR["pages"]().items():
         assert (DOCS / name).read_text(encoding="utf-8") == text, f"docs/{name} is old: python docs/make.py"
 
 
@@ -37,7 +32,7 @@ def test_every_effect_has_a_page_and_a_picture_and_nothing_else_has() -> None:
 
 def test_a_picture_is_drawn_by_its_code(tmp_path: Path) -> None:
     file = tmp_path / "stribeck.png"
-    _generator().draw_effect(CATALOGUE["stribeck"], file)
+    GENERATOR["draw_effect"](CATALOGUE["stribeck"], file)
     assert file.read_bytes().startswith(b"\x89PNG")
 
 

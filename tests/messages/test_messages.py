@@ -43,27 +43,6 @@ def test_schemas_are_schemas(message: type[messages.Message]) -> None:
     assert message.encoding() == f"application/json;{message.schema_name()}"
 
 
-DESIGN = {
-    SamplesMessage: {"time_ns", "speed_rad_s"},
-    messages.Status: {
-        *("samples_received", "samples_used", "samples_masked", "samples_late", "samples_duplicate"),
-        *("samples_rejected", "samples_queued", "slots_missed", "messages_rejected", "messages_dropped"),
-        *("messages_missed", "queue_depth", "window_fill", "last_error", "recording", "software", "model_sha256"),
-    },
-    Health: {"spacecraft", "wheel", "verdict", "severity", "reason", "window_end_ns", "alarms"},
-    Diagnosis: {
-        *("spacecraft", "wheel", "window_start_ns", "window_end_ns", "samples", "coverage", "partial", "verdict"),
-        *("reason", "anomalies", "friction", "changepoints", "fit", "model_adequate", "suspected_effect"),
-        *("explanation", "provenance"),
-    },
-}
-
-
-@pytest.mark.parametrize(("message", "fields"), DESIGN.items(), ids=lambda value: getattr(value, "__name__", ""))
-def test_every_field_of_the_design_is_required(message: type[messages.Message], fields: set[str]) -> None:
-    assert fields <= set(message.json_schema()["required"])
-
-
 def test_what_the_monitor_publishes_fits_the_schemas() -> None:
     from rwa_monitor.monitor.core import WheelCore
     from tests.monitor.support import model

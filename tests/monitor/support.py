@@ -127,11 +127,11 @@ def recorded(folder: Path, schema: str = Diagnosis.schema_name(), name: str = ""
     ]
 
 
-def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True) -> list[bytes]:
+def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True, name: str = "wheel_1") -> list[bytes]:
     """Return the diagnosis messages of a whole table, without the partial one where only whole ones are wanted."""
     core = WheelCore(of_wheel, model())
     events = core.feed(samples)
-    return diagnoses(messages_of(events if whole else [*events, *core.finish()]))
+    return diagnoses(messages_of(events if whole else [*events, *core.finish()], name))
 
 
 _RESERVED: list[socket.socket] = []

@@ -17,22 +17,17 @@ from rwa_monitor.messages import Status, samples_json
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
 from rwa_monitor.monitor.replay import replay, replay_to_bus
-from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
-from rwa_monitor.monitor.setup import Setup
+from rwa_monitor.monitor.service import Clock, Monitor
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
-from tests.monitor.processes import Listener, monitor, wait_for
-from tests.monitor.support import KEY, WINDOW, adds_up, batch_diagnoses, model, publish, recorded, telemetry, wheel
+from tests.monitor.processes import Listener, monitor, options, wait_for
+from tests.monitor.support import KEY, WINDOW, adds_up, batch_diagnoses, publish, recorded, telemetry, wheel
 
 PERIOD_NS = 125_000_000
 REPLAY_KEY = "rwa/sat/wheel_1@replay/{}"
 DAY = telemetry(5 * WINDOW)
 LIVE = DAY[3 * WINDOW : 4 * WINDOW + 300]  # one window of a contact, and some more
 DUMP = DAY[: 3 * WINDOW]
-
-
-def options(**changes: Any) -> RunOptions:
-    return RunOptions(**{"setup": Setup(wheel(), model=model()), "status_period_s": 0.05, **changes})
 
 
 def of(listener: Listener, key: str, data: str | None = None) -> list[dict[str, Any]]:

@@ -19,10 +19,9 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.recorder import locked
-from rwa_monitor.monitor.service import RunOptions, Supervisor, run
-from rwa_monitor.monitor.setup import Setup
-from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
-from tests.monitor.support import KEY, free_port, model, telemetry, wheel
+from rwa_monitor.monitor.service import Supervisor, run
+from tests.monitor.processes import Listener, options, process, wait_for, wait_until_it_monitors
+from tests.monitor.support import KEY, free_port, telemetry
 from tests.program import command
 
 SILENCE_S = 0.9  # WATCHDOG_USEC of these tests; a sign of life comes every third of it
@@ -104,11 +103,10 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
             stalls.set()
             goes_on.wait(60.0)
 
-    options = RunOptions(setup=Setup(wheel(), model=model()), status_period_s=0.05)
     with open_session(BusOptions()) as session:
         listener = Listener(session)
         arguments: dict[str, Any] = {"session": session, "log": log, "supervisor": Supervisor(ear.environment)}
-        thread = Thread(target=run, args=(options, stop), kwargs=arguments)
+        thread = Thread(target=run, args=(options(), stop), kwargs=arguments)
         thread.start()
         try:
             wait_for(lambda: "WATCHDOG=1" in ear.listen(), "a sign of life")

@@ -89,11 +89,6 @@ def test_gaps_and_short_records_do_no_harm(effect: type[NoiseEffect]) -> None:
     assert still.log_likelihood_gain == 0.0
 
 
-@pytest.mark.parametrize("step", [1e-3, 0.01, 2 * np.pi / 60])
-def test_a_lattice_is_found_to_its_last_digits(step: float) -> None:
-    assert quantisation_step(step * np.rint(rich_motion(SLOTS).speed_rad_s / step)) == pytest.approx(step, rel=1e-6)
-
-
 @pytest.mark.parametrize("digits", [3, 6, 12])
 def test_the_step_of_a_lattice_is_as_sure_as_the_digits_of_its_readings(digits: int) -> None:
     step = 2e-3 * np.pi
