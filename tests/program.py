@@ -1,7 +1,5 @@
 """The program as tests run it: in this process, or in one of its own as a user does."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

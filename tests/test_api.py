@@ -1,7 +1,5 @@
 """The public interface gives the same as the command, and no more than it promises."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

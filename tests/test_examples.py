@@ -1,7 +1,5 @@
 """The four examples run as a reader runs them, and print what their comments promise."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

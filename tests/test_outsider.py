@@ -3,8 +3,6 @@
 A spacecraft is slewed by steps of torque, ten times the friction. Only speed and current are measured.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 

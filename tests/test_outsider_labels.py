@@ -3,8 +3,6 @@
 Each anomaly comes or stays away on its own; healthy friction differs from window to window by 2 % and 1 %.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How times and counts are written for a person."""
 
-from __future__ import annotations
-
 import pytest
 
 from rwa_monitor.words import counted, first_few, time_text

@@ -1,7 +1,5 @@
 """A slice of the blind suite: each family of causes, each manoeuvre, each noise, and records that hide nothing."""
 
-from __future__ import annotations
-
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path

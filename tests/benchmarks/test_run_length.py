@@ -1,7 +1,5 @@
 """The average run length in closed form against the paper's figures and against the laws it rests on."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

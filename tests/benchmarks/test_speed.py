@@ -1,7 +1,5 @@
 """The speed benchmark: its peers do the same work, its ratios hold with generous slack, its results can be kept."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Strength of an effect: the RMS of what sign, speed and levels leave of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -35,15 +33,9 @@ def test_sign_speed_and_LEVELS_leave_nothing_of_themselves() -> None:
 
 def test_an_effect_that_the_base_law_takes_up_is_refused() -> None:
     channels = replace(CHANNELS, speed_rad_s=np.abs(CHANNELS.speed_rad_s) + 1.0, direction=np.ones(4096))
+    levels = level_columns(channels.direction, JUMPS)
     with pytest.raises(InputError, match="base law takes it up"):
-        strength_for(
-            MEAN_EFFECTS["torque_bias"],
-            {},
-            channels,
-            level_columns(channels.direction, JUMPS),
-            1e-5,
-            np.random.default_rng(0),
-        )
+        strength_for(MEAN_EFFECTS["torque_bias"], {}, channels, levels, 1e-5, np.random.default_rng(0))
 
 
 def test_a_strength_out_of_bounds_is_refused() -> None:

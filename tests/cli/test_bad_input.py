@@ -3,8 +3,6 @@
 What each reader refuses is tested with the reader; here is what only the program reports, and one case of each reader.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

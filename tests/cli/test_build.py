@@ -1,7 +1,5 @@
 """What the program states of its own source: of what is installed, and never of something else."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil

@@ -1,7 +1,5 @@
 """The demo as a user sees it: a process of its own, a recording that replays, the truth at the end."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """`diagnose`: tables in, one diagnosis for each window out."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

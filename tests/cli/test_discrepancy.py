@@ -1,7 +1,5 @@
 """The command `discrepancy` on what it cannot use or cannot separate, and on two recordings of a wheel."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What `doctor` reports of the folders of a monitor and of who is on its bus."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from threading import Event, Thread

@@ -1,7 +1,5 @@
 """The command as a user meets it: help, version, exit codes, one line for what is wrong."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

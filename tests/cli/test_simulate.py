@@ -1,7 +1,5 @@
 """`simulate` and `train`: the same seed gives the same bytes, the truth lies beside, and what was made can be used."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

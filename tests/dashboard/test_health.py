@@ -1,7 +1,5 @@
 """…/health on a real bus: at each window's close by the monitor, at each change of an alarm by the dashboard."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 from typing import Any

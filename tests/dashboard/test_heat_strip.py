@@ -1,7 +1,5 @@
 """The first screen: the last windows of all wheels in one picture, and what changed since the last visit."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

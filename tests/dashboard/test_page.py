@@ -1,7 +1,5 @@
 """The page in a real browser, from a real server on a real bus: what an operator sees and does."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Verdicts and alarms as space packets: by the definition that goes with them, read by what others wrote."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

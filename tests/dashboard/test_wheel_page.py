@@ -1,7 +1,5 @@
 """A wheel's page from the history alone, friction over speed and temperature, siblings; themes, keys and paper."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """The command lines that the documents show: all of them exist, and those marked `<!-- run -->` work in their order."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess

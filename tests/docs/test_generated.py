@@ -1,7 +1,5 @@
 """The generated pages are those of the code, and every page shows what there is."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import tomllib
@@ -14,8 +12,6 @@ from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 WRITTEN = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
-
-
 GENERATOR = runpy.run_path(str(DOCS / "make.py"))
 
 

@@ -1,7 +1,5 @@
 """How the core is installed alone: its lock is part of the other, complete and hashed, and every page states it."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import re

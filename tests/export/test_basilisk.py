@@ -1,7 +1,5 @@
 """What is exported for Basilisk, without Basilisk: `make outside` runs it there (benchmarks/basilisk/exported.py)."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
 """The onboard detector: the jumps of the monitor's recordings from a pipe, without Python, exceptions or allocation."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

@@ -1,7 +1,5 @@
 """The exported FMU in FMPy: valid, equal to the package's own simulation both ways, its state can be put back."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import zipfile

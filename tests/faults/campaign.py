@@ -3,8 +3,6 @@
 One history again, with what its processes logged: `--only NUMBER`.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import re

@@ -1,7 +1,5 @@
 """A random history: telemetry, how it is cut into messages, and what goes wrong when. Made of (seed, number) alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Lets one history happen, and checks what came of it."""
 
-from __future__ import annotations
-
 import json
 import signal
 import tempfile

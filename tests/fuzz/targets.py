@@ -4,8 +4,6 @@ A target may refuse its input with a `RwaMonitorError` of one printable line, an
 no endless work. What it accepts must hold together: it is written and read again, or used as the program would.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile

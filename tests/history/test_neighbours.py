@@ -1,7 +1,5 @@
 """A wheel beside its siblings: what all share is one alarm of the spacecraft, what one has alone comes sooner."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

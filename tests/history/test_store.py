@@ -1,7 +1,5 @@
 """The history on a real SQLite file."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

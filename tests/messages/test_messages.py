@@ -1,7 +1,5 @@
 """The messages: what is read, what is refused, and that the schemas are in step."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

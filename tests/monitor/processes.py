@@ -1,7 +1,5 @@
 """What tests of the whole service share: monitors in processes and threads, and somebody who listens to them."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

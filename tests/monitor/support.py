@@ -1,7 +1,5 @@
 """What the tests of the monitor room share: a wheel with short windows, and simulated telemetry for it."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict

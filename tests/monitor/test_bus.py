@@ -1,7 +1,5 @@
 """The bus: secure defaults, a bounded inbox, options that are refused when wrong."""
 
-from __future__ import annotations
-
 import json
 from collections import deque
 from collections.abc import Callable

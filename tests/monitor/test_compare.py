@@ -1,7 +1,5 @@
 """The comparator: it must find what differs, and nothing else."""
 
-from __future__ import annotations
-
 import copy
 import json
 from typing import Any

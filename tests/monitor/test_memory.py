@@ -1,7 +1,5 @@
 """What a monitor holds in memory: its open windows, not what has passed, and no second copy of all of them."""
 
-from __future__ import annotations
-
 import gc
 import tracemalloc
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Replay: the references give again what they hold, and what was tampered with is found."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

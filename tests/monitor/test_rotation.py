@@ -4,8 +4,6 @@ What a killed process leaves is what it had written: here the folder is copied w
 may take the end of the file that is being begun, too.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
 from functools import cache

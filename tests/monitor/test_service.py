@@ -1,7 +1,5 @@
 """The service as a whole: real Zenoh, real files, real processes."""
 
-from __future__ import annotations
-
 import json
 import math
 import signal

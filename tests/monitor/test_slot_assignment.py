@@ -1,7 +1,5 @@
 """The order guard: where each sample goes, and that every one of them is accounted for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import hypothesis.strategies as st

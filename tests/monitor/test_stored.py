@@ -1,7 +1,5 @@
 """Stored telemetry in the core: dumps late by hours and in any order, beside live samples."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from functools import cache

@@ -1,7 +1,5 @@
 """Live, stored and replayed telemetry through the whole monitor: a real bus, real recordings."""
 
-from __future__ import annotations
-
 import json
 import math
 import time

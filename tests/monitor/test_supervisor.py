@@ -1,7 +1,5 @@
 """What a supervisor receives from the monitor: readiness, signs of life that stop when the core stalls, exit codes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """A fleet of different wheels in one process: each goes by its own file, live, replayed and from the recording."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Views, plan, report and command on one record with a Stribeck effect hidden in it."""
 
-from __future__ import annotations
-
 import html.parser
 import json
 import sys

@@ -1,7 +1,5 @@
 """The trend of a coefficient in words and with its limit: at any time, and from windows in any order."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import rwa_monitor as rwa

@@ -1,7 +1,5 @@
 """Limits hold before anything is parsed: sizes, depths, what unpacks to more than it seems; each is one clear line."""
 
-from __future__ import annotations
-
 import json
 import struct
 import zlib

@@ -4,8 +4,6 @@ Every process, socket and certificate is real; the router runs docker/router.jso
 the same code that, with the right certificate on the right key, gets its message through (the control).
 """
 
-from __future__ import annotations
-
 import json
 import signal
 import stat

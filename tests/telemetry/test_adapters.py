@@ -3,8 +3,6 @@
 A format is in `READERS`, and here with a function that writes telemetry as somebody else would.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """ROS 2 bags: what a map makes of topics, times of messages, and everything that is wrong with a bag."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from pathlib import Path

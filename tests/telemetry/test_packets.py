@@ -1,7 +1,5 @@
 """Space packets: what a definition and a map make of them, to what they resolve, and everything that is wrong."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 from datetime import UTC, datetime

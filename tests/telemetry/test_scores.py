@@ -7,8 +7,6 @@ portion 2.6; it is not in this repository. On 899 random cases its scores and ou
 a time free of events, ESA-ADB's code raises an exception.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import asdict

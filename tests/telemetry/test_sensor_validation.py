@@ -1,7 +1,5 @@
 """What broken sensors show is masked, counted and reported, and costs no more than the slots in which they show it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any

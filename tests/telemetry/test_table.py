@@ -1,7 +1,5 @@
 """Sample tables: what is read, to the bit, and what is refused, with file, row, column and reason."""
 
-from __future__ import annotations
-
 from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 

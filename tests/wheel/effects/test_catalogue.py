@@ -1,7 +1,5 @@
 """What the catalogue promises of every effect, whatever its family."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

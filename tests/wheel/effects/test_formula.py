@@ -1,7 +1,5 @@
 """What the formulas of the grammar promise: units, text, wheel files, bounds, and that a search can fit them."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Callable
 from dataclasses import replace

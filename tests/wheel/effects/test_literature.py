@@ -1,7 +1,5 @@
 """The package's effects against the formulas of the literature, written a second time in `literature`."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What every mean effect of the catalogue must do, tried on all of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise, product
 

@@ -1,7 +1,5 @@
 """What every noise effect must do: simulate, be found with its parameters, not be seen where it is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

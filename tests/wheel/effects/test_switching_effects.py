@@ -1,7 +1,5 @@
 """Switching effects change simulated jumps as stated; those fitted to sojourns are found there, and only there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
