@@ -201,13 +201,6 @@ def test_the_command_line_goes_before_the_environment_before_the_file(
     assert tuned(monkeypatch, "tune", "--jump", "7") == seven
 
 
-def test_a_wrong_value_in_the_environment_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RWA_MONITOR_TUNE_JUMP", "large")
-    result = run("tune", "--missed", "0.002", "--run-length", "2e6")
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert "'large' is not a valid float" in result.stderr
-
-
 def test_doctor_does_not_take_an_empty_line_for_a_bus() -> None:
     told = run("doctor", "-e", f"tcp/127.0.0.1:{free_port()}")
     assert told.exit_code == 1
