@@ -17,6 +17,7 @@ from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.cli.conftest import WINDOW
+from tests.cli.test_discrepancy import write
 from tests.program import run
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
@@ -93,14 +94,7 @@ def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
     current = torque / wheel.torque_constant_Nm_A
     current[100:107] = 1.5  # at its limit, not beyond
     columns = {"time_s": np.arange(count) * period_s, "speed_rad_s": speed, "motor_current_A": current}
-    np.savetxt(
-        tmp_path / "slews.csv",
-        np.column_stack([*columns.values()]),
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
-    )
-    result = run("diagnose", tmp_path / "slews.csv", "--wheel", tmp_path / "wheel.toml", "--json")
+    result = run("diagnose", write(tmp_path / "slews.csv", columns), "--wheel", tmp_path / "wheel.toml", "--json")
     assert result.exit_code == 0
     said = re.search(
         r"of 4000 samples (\d+) were masked \((\d+) where the speed bends .*; 7 with the current at its limit",
