@@ -60,8 +60,7 @@ def wheel(samples: int = WINDOW, hop: int | None = None, effects: bool = False, 
 @cache
 def telemetry(slots: int, seed: int = 1, given: bool = True) -> Samples:
     """Return simulated telemetry of the test wheel, friction given or to be derived from current."""
-    text = f"[scenario]\nduration_s = {slots * 0.125}\nfriction_given = {'true' if given else 'false'}\n"
-    scenario = Scenario.from_toml(text, "test")
+    scenario = Scenario(duration_s=slots * 0.125, friction_given=given)
     return simulate(scenario, wheel(), np.random.default_rng(seed)).samples
 
 

@@ -19,7 +19,7 @@ from rwa_monitor.monitor.ingest import (
 )
 from rwa_monitor.samples import MAX_TIME_NS, MIN_TIME_NS, Samples, SlotGrid
 from rwa_monitor.telemetry.slots import RingBuffer
-from rwa_monitor.wheel.wheel import Limits, Wheel
+from rwa_monitor.wheel.wheel import Limits
 from rwa_monitor.words import time_text
 from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
 
@@ -73,9 +73,7 @@ def test_samples_beyond_the_wheels_limits_are_rejected_and_leave_no_trace() -> N
 
 
 def test_values_that_no_wheel_has_are_rejected_also_without_limits() -> None:
-    tables = wheel().to_tables()
-    del tables["limits"]
-    unlimited = Wheel.from_tables(tables, "test wheel")
+    unlimited = wheel().model_copy(update={"limits": Limits()})
     samples = telemetry(3 * WINDOW)
     wild = samples[:]
     wild.friction_torque_Nm[[5, 100, 101, 2_000]] = (1e182, -1e7, 1.001e6, 1e300)

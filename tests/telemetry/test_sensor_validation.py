@@ -29,8 +29,8 @@ SOURCE = {"given": "friction_torque_Nm", "derived": "motor_current_A"}
 @cache
 def telemetry(kind: str) -> Samples:
     """Return telemetry of a nominal wheel, enough to close one window."""
-    text = f"[scenario]\nduration_s = {(SLOTS + 9) * 0.125}\nfriction_given = {str(GIVEN[kind]).lower()}\n"
-    return simulate(Scenario.from_toml(text, "test"), built_in_wheel(), np.random.default_rng(11)).samples
+    scenario = Scenario(duration_s=(SLOTS + 9) * 0.125, friction_given=GIVEN[kind])
+    return simulate(scenario, built_in_wheel(), np.random.default_rng(11)).samples
 
 
 def changed(samples: Samples, channel: str, rows: slice | list[int], values: Any) -> Samples:
