@@ -10,7 +10,7 @@ import pytest
 
 from rwa_monitor.simulation.demo_satellite import same
 from rwa_monitor.wheel.wheel import Wheel
-from tests.program import command
+from tests.program import command, done
 
 # Long enough for the failing wheel to be found (6 s a window, onset after three tenths), and for the search of the
 # wheel whose model lacks an effect: it begins after two windows and takes 13 s on two cores. Not for more.
@@ -56,9 +56,7 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
 
     assert demo.stdout.rstrip().endswith(f"To see it again: rwa-monitor dashboard --record {record}")
 
-    verified = subprocess.run(
-        command("replay", "--verify", record), capture_output=True, text=True, timeout=300, check=False
-    )
+    verified = done("replay", "--verify", record)
     assert verified.returncode == 0, verified.stdout + verified.stderr
 
 

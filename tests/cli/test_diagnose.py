@@ -136,7 +136,7 @@ def test_the_method_of_the_paper(files: Path) -> None:
     assert {d["provenance"]["method"] for d in lines(result.stdout)} == {"paper"}
 
 
-def test_what_is_left_out_and_what_the_wheel_lacks_is_said(files: Path, tmp_path: Path) -> None:
+def test_what_is_left_out_and_what_the_wheel_lacks_is_reported(tmp_path: Path) -> None:
     table, wheel = tmp_path / "table.csv", tmp_path / "wheel.toml"
     table.write_text("time_s,speed_rad_s,friction_torque_Nm,mode\n0,1,2,a\n0.1,1,2,b\n")
     wheel.write_text('[wheel]\nname = "bare"\nsample_period_s = 0.1\n')

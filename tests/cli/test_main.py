@@ -93,7 +93,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -
         run_raising(ZeroDivisionError(), monkeypatch)
 
 
-def test_a_reader_that_leaves_early_is_no_error_worth_a_word(tmp_path: Path) -> None:
+def test_a_reader_that_leaves_early_is_no_error_worth_a_word() -> None:
     """`head` closes the pipe: no traceback and no complaint while Python shuts down."""
     producer = subprocess.Popen(command("--help"), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     producer.stdout.close()
@@ -207,7 +207,7 @@ def test_doctor_does_not_take_an_empty_line_for_a_bus() -> None:
     assert "FAILED  bus: nothing answers at tcp/127.0.0.1:" in told.stdout
 
 
-def test_bash_completes_commands_and_options(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bash_completes_commands_and_options() -> None:
     def completed(words: str, number: int) -> set[str]:
         environment: dict[str, Any] = {
             "_RWA_MONITOR_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(number)

@@ -42,8 +42,8 @@ NAMESPACE = {"x": "http://www.omg.org/spec/XTCE/20180204"}
 YAMCS = ROOT / "build" / "yamcs"
 
 
-def writer(*wheels: str, apid: int = 1000) -> PacketWriter:
-    return PacketWriter(wheels or WHEELS, apid, built_in_wheel(), built_in_model())
+def writer(*wheels: str) -> PacketWriter:
+    return PacketWriter(wheels or WHEELS, 1000, built_in_wheel(), built_in_model())
 
 
 def health(level: str = "warning", phase: str = "active", **others: str) -> bytes:

@@ -46,8 +46,8 @@ def ideal_windows(count: int, seed: int) -> Iterator[Outcome]:
         yield Outcome(status or "nominal", labels, dict.fromkeys(("joint", "paper"), features), {})
 
 
-def labelled(count: int = 100, seed: int = 1) -> list[LabelledFeatures]:
-    return [window.labelled() for window in ideal_windows(count, seed)]
+def labelled(count: int = 100) -> list[LabelledFeatures]:
+    return [window.labelled() for window in ideal_windows(count, 1)]
 
 
 def test_the_learned_bands_are_those_of_the_friction_laws() -> None:

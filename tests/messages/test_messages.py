@@ -23,7 +23,7 @@ from rwa_monitor.messages import (
     split_key,
 )
 from rwa_monitor.samples import MAX_TIME_NS, Samples
-from tests.monitor.support import batch_diagnoses, messages_of, run_core, telemetry, wheel
+from tests.monitor.support import batch_diagnoses, messages_of, telemetry, wheel
 from tools.schemas import schema_files
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"
@@ -48,7 +48,7 @@ def test_what_the_monitor_publishes_fits_the_schemas() -> None:
     core = WheelCore(wheel(), model())
     kinds = {kind.kind: kind for kind in (Diagnosis, Changepoints, Health)}
     seen = set()
-    for key, payload in messages_of([*run_core(core, [telemetry(2_500)]), *core.finish()]):
+    for key, payload in messages_of([*core.feed(telemetry(2_500)), *core.finish()]):
         kind = key.rsplit("/", 1)[1]
         if kind in kinds:
             seen.add(kind)

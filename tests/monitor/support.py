@@ -83,11 +83,6 @@ def pieces(samples: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
         yield samples[start:stop]
 
 
-def run_core(core: WheelCore, parts: Sequence[Samples], publisher: str = "p", first: int = 0) -> list[Event]:
-    """Feed parts as numbered messages."""
-    return [event for number, part in enumerate(parts) for event in core.feed(part, publisher, first + number)]
-
-
 def publish(telemetry_of: Mapping[str, Samples], session: zenoh.Session, **options: Any) -> int:
     """Publish samples on the bus by key, as `send` has it."""
     return send(telemetry_of, {key: SamplesPublisher(session, key) for key in telemetry_of}, **options)

@@ -60,14 +60,10 @@ def copy(tmp_path: Path) -> Path:
     return next((tmp_path / "copy").glob("*.mcap"))
 
 
-def is_diagnosis(message: EncodedMessage) -> bool:
-    return message.schema == Diagnosis.schema_name()
-
-
 def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
     def change(message: EncodedMessage) -> bytes:
         content = json.loads(message.payload)
-        if is_diagnosis(message):
+        if message.schema == Diagnosis.schema_name():
             content["fit"]["rmse_Nm"] *= 1.0 + 1e-7
         return json.dumps(content).encode()
 

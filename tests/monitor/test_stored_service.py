@@ -113,7 +113,7 @@ def test_a_replay_is_kept_apart_from_the_wheel_and_is_no_alarm(
 
 
 def test_what_is_old_by_the_clock_is_stored_in_health_and_status_and_in_no_diagnosis(
-    session: zenoh.Session, listener: Listener, tmp_path: Path
+    session: zenoh.Session, listener: Listener
 ) -> None:
     samples = telemetry(3 * WINDOW + 100)
     begin_ns = 1_795_000_000_000_000_000

@@ -180,7 +180,7 @@ def test_a_file_is_touched_by_each_sign_of_life_and_by_nothing_else(tmp_path: Pa
 
 
 @pytest.mark.processes
-def test_a_supervisor_can_distinguish_what_to_repeat_from_what_to_mend(tmp_path: Path, wheel_file: Path) -> None:
+def test_a_supervisor_can_distinguish_what_to_repeat_from_what_to_mend(tmp_path: Path) -> None:
     """Exit code 1: the world may be better next time. 2: somebody must change a file or an option first."""
     broken = tmp_path / "broken.toml"
     broken.write_text("[wheel]\nname = 1\n")

@@ -288,8 +288,8 @@ def prefixed(*texts: bytes) -> bytes:
     return b"".join(struct.pack("<I", len(text)) + text for text in texts)
 
 
-def a_channel(number: int, topic: bytes = b"/x", schema: int = 1) -> bytes:
-    return record(4, struct.pack("<HH", number, schema) + prefixed(topic, b"cdr") + bytes(4))
+def a_channel(number: int, topic: bytes = b"/x") -> bytes:
+    return record(4, struct.pack("<HH", number, 1) + prefixed(topic, b"cdr") + bytes(4))
 
 
 def a_schema(number: int, text: bytes = b"float64 data") -> bytes:
