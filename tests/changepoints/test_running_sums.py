@@ -178,7 +178,7 @@ def test_at_one_speed_jumps_do_not_look_like_a_ripple() -> None:
         assert np.nansum(ripple, axis=0).max() / len(ripple) < 10.0  # 26 to 43 without the limit
 
 
-def test_a_dead_zone_is_told_from_rest_and_from_a_lattice() -> None:
+def test_a_dead_zone_is_distinguished_from_rest_and_from_a_lattice() -> None:
     rng = np.random.default_rng(4)
     good = np.ones(SLOTS, dtype=np.bool_)
     slow = 5.0 * np.sin(2 * np.pi * np.arange(SLOTS) / 9_000.0)

@@ -152,7 +152,7 @@ def test_one_line_and_exit_2(
     assert message in line
 
 
-def test_a_process_of_its_own_says_it_as_well() -> None:
+def test_a_process_of_its_own_reports_it_as_well() -> None:
     refused = done("diagnose", "none.csv")
     said = "rwa-monitor: none.csv: cannot be read: No such file or directory\n"
     assert (refused.returncode, refused.stdout, refused.stderr) == (2, "", said)

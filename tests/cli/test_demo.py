@@ -61,7 +61,7 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
 
 
 @pytest.mark.processes
-def test_the_demo_shows_its_page_and_ends_cleanly_when_told_to(tmp_path: Path) -> None:
+def test_the_demo_shows_its_page_and_ends_cleanly_on_a_signal(tmp_path: Path) -> None:
     demo = subprocess.Popen(
         command("demo", "--duration", 600, "--port", 0, "--record", tmp_path / "recordings"),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,

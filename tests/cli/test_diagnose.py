@@ -49,7 +49,7 @@ def test_one_line_for_each_window_and_the_last_one_marked_partial(files: Path, d
     assert list(first["anomalies"]) == ["dry", "viscous", "fss_1", "fss_2"]
 
 
-def test_what_was_not_used_is_said(files: Path, tmp_path: Path) -> None:
+def test_what_was_not_used_is_reported(files: Path, tmp_path: Path) -> None:
     header, *rows = (files / "given.csv").read_text().splitlines()
     column = header.split(",").index("friction_torque_Nm")
     cells = [row.split(",") for row in rows]
@@ -67,7 +67,7 @@ def test_what_was_not_used_is_said(files: Path, tmp_path: Path) -> None:
     assert min(d["coverage"] for d in lines(result.stdout)) < 1.0
 
 
-def test_another_sample_period_is_said_and_what_could_not_be_judged_at_the_end(files: Path, tmp_path: Path) -> None:
+def test_another_sample_period_is_reported_and_what_could_not_be_judged_at_the_end(files: Path, tmp_path: Path) -> None:
     header, *rows = (files / "given.csv").read_text().splitlines()
     table = tmp_path / "slow.csv"
     table.write_text("\n".join([header, *rows[::8]]) + "\n")
@@ -82,7 +82,7 @@ def test_another_sample_period_is_said_and_what_could_not_be_judged_at_the_end(f
     assert "is sample_period_s = 0.125 of the wheel file right? The samples come every 1 s" in result.stderr
 
 
-def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
+def test_why_derived_friction_is_masked_is_reported(tmp_path: Path) -> None:
     wheel = built_in_wheel()
     wheel = wheel.model_copy(update={"limits": wheel.limits.model_copy(update={"max_current_A": 1.5})})
     (tmp_path / "wheel.toml").write_text(wheel.to_toml())

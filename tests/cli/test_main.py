@@ -30,7 +30,7 @@ def all_commands() -> list[list[str]]:
 
 
 @pytest.mark.parametrize("words", all_commands(), ids=" ".join)
-def test_every_command_has_a_help_that_says_what_it_does(words: list[str]) -> None:
+def test_every_command_has_a_help_that_states_what_it_does(words: list[str]) -> None:
     result = run(*words, "--help")
     assert result.exit_code == 0
     assert result.stdout.startswith(f"Usage: rwa-monitor {' '.join(words)} ")
@@ -38,7 +38,7 @@ def test_every_command_has_a_help_that_says_what_it_does(words: list[str]) -> No
     assert first_sentence.endswith((".", "]"))
 
 
-def test_help_lists_every_command_and_the_version_is_said() -> None:
+def test_help_lists_every_command_and_the_version_is_printed() -> None:
     listed = run("--help").stdout
     assert all(f"\n  {name} " in listed for name in COMMANDS)
     result = run("--version")
@@ -115,7 +115,7 @@ def test_a_package_that_is_missing_is_named_in_one_line(words: list[str]) -> Non
     assert done.stderr == "rwa-monitor: the package numpy is missing: install rwa-monitor again, with pip install .\n"
 
 
-def test_a_missing_driver_of_the_database_is_told_with_what_installs_it() -> None:
+def test_a_missing_driver_of_the_database_is_reported_with_what_installs_it() -> None:
     done = without_package("psycopg", "dashboard", "--history", "postgresql://a@127.0.0.1:1/b", "-l", "tcp/127.0.0.1:0")
     assert done.returncode == 2
     assert "psycopg is missing: pip install 'rwa-monitor[postgresql]'" in done.stderr

@@ -71,7 +71,7 @@ def test_a_healthy_wheel_whose_model_lacks_an_effect_is_not_called_failing() -> 
     assert "anomalous" not in {window.diagnosis.verdict for window in windows}
 
 
-def test_a_window_at_low_speed_says_that_it_leans_on_earlier_ones() -> None:
+def test_a_window_at_low_speed_states_that_it_rests_on_earlier_ones() -> None:
     """Viscous friction does not show below 6 rad/s: the last windows' value stands, with the hazard that it changed."""
     speed = SpeedProfile(kind="orbit", scale=0.02)
     slow = Scenario(duration_s=3 * WINDOW_S, speed=speed)

@@ -136,7 +136,7 @@ def test_the_monitor_cannot_publish_samples(issued_by_us: Path, tmp_path: Path) 
     assert {payload for _, payload in bus.heard} == {b"last"}
 
 
-def test_a_wheel_hears_nothing_of_others(issued_by_us: Path, tmp_path: Path) -> None:
+def test_a_wheel_receives_nothing_of_others(issued_by_us: Path, tmp_path: Path) -> None:
     overheard: list[Any] = []
     with secured(issued_by_us, tmp_path) as bus, bus.join("somebody") as somebody, bus.join("monitor") as monitor:
         subscribers = [somebody.declare_subscriber("**", overheard.append)]

@@ -141,7 +141,7 @@ def test_a_packet_of_another_kind_is_left_to_others() -> None:
 
 
 @pytest.mark.parametrize("cut", [1, 6, 7, 40])
-def test_a_cut_file_gives_what_is_whole_and_says_the_rest(tmp_path: Path, cut: int) -> None:
+def test_a_cut_file_gives_what_is_whole_and_the_rest_is_reported(tmp_path: Path, cut: int) -> None:
     data = b"".join(made.packets(5))[:-cut]
     path = tmp_path / "cut.ccsds"
     path.write_bytes(data)
@@ -164,7 +164,7 @@ def test_what_is_bad_in_a_file_is_a_problem_and_what_is_unknown_a_note(tmp_path:
     assert "the sequence count breaks 1 time; missing: 1 packet" in notes
 
 
-def test_packets_that_come_late_or_again_are_told_and_put_in_order(tmp_path: Path) -> None:
+def test_packets_that_come_late_or_again_are_reported_and_put_in_order(tmp_path: Path) -> None:
     good = made.packets(8)
     order = [0, 1, 4, 2, 3, 3, 5, 7, 6]
     found = read_packets(made.write(tmp_path / "x.ccsds", [good[at] for at in order]), made.decoding())
@@ -218,7 +218,7 @@ def test_a_bad_map_is_refused_with_its_place(text: str, reason: str) -> None:
     assert reason in str(caught.value)
 
 
-def test_the_map_may_say_another_unit_than_the_definition() -> None:
+def test_the_map_may_state_another_unit_than_the_definition() -> None:
     text = MAP.replace('"WHEEL_SPEED"', '{ parameter = "WHEEL_SPEED", unit = "rpm" }')
     packet = next(packets_of(Samples(np.array([0]), np.array([60.0])), FIRST_APID))
     (wheel,) = decoder(made.with_map(text)).take(packet)
@@ -264,7 +264,7 @@ def test_containers_that_hold_each_other_twice_are_refused_before_a_packet_is_re
         decoder(made.with_xtce("</xtce:ContainerSet>", nested + last))
 
 
-def test_without_a_map_or_a_definition_it_is_said_what_is_missing() -> None:
+def test_without_a_map_or_a_definition_what_is_missing_is_reported() -> None:
     for decoding in (Decoding(), Decoding(made.decoding().map), Decoding(None, made.decoding().xtce)):
         with pytest.raises(
             InputError, match="--xtce gives their definition, and --map which parameter is which channel"

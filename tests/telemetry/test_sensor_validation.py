@@ -83,7 +83,7 @@ def test_a_sensor_that_hangs_is_masked_from_its_first_repetition_on(kind: str, b
 
 
 @pytest.mark.parametrize("kind", GIVEN)
-def test_a_window_of_which_less_than_half_is_left_is_inconclusive_and_says_so(kind: str) -> None:
+def test_a_window_of_which_less_than_half_is_left_is_inconclusive_and_reports_it(kind: str) -> None:
     samples = telemetry(kind)
     channel = SOURCE[kind]
     hung = changed(samples, channel, slice(FROM, FROM + 43_200), getattr(samples, channel)[FROM])

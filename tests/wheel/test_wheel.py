@@ -16,7 +16,7 @@ MINIMAL = '[wheel]\nname = "w"\nsample_period_s = 0.1\n'
 WHEEL = built_in_wheel()
 
 
-def test_minimal_wheel_says_what_it_lacks():
+def test_minimal_wheel_reports_what_it_lacks():
     wheel = Wheel.from_toml(MINIMAL, "w.toml")
     assert (wheel.torque_unit_Nm, wheel.speed_unit_rad_s, wheel.anomalies) == (1.0, 1.0, ("dry", "viscous"))
     assert len(wheel.missing()) == 3
