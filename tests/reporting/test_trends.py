@@ -10,8 +10,8 @@ WINDOW_NS = 10_000 * 10**9
 GROWTH_NM, STD_NM = 3.2e-5, 8e-6  # a window
 
 
-def trend_from(begin_ns: int) -> CoefficientTrend:
-    """Return the trend of 20 windows of growing friction, of which the limit is the 30th one's."""
+def trend_from(begin_ns: int, limit_at: int = 30) -> CoefficientTrend:
+    """Return the trend of 20 windows of growing friction, of which the limit is that of a later or earlier one."""
     value = 1.6e-3 + GROWTH_NM * np.arange(20) + STD_NM * np.random.default_rng(4).standard_normal(20)
     estimates = [
         FrictionEstimate(
@@ -20,7 +20,7 @@ def trend_from(begin_ns: int) -> CoefficientTrend:
             value=one,
             std=STD_NM,
             nominal_low=None,
-            nominal_high=1.6e-3 + GROWTH_NM * 30,
+            nominal_high=1.6e-3 + GROWTH_NM * limit_at,
             unit="N m",
         )
         for number, one in enumerate(value.tolist())
@@ -35,6 +35,8 @@ def test_a_growth_and_when_it_reaches_its_limit_are_stated_and_times_since_1970_
     assert "and reaches its limit of 2.56 mN m in" in plain.sentence()
     assert late.reach == plain.reach
     assert late.sentence() == plain.sentence()
+    assert trend_from(0, 10).sentence().endswith("and is beyond its limit of 1.92 mN m.")
+    assert "and is far from its limit of " in trend_from(0, 10**6).sentence()
 
 
 def test_diagnoses_in_any_order_give_the_same() -> None:
