@@ -46,12 +46,6 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         "diagnose {good} --wheel {file}",
         "w.toml: nominal.dry_torque: no key has this name; did you mean 'dry_torque_Nm'?",
     ),
-    "duration without a law": (
-        "w.toml",
-        b"[wheel]\nname='a'\nsample_period_s=0.1\n[[fss]]\nname='f'\ndurations=[{uniform={low=1,high=4}}]\n",
-        "diagnose {good} --wheel {file}",
-        "w.toml: fss.0.durations.0: Unable to extract tag using discriminator 'law'",
-    ),
     "wheel in Latin-1": ("w.toml", b"# caf\xe9\n", "diagnose {good} --wheel {file}", "row 1: is no UTF-8 text"),
     "model is no JSON": ("m.json", b"{", "diagnose {good} --model {file}", "m.json: is no model"),
     "unknown method": ("t.csv", HEAD, "diagnose {file} --method best", "'best' is not one of 'joint', 'paper'"),

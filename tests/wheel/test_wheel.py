@@ -93,6 +93,7 @@ def fss(**values):
     ("tables", "message"),
     [
         (fss(durations=[{"law": "normal"}] * 2), "fss.0.durations.0: "),
+        (fss(durations=[{"uniform": {"low": 1, "high": 4}}] * 2), "fss.0.durations.0: "),
         (fss(durations=[{"law": "uniform", "low": 3, "high": 2}] * 2), "fss.0.durations.0.uniform: "),
         (fss(durations=[{"law": "uniform", "low": 1, "high": 2, "mean": 3}] * 2), "fss.0.durations.0.uniform.mean: "),
         (fss(friction=[{"low": 0.0, "high": 0.0}]), "fss.0: "),
