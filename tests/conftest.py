@@ -1,7 +1,5 @@
 """What holds for all tests."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -33,7 +31,6 @@ SHARING = {
     "test_page.py",
     "test_paper_page.py",
     "test_site.py",
-    "test_trends.py",
 }
 
 

@@ -1,10 +1,7 @@
 """The program as tests run it: in this process, or in one of its own as a user does."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
-from pathlib import Path
 
 from click.testing import CliRunner, Result
 
@@ -27,6 +24,6 @@ def command(*words: object) -> list[str]:
     return [sys.executable, "-m", "rwa_monitor", *map(str, words)]
 
 
-def done(*words: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+def done(*words: object) -> subprocess.CompletedProcess[str]:
     """Run the program in a process of its own until it ends."""
-    return subprocess.run(command(*words), capture_output=True, text=True, timeout=500, check=False, cwd=cwd)
+    return subprocess.run(command(*words), capture_output=True, text=True, timeout=500, check=False)

@@ -1,7 +1,5 @@
 """The public interface gives the same as the command, and no more than it promises."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
@@ -58,7 +56,7 @@ def test_a_frame_has_a_row_for_each_diagnosis_and_survives_parquet(
     assert rwa.frame([]).empty
 
 
-def test_diagnose_monitor_and_command_say_the_same(wheel: rwa.Wheel, telemetry: rwa.Telemetry, tmp_path: Path) -> None:
+def test_diagnose_monitor_and_command_give_the_same(wheel: rwa.Wheel, telemetry: rwa.Telemetry, tmp_path: Path) -> None:
     table, wheel_file = tmp_path / "today.csv", tmp_path / "wheel.toml"
     write_csv(telemetry.samples, table)
     wheel_file.write_text(wheel.to_toml())

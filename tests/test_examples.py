@@ -1,7 +1,5 @@
 """The four examples run as a reader runs them, and print what their comments promise."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -30,7 +28,7 @@ def test_every_example_is_tried() -> None:
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if "effect" in name else name for name in PROMISED]
 )
-def test_an_example_does_what_it_says(name: str, tmp_path: Path) -> None:
+def test_an_example_does_what_it_states(name: str, tmp_path: Path) -> None:
     command = [sys.executable, "-W", "error::DeprecationWarning:rwa_monitor", str(EXAMPLES / name)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=500, check=False)
     assert done.returncode == 0, done.stderr

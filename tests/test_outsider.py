@@ -3,57 +3,49 @@
 A spacecraft is slewed by steps of torque, ten times the friction. Only speed and current are measured.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
-from rwa_monitor import Samples, Wheel, diagnose, find_discrepancy
+from rwa_monitor import Samples, diagnose, find_discrepancy
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.wheel import Nominal, SwitchingSystem, Wheel, Window
 
 PERIOD_S = 0.125
 SLOTS = 20_000
 INERTIA, TORQUE_CONSTANT = 0.0117, 0.032
 DRY, VISCOUS = 1.6e-3, 5.333e-6  # N m, N m s/rad
 SPEED_STD, CURRENT_STD = 0.01, 6e-4  # rad/s, A
-WHEEL = Wheel.from_toml(
-    f"""
-    [wheel]
-    name = "outsider"
-    sample_period_s = {PERIOD_S}
-    inertia_kg_m2 = {INERTIA}
-    torque_constant_Nm_A = {TORQUE_CONSTANT}
-    [nominal]
-    dry_torque_Nm = {DRY}
-    viscous_Nm_s_rad = {VISCOUS}
-    nominal_speed_rad_s = 300.0
-    [window]
-    samples = {SLOTS}
-    hop = {SLOTS}
-    [[fss]]
-    name = "fss_1"
-    durations = [{{ law = "uniform", low = 1500, high = 3500 }}, {{ law = "uniform", low = 40, high = 200 }}]
-    [[fss]]
-    name = "fss_2"
-    durations = [{{ law = "uniform", low = 2500, high = 6000 }}, {{ law = "uniform", low = 2500, high = 6000 }},
-      {{ law = "uniform", low = 2500, high = 6000 }}]
-    """,
-    "outsider",
+PULSES, STAIRS = ((1_500, 3_500), (40, 200)), ((2_500, 6_000),) * 3  # slots of a sojourn, by configuration
+WHEEL = Wheel(
+    name="outsider",
+    sample_period_s=PERIOD_S,
+    inertia_kg_m2=INERTIA,
+    torque_constant_Nm_A=TORQUE_CONSTANT,
+    nominal=Nominal(dry_torque_Nm=DRY, viscous_Nm_s_rad=VISCOUS, nominal_speed_rad_s=300.0),
+    window=Window(samples=SLOTS),
+    fss=tuple(
+        SwitchingSystem(name=name, durations=tuple(Uniform(low=low, high=high) for low, high in stays))
+        for name, stays in (("fss_1", PULSES), ("fss_2", STAIRS))
+    ),
 )
 
 
-def levels(rng: np.random.Generator) -> tuple[FloatArray, list[int]]:
-    """Return the level of the dry friction, of its nominal value, and the slots of its jumps."""
+def levels(rng: np.random.Generator, factors: Sequence[float] = (1.0, 1.0)) -> tuple[FloatArray, list[int]]:
+    """Return the level of the dry friction, of its nominal value, and the slots of its jumps; systems times factors."""
     level, jumps = np.ones(SLOTS), []
-    pulses, stairs = ((0.0, 0.0), (0.3, 0.6)), ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2))
-    for stays, frictions in ((((1_500, 3_500), (40, 200)), pulses), (((2_500, 6_000),) * 3, stairs)):
+    systems = (
+        (PULSES, ((0.0, 0.0), (0.3, 0.6))),
+        (STAIRS, ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2))),
+    )
+    for (stays, frictions), factor in zip(systems, factors, strict=True):
         at, q, up = 0, int(rng.integers(len(frictions))), True
         until = int(rng.integers(40, stays[q][1]))
         while at < SLOTS:
-            level[at:until] += rng.uniform(*frictions[q])
+            level[at:until] += factor * rng.uniform(*frictions[q])
             jumps.append(at)
             up = q == 0 or (q < len(frictions) - 1 and rng.random() < 0.5)
             at, q = until, q + (1 if up else -1)

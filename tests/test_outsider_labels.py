@@ -3,11 +3,8 @@
 Each anomaly comes or stays away on its own; healthy friction differs from window to window by 2 % and 1 %.
 """
 
-from __future__ import annotations
-
 import json
 from collections import Counter
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,62 +13,12 @@ import pytest
 
 from rwa_monitor.samples import FloatArray
 from tests.program import run
+from tests.test_outsider import DRY, INERTIA, PERIOD_S, SLOTS, TORQUE_CONSTANT, VISCOUS, WHEEL, levels
 
-SLOTS, PERIOD_S, NOMINAL_SPEED = 20_000, 0.125, 300.0
-DRY, VISCOUS, NOISE_STD = 1.6e-3, 5.333e-6, 3.9e-5  # N m, N m s/rad, N m
-INERTIA, TORQUE_CONSTANT, SPEED_STD = 0.0117, 0.032, 0.009
+NOMINAL_SPEED, NOISE_STD, SPEED_STD = 300.0, 3.9e-5, 0.009  # rad/s, N m, rad/s
 TRAINED, JUDGED = 30, 40
 # Of an anomaly: dry, viscous, friction of the systems (errata 10).
-FACTORS = {"dry": 1.3, "viscous": 1.15, "pulses": 1.6, "stairs": 1.4}
-
-
-@dataclass(frozen=True)
-class System:
-    """Least and most slots of a sojourn, and friction of the nominal dry friction, by configuration."""
-
-    slots: tuple[tuple[int, int], ...]
-    friction: tuple[tuple[float, float], ...]
-
-
-SYSTEMS = {
-    "pulses": System(((2_500, 5_000), (1, 100)), ((0.0, 0.0), (0.3, 0.6))),
-    "stairs": System(((2_500, 7_500),) * 3, ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2))),
-}
-
-
-def blocks() -> str:
-    laws = {
-        name: ", ".join(f'{{ law = "uniform", low = {low}, high = {high} }}' for low, high in system.slots)
-        for name, system in SYSTEMS.items()
-    }
-    return "".join(f'[[fss]]\nname = "{name}"\ndurations = [{law}]\n' for name, law in laws.items())
-
-
-WHEEL = f"""
-[wheel]
-name = "outsider"
-sample_period_s = {PERIOD_S}
-inertia_kg_m2 = {INERTIA}
-torque_constant_Nm_A = {TORQUE_CONSTANT}
-[nominal]
-dry_torque_Nm = {DRY}
-viscous_Nm_s_rad = {VISCOUS}
-nominal_speed_rad_s = {NOMINAL_SPEED}
-[window]
-samples = {SLOTS}
-hop = {SLOTS}
-{blocks()}"""
-
-
-def friction_of(system: System, factor: float, rng: np.random.Generator) -> FloatArray:
-    """Return what a system adds to the dry friction, of its nominal value; it is somewhere in its life at the start."""
-    added = np.zeros(SLOTS)
-    at, q = -int(rng.integers(3 * system.slots[0][1])), 0
-    while at < SLOTS:
-        until = at + int(rng.integers(*system.slots[q], endpoint=True))
-        added[max(at, 0) : max(until, 0)] = factor * rng.uniform(*system.friction[q])
-        at, q = until, q + (1 if q == 0 or (q < len(system.slots) - 1 and rng.random() < 0.5) else -1)
-    return added
+FACTORS = {"dry": 1.3, "viscous": 1.15, "fss_1": 1.6, "fss_2": 1.4}
 
 
 def slews(rng: np.random.Generator) -> FloatArray:
@@ -86,8 +33,7 @@ def slews(rng: np.random.Generator) -> FloatArray:
 def window(labels: dict[str, bool], derived: bool, rng: np.random.Generator) -> pd.DataFrame:
     factor = {name: FACTORS[name] if there else 1.0 for name, there in labels.items()}
     speed = slews(rng)
-    level = rng.normal(1.0, 0.02) + (factor["dry"] - 1.0)
-    level = level + sum(friction_of(system, factor[name], rng) for name, system in SYSTEMS.items())
+    level = rng.normal(0.0, 0.02) + (factor["dry"] - 1.0) + levels(rng, (factor["fss_1"], factor["fss_2"]))[0]
     viscous = VISCOUS * (rng.normal(1.0, 0.01) + (factor["viscous"] - 1.0))
     friction = DRY * level + viscous * speed
     table = {"time_s": np.arange(SLOTS) * PERIOD_S, "speed_rad_s": speed}
@@ -109,7 +55,7 @@ def test_anomalies_are_learned_from_labels_and_found(derived: bool, tmp_path: Pa
         window(labels, derived, rng).to_parquet(path)
         truth[path.name] = labels
         rows.append(",".join([path.name, *(str(int(there)) for there in labels.values())]))
-    (tmp_path / "wheel.toml").write_text(WHEEL)
+    (tmp_path / "wheel.toml").write_text(WHEEL.to_toml())
     (tmp_path / "labels.csv").write_text("\n".join([",".join(["file", *FACTORS]), *rows[:TRAINED]]) + "\n")
     wheel, model = ["--wheel", str(tmp_path / "wheel.toml")], str(tmp_path / "model.json")
     learned = run("train", tmp_path / "labels.csv", *wheel, "-o", model, "--workers", 1)

@@ -1,7 +1,5 @@
 """The pictures show what the diagnosis states: what is drawn is read back from the figures."""
 
-from __future__ import annotations
-
 import io
 
 import numpy as np

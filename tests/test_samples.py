@@ -1,7 +1,5 @@
 """Samples: one struct of arrays, and the grid of their slots."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import numpy as np

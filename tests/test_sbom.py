@@ -1,7 +1,5 @@
 """The software bill of materials: every locked package is in it, with version, licence and the lock's hashes."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

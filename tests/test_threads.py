@@ -1,7 +1,5 @@
 """Work side by side on threads: the same values in their order, never more threads, and errors as they are."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

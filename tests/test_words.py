@@ -1,7 +1,5 @@
 """How times and counts are written for a person."""
 
-from __future__ import annotations
-
 import pytest
 
 from rwa_monitor.words import counted, first_few, time_text
@@ -19,11 +17,11 @@ from rwa_monitor.words import counted, first_few, time_text
         (4_000_000_000_000_000_000, "2096-10-02T07:06:40.000Z"),
     ],
 )
-def test_a_time_is_utc_where_the_clock_tells_it(time_ns: int, text: str) -> None:
+def test_a_time_is_utc_where_the_clock_shows_it(time_ns: int, text: str) -> None:
     assert time_text(time_ns) == text
 
 
-def test_one_of_a_thing_is_said_in_the_singular() -> None:
+def test_one_of_a_thing_is_written_in_the_singular() -> None:
     assert [counted(count, "wheel") for count in (0, 1, 2)] == ["0 wheels", "1 wheel", "2 wheels"]
 
 

@@ -1,7 +1,5 @@
 """Event-wise scores in the benchmark: windows of a wheel in a row are one timeline, beside two dummies."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from benchmarks.accuracy.events import event_table

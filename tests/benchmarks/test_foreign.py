@@ -1,7 +1,5 @@
 """Records of the foreign simulator: what they hide can be found in them, and the judge finds it end to end."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

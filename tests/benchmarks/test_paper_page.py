@@ -1,7 +1,5 @@
 """`make benchmark-paper` on a few windows: every table and figure of the paper is there, and counts what it states."""
 
-from __future__ import annotations
-
 import re
 from contextlib import redirect_stdout
 from io import StringIO

@@ -1,7 +1,5 @@
 """Pages of results: each states where it is from, and none is older than what it measures."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The speed benchmark: its peers do the same work, its ratios hold with generous slack, its results can be kept."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 
@@ -79,7 +77,7 @@ def test_the_incremental_step_beside_the_same_at_once(window: Window) -> None:
     assert cost[200_000] <= SLACK * cost[20_000]
 
 
-def test_a_window_of_many_alike_jumps_is_bounded_and_says_that_it_pruned() -> None:
+def test_a_window_of_many_alike_jumps_is_bounded_and_reports_that_it_pruned() -> None:
     wheel = built_in_wheel()
     one, two = hard_window(wheel, np.random.default_rng(1)), hard_window(wheel, np.random.default_rng(1))
     np.testing.assert_array_equal(one.torque_Nm, two.torque_Nm)
@@ -98,7 +96,7 @@ def test_the_peak_memory_of_a_process_is_not_that_of_the_one_that_started_it() -
     assert int(child.stdout) < large.nbytes < peak_memory_bytes()
 
 
-def test_a_search_in_a_process_of_its_own_says_what_it_cost() -> None:
+def test_a_search_in_a_process_of_its_own_reports_what_it_cost() -> None:
     costs = [search.measure_apart(4000, 1, threads=2), search.measure(8000, 1, threads=1)]
     assert [cost.named for cost in costs] == [("stribeck",), ("stribeck",)]
     assert costs[0].memory_GB < 2.0

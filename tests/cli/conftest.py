@@ -1,7 +1,5 @@
 """A small wheel and what is simulated with it, made once for all tests of the command line."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -3,8 +3,6 @@
 What each reader refuses is tested with the reader; here is what only the program reports, and one case of each reader.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path
@@ -47,12 +45,6 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         b"[wheel]\nname='a'\nsample_period_s=0.1\n[nominal]\ndry_torque=1.6e-3\n",
         "diagnose {good} --wheel {file}",
         "w.toml: nominal.dry_torque: no key has this name; did you mean 'dry_torque_Nm'?",
-    ),
-    "duration without a law": (
-        "w.toml",
-        b"[wheel]\nname='a'\nsample_period_s=0.1\n[[fss]]\nname='f'\ndurations=[{uniform={low=1,high=4}}]\n",
-        "diagnose {good} --wheel {file}",
-        "w.toml: fss.0.durations.0: Unable to extract tag using discriminator 'law'",
     ),
     "wheel in Latin-1": ("w.toml", b"# caf\xe9\n", "diagnose {good} --wheel {file}", "row 1: is no UTF-8 text"),
     "model is no JSON": ("m.json", b"{", "diagnose {good} --model {file}", "m.json: is no model"),
@@ -154,7 +146,7 @@ def test_one_line_and_exit_2(
     assert message in line
 
 
-def test_a_process_of_its_own_says_it_as_well() -> None:
+def test_a_process_of_its_own_reports_it_as_well() -> None:
     refused = done("diagnose", "none.csv")
     said = "rwa-monitor: none.csv: cannot be read: No such file or directory\n"
     assert (refused.returncode, refused.stdout, refused.stderr) == (2, "", said)

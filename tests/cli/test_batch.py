@@ -1,7 +1,5 @@
 """Many recordings at once: the same answers as one by one, whatever fails, and again only what is not done."""
 
-from __future__ import annotations
-
 import csv
 import os
 import signal

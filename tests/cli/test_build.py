@@ -1,7 +1,5 @@
 """What the program states of its own source: of what is installed, and never of something else."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -40,13 +38,13 @@ def installed(site: Path, version: str, *, editable: Path | None = None) -> None
 
 
 @pytest.mark.parametrize("version", ["0.1.0", COMMIT])
-def test_what_is_installed_says_its_commit(tmp_path: Path, version: str) -> None:
+def test_what_is_installed_states_its_commit(tmp_path: Path, version: str) -> None:
     installed(tmp_path, version)
     assert said_by(tmp_path / "rwa_monitor", tmp_path) == version
 
 
 @pytest.mark.parametrize(("version", "says"), [("0.1.0", "0.1.0+editable"), (COMMIT, f"{COMMIT}.editable")])
-def test_what_may_have_changed_since_says_so(tmp_path: Path, version: str, says: str) -> None:
+def test_what_may_have_changed_since_states_it(tmp_path: Path, version: str, says: str) -> None:
     installed(tmp_path, version, editable=SOURCE.parent)
     assert said_by(SOURCE, tmp_path) == says
 

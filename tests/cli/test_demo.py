@@ -1,7 +1,5 @@
 """The demo as a user sees it: a process of its own, a recording that replays, the truth at the end."""
 
-from __future__ import annotations
-
 import re
 import signal
 import subprocess
@@ -12,7 +10,7 @@ import pytest
 
 from rwa_monitor.simulation.demo_satellite import same
 from rwa_monitor.wheel.wheel import Wheel
-from tests.program import command
+from tests.program import command, done
 
 # Long enough for the failing wheel to be found (6 s a window, onset after three tenths), and for the search of the
 # wheel whose model lacks an effect: it begins after two windows and takes 13 s on two cores. Not for more.
@@ -58,14 +56,12 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
 
     assert demo.stdout.rstrip().endswith(f"To see it again: rwa-monitor dashboard --record {record}")
 
-    verified = subprocess.run(
-        command("replay", "--verify", record), capture_output=True, text=True, timeout=300, check=False
-    )
+    verified = done("replay", "--verify", record)
     assert verified.returncode == 0, verified.stdout + verified.stderr
 
 
 @pytest.mark.processes
-def test_the_demo_shows_its_page_and_ends_cleanly_when_told_to(tmp_path: Path) -> None:
+def test_the_demo_shows_its_page_and_ends_cleanly_on_a_signal(tmp_path: Path) -> None:
     demo = subprocess.Popen(
         command("demo", "--duration", 600, "--port", 0, "--record", tmp_path / "recordings"),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,

@@ -1,7 +1,5 @@
 """`diagnose`: tables in, one diagnosis for each window out."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -19,6 +17,7 @@ from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.cli.conftest import WINDOW
+from tests.cli.test_discrepancy import write
 from tests.program import run
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
@@ -50,7 +49,7 @@ def test_one_line_for_each_window_and_the_last_one_marked_partial(files: Path, d
     assert list(first["anomalies"]) == ["dry", "viscous", "fss_1", "fss_2"]
 
 
-def test_what_was_not_used_is_said(files: Path, tmp_path: Path) -> None:
+def test_what_was_not_used_is_reported(files: Path, tmp_path: Path) -> None:
     header, *rows = (files / "given.csv").read_text().splitlines()
     column = header.split(",").index("friction_torque_Nm")
     cells = [row.split(",") for row in rows]
@@ -68,7 +67,7 @@ def test_what_was_not_used_is_said(files: Path, tmp_path: Path) -> None:
     assert min(d["coverage"] for d in lines(result.stdout)) < 1.0
 
 
-def test_another_sample_period_is_said_and_what_could_not_be_judged_at_the_end(files: Path, tmp_path: Path) -> None:
+def test_another_sample_period_is_reported_and_what_could_not_be_judged_at_the_end(files: Path, tmp_path: Path) -> None:
     header, *rows = (files / "given.csv").read_text().splitlines()
     table = tmp_path / "slow.csv"
     table.write_text("\n".join([header, *rows[::8]]) + "\n")
@@ -83,7 +82,7 @@ def test_another_sample_period_is_said_and_what_could_not_be_judged_at_the_end(f
     assert "is sample_period_s = 0.125 of the wheel file right? The samples come every 1 s" in result.stderr
 
 
-def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
+def test_why_derived_friction_is_masked_is_reported(tmp_path: Path) -> None:
     wheel = built_in_wheel()
     wheel = wheel.model_copy(update={"limits": wheel.limits.model_copy(update={"max_current_A": 1.5})})
     (tmp_path / "wheel.toml").write_text(wheel.to_toml())
@@ -95,14 +94,7 @@ def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
     current = torque / wheel.torque_constant_Nm_A
     current[100:107] = 1.5  # at its limit, not beyond
     columns = {"time_s": np.arange(count) * period_s, "speed_rad_s": speed, "motor_current_A": current}
-    np.savetxt(
-        tmp_path / "slews.csv",
-        np.column_stack([*columns.values()]),
-        delimiter=",",
-        header=",".join(columns),
-        comments="",
-    )
-    result = run("diagnose", tmp_path / "slews.csv", "--wheel", tmp_path / "wheel.toml", "--json")
+    result = run("diagnose", write(tmp_path / "slews.csv", columns), "--wheel", tmp_path / "wheel.toml", "--json")
     assert result.exit_code == 0
     said = re.search(
         r"of 4000 samples (\d+) were masked \((\d+) where the speed bends .*; 7 with the current at its limit",
@@ -144,7 +136,7 @@ def test_the_method_of_the_paper(files: Path) -> None:
     assert {d["provenance"]["method"] for d in lines(result.stdout)} == {"paper"}
 
 
-def test_what_is_left_out_and_what_the_wheel_lacks_is_said(files: Path, tmp_path: Path) -> None:
+def test_what_is_left_out_and_what_the_wheel_lacks_is_reported(tmp_path: Path) -> None:
     table, wheel = tmp_path / "table.csv", tmp_path / "wheel.toml"
     table.write_text("time_s,speed_rad_s,friction_torque_Nm,mode\n0,1,2,a\n0.1,1,2,b\n")
     wheel.write_text('[wheel]\nname = "bare"\nsample_period_s = 0.1\n')

@@ -1,7 +1,5 @@
 """The command `discrepancy` on what it cannot use or cannot separate, and on two recordings of a wheel."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -94,7 +92,7 @@ def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
     assert "saturated" in done.stderr
 
 
-def test_a_current_at_its_end_stop_now_and_then_is_left_out_and_said(tmp_path: Path) -> None:
+def test_a_current_at_its_end_stop_now_and_then_is_left_out_and_reported(tmp_path: Path) -> None:
     table = with_current(columns())
     limit = float(np.quantile(np.abs(table["motor_current_A"]), 0.95))
     table["motor_current_A"] = np.clip(table["motor_current_A"], -limit, limit)

@@ -1,7 +1,5 @@
 """What `doctor` reports of the folders of a monitor and of who is on its bus."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 from threading import Event, Thread
@@ -17,7 +15,7 @@ from tests.monitor.support import free_port
 RECORDING = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
 
 
-def test_what_a_folder_holds_is_told_and_none_is_made(tmp_path: Path) -> None:
+def test_what_a_folder_holds_is_reported_and_none_is_made(tmp_path: Path) -> None:
     assert look_at_recordings(tmp_path / "a").endswith("is not there yet")
     assert not (tmp_path / "a").exists()
     assert "holds no recording yet" in look_at_recordings(tmp_path)
@@ -28,7 +26,7 @@ def test_what_a_folder_holds_is_told_and_none_is_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
-def test_who_is_on_the_bus_is_told() -> None:
+def test_who_is_on_the_bus_is_reported() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     assert "nobody has connected" in look_at_bus(BusOptions(listen=(endpoint,)))
     stop = Event()

@@ -1,7 +1,5 @@
 """`evaluate`: windows and labels into scores, from files as users have them, and what is refused."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from pathlib import Path

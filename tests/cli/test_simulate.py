@@ -1,15 +1,12 @@
 """`simulate` and `train`: the same seed gives the same bytes, the truth lies beside, and what was made can be used."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
 import pyarrow.parquet as pq
 
 import rwa_monitor as rwa
-from rwa_monitor.monitor.setup import read_model, read_wheel
-from rwa_monitor.telemetry.labels import read_labels
+from rwa_monitor.monitor.setup import read_wheel
 from tests.cli.conftest import SECONDS, simulate
 from tests.program import run
 from tests.telemetry.packet_writer import write_packets
@@ -35,22 +32,6 @@ def test_truth_and_wheel_lie_beside_the_recording(files: Path) -> None:
         every_slot.column_names
     )
     assert read_wheel(files / "given.csv.wheel.toml") == read_wheel(files / "wheel.toml")
-
-
-def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None:
-    """A few windows of the real recipe: enough to go all the way, too few for a good model."""
-    made = run("simulate", "dataset", "--recipe", "paper", "--count", 10, "--seed", 2, "-o", tmp_path / "set")
-    assert made.exit_code == 0
-    labelled = read_labels(tmp_path / "set" / "labels.csv")
-    assert [file.path.suffix for file in labelled] == [".parquet"] * 10
-    wheel = f"{labelled[0].path}.wheel.toml"
-    trained = run("train", tmp_path / "set" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "model.json")
-    assert trained.exit_code == 0, trained.stderr
-    model = read_model(tmp_path / "model.json")
-    assert (model.trained.windows, model.trained.source) == (10, "labels.csv")
-    used = run("diagnose", labelled[0].path, "--wheel", wheel, "--model", tmp_path / "model.json", "--json")
-    assert used.exit_code == 0
-    assert json.loads(used.stdout)["provenance"]["model_sha256"] == model.sha256()
 
 
 def test_packets_cut_at_the_end_are_diagnosed_and_the_exit_code_is_3(tmp_path: Path) -> None:

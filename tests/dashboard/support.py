@@ -1,7 +1,5 @@
 """A dashboard and a browser for tests: real ones, on a real bus."""
 
-from __future__ import annotations
-
 import json
 import urllib.error
 import urllib.request

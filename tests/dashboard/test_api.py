@@ -1,7 +1,5 @@
 """The API: what its OpenAPI document describes is what it answers, and what the feed sends."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What can go wrong around the page, for real: it shows what, recovers by itself, and nothing acknowledged is lost."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

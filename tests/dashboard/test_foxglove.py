@@ -1,7 +1,5 @@
 """Foxglove live: a real WebSocket client subscribes, as the app does, and receives what the bus carries."""
 
-from __future__ import annotations
-
 import json
 import re
 import socket

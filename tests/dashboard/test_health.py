@@ -1,7 +1,5 @@
 """…/health on a real bus: at each window's close by the monitor, at each change of an alarm by the dashboard."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -18,9 +16,9 @@ from tests.monitor.processes import wait_for
 pytestmark = pytest.mark.processes
 
 
-def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Health]:
+def asked(session: zenoh.Session) -> dict[str, Health]:
     """Ask for the last health of every wheel."""
-    replies = [reply.ok for reply in session.get(key) if reply.ok is not None]
+    replies = [reply.ok for reply in session.get("rwa/**/health") if reply.ok is not None]
     keys = [str(reply.key_expr) for reply in replies]
     assert len(set(keys)) == len(keys)  # one answer a wheel, however many know it
     return {key: Health.parse(reply.payload.to_bytes(), key) for key, reply in zip(keys, replies, strict=True)}

@@ -1,7 +1,5 @@
 """The first screen: the last windows of all wheels in one picture, and what changed since the last visit."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest
@@ -9,7 +7,7 @@ import zenoh
 
 from benchmarks.dashboard_load import FRAMES
 from rwa_monitor.dashboard.server import Running
-from tests.dashboard.support import ask, expect, findings, send_windows, status
+from tests.dashboard.support import ask, expect, findings
 from tests.history.support import diagnosis
 from tests.monitor.processes import wait_for
 
@@ -40,14 +38,10 @@ NOMINAL, ANOMALOUS = "0,105,77", "168,42,0"  # --nominal and --anomalous of the 
 
 
 @pytest.mark.browser
-def test_the_strip_shows_and_reads_each_window_and_opens_its_wheel(
-    session: zenoh.Session, dashboard: Running, page: Any
-) -> None:
-    for wheel, failing in (("wheel_1", False), ("wheel_2", True)):
-        send_windows(session, wheel, failing=failing)
-        session.put(f"rwa/sat/{wheel}/status", status(wheel))
-    wait_for(lambda: len(ask(dashboard.address, "api/verdicts")[1].get("sat/wheel_2", {}).get("verdict", [])) == 3, "3")
-    page.goto(dashboard.address)
+def test_the_strip_shows_and_reads_each_window_and_opens_its_wheel(failing_fleet: Running, page: Any) -> None:
+    address = failing_fleet.address
+    wait_for(lambda: len(ask(address, "api/verdicts")[1].get("sat/wheel_2", {}).get("verdict", [])) == 3, "3")
+    page.goto(address)
     strip = page.get_by_role("img", name="Verdicts of the last windows of 2 wheels; the latest: 1 nominal, 1 anomalous")
     expect(strip).to_be_visible()
     # Four windows are nominal and two anomalous, and these are three times as high.

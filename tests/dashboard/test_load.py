@@ -1,7 +1,5 @@
 """The load benchmark in small: generous bounds that only a change of kind would miss. Figures: docs/dashboard.md."""
 
-from __future__ import annotations
-
 import pytest
 
 from benchmarks.dashboard_load import measure

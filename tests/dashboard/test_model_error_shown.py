@@ -1,7 +1,5 @@
 """What is not judged, uncertain, or more or less urgent is shown: in words and shapes, and in colours that differ."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

@@ -4,8 +4,6 @@
 monitors send them.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

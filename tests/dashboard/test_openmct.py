@@ -1,7 +1,5 @@
 """The Open MCT plugin in a real browser: a real Open MCT on a real dashboard."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Iterator

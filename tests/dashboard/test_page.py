@@ -1,7 +1,5 @@
 """The page in a real browser, from a real server on a real bus: what an operator sees and does."""
 
-from __future__ import annotations
-
 import re
 from typing import Any
 
@@ -32,8 +30,18 @@ def test_changes_need_the_token_and_no_other_origin_or_host_is_served(failing_fl
     assert ask(address, "api/wheels/sat/wheel_9")[0] == 404
 
 
-def replay_and_seek(page: Any) -> None:
-    """Play, pause, step and seek in a recording; the views are those of the live page."""
+@pytest.mark.browser
+def test_a_recording_is_played_stepped_and_sought(failing_fleet: Running, page: Any) -> None:
+    page.goto(f"{failing_fleet.address}#/recordings")
+    page.get_by_label("Go to").fill("1e6")
+    page.get_by_role("button", name="Go", exact=True).click()
+    expect(page.get_by_text("No recording covers spacecraft clock 1000000.0 s.")).to_be_visible()
+    page.get_by_label("Go to").fill("100.5")
+    page.get_by_role("button", name="Go", exact=True).click()
+    expect(page.get_by_role("heading", name=f"Replay of {RECORDING.name}")).to_be_visible()
+    expect(page.get_by_text("spacecraft clock 100.5 s, UTC unknown").first).to_be_visible()
+    page.keyboard.press("r")
+    page.get_by_role("link", name=RECORDING.name).click()
     page.get_by_role("button", name="Next window").click()
     expect(page.locator(".wheel").first).to_contain_text(re.compile("nominal|anomalous|inconclusive"))
     page.locator(".wheel").first.click()
@@ -56,21 +64,6 @@ def replay_and_seek(page: Any) -> None:
     page.get_by_role("button", name="Play").click()
     expect(page.get_by_role("button", name="Play")).to_be_visible()  # it has come to the end
     expect(page.locator("tbody tr").first).to_contain_text("dry")
-
-
-@pytest.mark.browser
-def test_a_recording_is_played_stepped_and_sought(failing_fleet: Running, page: Any) -> None:
-    page.goto(f"{failing_fleet.address}#/recordings")
-    page.get_by_label("Go to").fill("1e6")
-    page.get_by_role("button", name="Go", exact=True).click()
-    expect(page.get_by_text("No recording covers spacecraft clock 1000000.0 s.")).to_be_visible()
-    page.get_by_label("Go to").fill("100.5")
-    page.get_by_role("button", name="Go", exact=True).click()
-    expect(page.get_by_role("heading", name=f"Replay of {RECORDING.name}")).to_be_visible()
-    expect(page.get_by_text("spacecraft clock 100.5 s, UTC unknown").first).to_be_visible()
-    page.keyboard.press("r")
-    page.get_by_role("link", name=RECORDING.name).click()
-    replay_and_seek(page)
 
 
 @pytest.mark.browser

@@ -1,7 +1,5 @@
 """Recordings on the page and in the history, with one that the monitor itself made."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A retired wheel stands in a list of its own, and reappears as soon as its telemetry arrives."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Verdicts and alarms as space packets: by the definition that goes with them, read by what others wrote."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil
@@ -44,8 +42,8 @@ NAMESPACE = {"x": "http://www.omg.org/spec/XTCE/20180204"}
 YAMCS = ROOT / "build" / "yamcs"
 
 
-def writer(*wheels: str, apid: int = 1000) -> PacketWriter:
-    return PacketWriter(wheels or WHEELS, apid, built_in_wheel(), built_in_model())
+def writer(*wheels: str) -> PacketWriter:
+    return PacketWriter(wheels or WHEELS, 1000, built_in_wheel(), built_in_model())
 
 
 def health(level: str = "warning", phase: str = "active", **others: str) -> bytes:

@@ -1,7 +1,5 @@
 """Live, stored and replayed telemetry on the dashboard: which it is, and that only what is live is an alarm of now."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

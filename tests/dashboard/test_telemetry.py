@@ -1,7 +1,5 @@
 """What the dashboard makes of samples: friction from current, and when telemetry is stale."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What other tools get: metrics and alert rules for Prometheus, a dashboard file for Grafana."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """A wheel's page from the history alone, friction over speed and temperature, siblings; themes, keys and paper."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any
@@ -158,7 +156,7 @@ def test_a_key_opens_the_list_of_keys(dashboard: Running, page: Any) -> None:
     expect(keys).to_be_hidden()
 
 
-def test_paper_is_light_and_has_nothing_to_press(chromium: Any, session: zenoh.Session, failing_fleet: Running) -> None:
+def test_paper_is_light_and_has_nothing_to_press(chromium: Any, failing_fleet: Running) -> None:
     with opened(chromium, width=700, color_scheme="dark") as page:
         page.goto(f"{failing_fleet.address}#/wheel/sat/wheel_2")
         expect(chart(page, "friction [mN m] over time")).to_be_visible()

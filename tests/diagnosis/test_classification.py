@@ -65,7 +65,7 @@ def test_more_dry_friction_is_never_less_suspect_by_much(dry: float, more: float
         assert judged(features(dry=dry + more))["dry"] > 0.5
 
 
-def test_a_sure_anomaly_beside_doubtful_ones_has_no_more_than_probability_one() -> None:
+def test_a_certain_anomaly_beside_uncertain_ones_has_no_more_than_probability_one() -> None:
     rng = np.random.default_rng(50110)
     pulses = SystemFeatures("fss_1", np.tile([0, 1], 12), np.tile([0.0, 0.75], 12), np.full(24, 1e-3), rests=True)
     sure = []
@@ -129,7 +129,7 @@ def test_carried_probability_moves_the_prior_but_cannot_hold_against_evidence() 
     assert judged(vague, harmless)["dry"] < 0.02
 
 
-def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another() -> None:
+def test_ruling_out_one_anomaly_window_after_window_is_no_evidence_for_another() -> None:
     """A state of 0.1 for each stays at that, but for the hazard, where the windows show nothing of one."""
     carried = CarriedState(probability=dict.fromkeys(NAMES, 0.1))
     silent = features(std=50.0)

@@ -48,8 +48,10 @@ def test_a_window_that_the_model_does_not_fit_hides_no_change() -> None:
         windows = life(seed, {"viscous": growing}, HEALTHY + 3, kind="rich")
         change, after = windows[HEALTHY - 1], windows[HEALTHY:]
         misfits += not change.diagnosis.model_adequate
-        shown = [window for window in after if _shows_viscous(window)]
-        assert all(window.diagnosis.verdict == "anomalous" for window in shown), seed
+        for window in after:
+            severity_std = window.diagnosis.anomalies["viscous"].severity_std
+            shows_it = severity_std is not None and severity_std < 0.2
+            assert window.diagnosis.verdict == "anomalous" or not shows_it, seed
     assert misfits > 0  # else the test shows nothing
 
 
@@ -69,12 +71,7 @@ def test_a_healthy_wheel_whose_model_lacks_an_effect_is_not_called_failing() -> 
     assert "anomalous" not in {window.diagnosis.verdict for window in windows}
 
 
-def _shows_viscous(window: WindowDiagnosed) -> bool:
-    severity_std = window.diagnosis.anomalies["viscous"].severity_std
-    return severity_std is not None and severity_std < 0.2
-
-
-def test_a_window_at_low_speed_says_that_it_leans_on_earlier_ones() -> None:
+def test_a_window_at_low_speed_states_that_it_rests_on_earlier_ones() -> None:
     """Viscous friction does not show below 6 rad/s: the last windows' value stands, with the hazard that it changed."""
     speed = SpeedProfile(kind="orbit", scale=0.02)
     slow = Scenario(duration_s=3 * WINDOW_S, speed=speed)

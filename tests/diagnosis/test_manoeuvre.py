@@ -1,7 +1,5 @@
 """The shortest change of speed that decides: it does, once it is flown, and without it the window is inconclusive."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 import numpy as np

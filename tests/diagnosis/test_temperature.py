@@ -137,7 +137,7 @@ def test_coarse_digits_of_the_sensor_do_no_harm() -> None:
     assert diagnosed(coarse).verdict == "nominal"
 
 
-def test_a_wheel_that_is_judged_by_its_spread_is_nominal_within_it_and_the_verdict_says_what_is_missing() -> None:
+def test_a_wheel_that_is_judged_by_its_spread_is_nominal_within_it_and_the_verdict_states_what_is_missing() -> None:
     built_in = built_in_wheel()
     nominal = Nominal(**{**built_in.nominal.model_dump(), "viscous_spread": 0.15})
     blind = built_in.model_copy(update={"nominal": nominal})

@@ -46,8 +46,8 @@ def ideal_windows(count: int, seed: int) -> Iterator[Outcome]:
         yield Outcome(status or "nominal", labels, dict.fromkeys(("joint", "paper"), features), {})
 
 
-def labelled(count: int = 100, seed: int = 1) -> list[LabelledFeatures]:
-    return [window.labelled() for window in ideal_windows(count, seed)]
+def labelled(count: int = 100) -> list[LabelledFeatures]:
+    return [window.labelled() for window in ideal_windows(count, 1)]
 
 
 def test_the_learned_bands_are_those_of_the_friction_laws() -> None:
@@ -114,7 +114,7 @@ def test_labels_that_are_missing_or_all_anomalous_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("method", "least"), [("joint", 0.97), ("paper", 0.9)])
-def test_ideal_windows_are_told_apart(method: str, least: float) -> None:
+def test_ideal_windows_are_distinguished(method: str, least: float) -> None:
     windows = list(ideal_windows(300, 3))
     accuracy = measure(windows, method, "joint" if method == "joint" else "paper", WHEEL, seed=1, splits=3)
     for name in WHEEL.anomalies:
@@ -125,7 +125,7 @@ def test_ideal_windows_are_told_apart(method: str, least: float) -> None:
         assert calibration.brier < calibration.brier_base
 
 
-def test_simulated_windows_are_told_apart_by_the_built_in_model() -> None:
+def test_simulated_windows_are_distinguished_by_the_built_in_model() -> None:
     """40 windows of the recipe `mild`, seed not used elsewhere: at most one error is expected (98 % and better)."""
     found = list(outcomes("mild", 40, 90_210, workers=0))
     probability = judge(found, "joint", "joint", built_in_model(), WHEEL)

@@ -63,7 +63,7 @@ def fleet_course(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, floa
     return truth + std * rng.standard_normal(FLEET_WINDOWS), std, onset + 0.3 / slope
 
 
-def test_the_interval_of_the_time_to_a_limit_holds_it_as_often_as_it_says() -> None:
+def test_the_interval_of_the_time_to_a_limit_holds_it_as_often_as_stated() -> None:
     rng = np.random.default_rng(42)
     announced = held = 0
     for _ in range(120):

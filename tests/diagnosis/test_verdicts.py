@@ -79,9 +79,13 @@ def test_friction_below_nominal_asks_for_units_and_sign() -> None:
     assert "Wait for the next window" not in window.diagnosis.explanation
 
 
-def test_a_wheel_file_without_nominal_friction_is_sent_to_identify() -> None:
+def test_a_wheel_file_without_nominal_friction_is_split_as_far_as_it_goes_and_sent_to_identify() -> None:
     (window,) = windows_of(record(1, 1, built_in_wheel()), Wheel(name="bare", sample_period_s=0.125))
+    assert window.diagnosis.verdict == "inconclusive"
+    assert "[nominal]" in window.diagnosis.reason
     assert "rwa-monitor identify" in window.diagnosis.explanation
+    assert list(window.diagnosis.anomalies) == ["dry", "viscous"]
+    assert window.diagnosis.friction.viscous.value == pytest.approx(5.333e-6, rel=0.02)
     assert "Wait for the next window" not in window.diagnosis.explanation
 
 

@@ -14,7 +14,8 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, Window, built_in_wheel
 
 MODEL = built_in_model()
 EMPTY = CarriedState.empty()
@@ -159,16 +160,6 @@ def test_without_a_model_friction_is_split_and_nothing_is_judged() -> None:
     assert not active(diagnosis)
 
 
-def test_a_bare_wheel_is_split_as_far_as_it_goes() -> None:
-    wheel = Wheel(name="bare", sample_period_s=0.125)
-    speed, torque = telemetry(14)
-    diagnosis, _ = diagnose(speed, torque, wheel=wheel)
-    assert diagnosis.verdict == "inconclusive"
-    assert "[nominal]" in diagnosis.reason
-    assert list(diagnosis.anomalies) == ["dry", "viscous"]
-    assert diagnosis.friction.viscous.value == pytest.approx(5.333e-6, rel=0.02)
-
-
 def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     wheel = built_in_wheel()
     renamed = wheel.fss[1].model_copy(update={"name": "cage"})
@@ -182,30 +173,18 @@ def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     assert cage.severity == pytest.approx((cage.estimate - cage.nominal_high) / (0.4 * 1.6e-3), rel=1e-6)
 
 
-CAGE = """
-[wheel]
-name = "short windows"
-sample_period_s = 0.125
-[nominal]
-dry_torque_Nm = 1.6e-3
-viscous_Nm_s_rad = 5.333e-6
-nominal_speed_rad_s = 300.0
-[noise]
-friction_std_Nm = 3.9e-5
-[window]
-samples = 4000
-[[fss]]
-name = "cage"
-durations = [{ law = "uniform", low = 400, high = 1200 }, { law = "uniform", low = 60, high = 200 }]
-friction = [{ low = 0.0, high = 0.0 }, { low = 0.3, high = 0.6 }]
-"""
+CAGE = SwitchingSystem(
+    name="cage",
+    durations=(Uniform(low=400, high=1200), Uniform(low=60, high=200)),
+    friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=0.3, high=0.6)),
+)
 
 
 @pytest.mark.parametrize("stated", [True, False])
 def test_a_healthy_system_of_unknown_friction_stays_unjudged_however_long(stated: bool) -> None:
     """Thirty windows: what none of them shows does not add up to an anomaly."""
-    truth = Wheel.from_toml(CAGE, "truth")
-    wheel = truth if stated else Wheel.from_toml("\n".join(CAGE.splitlines()[:-1]), "told")
+    truth = built_in_wheel().model_copy(update={"window": Window(samples=4000), "fss": (CAGE,)})
+    wheel = truth if stated else truth.model_copy(update={"fss": (CAGE.model_copy(update={"friction": None}),)})
     speed, torque = telemetry(21, truth, 30 * 4000 * 0.125)
     state, seen = EMPTY, []
     for first in range(0, speed.size, 4000):

@@ -3,8 +3,6 @@
 Only the files are read here; docker/try_without_daemon.sh builds the image and runs all of it.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

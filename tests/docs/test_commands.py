@@ -1,7 +1,5 @@
 """The command lines that the documents show: all of them exist, and those marked `<!-- run -->` work in their order."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess
@@ -44,14 +42,6 @@ def blocks_of(page: Path) -> list[Block]:
     return [Block(block["mark"] or "", block["language"], block["text"]) for block in found]
 
 
-def _lines(page: Path) -> list[str]:
-    return [line for block in blocks_of(page) for line in block.lines]
-
-
-def _inline(page: Path) -> list[str]:
-    return [] if page.name in GENERATED else INLINE.findall(page.read_text(encoding="utf-8"))
-
-
 def _parse(words: list[str]) -> None:
     """Let click parse a command line without running it; raises click.UsageError where it does not exist."""
     command: click.Command = program
@@ -66,7 +56,7 @@ def _parse(words: list[str]) -> None:
 
 @pytest.mark.parametrize(
     ("page", "line"),
-    [(page.name, line) for page in PAGES for line in _lines(page)],
+    [(page.name, line) for page in PAGES for block in blocks_of(page) for line in block.lines],
 )
 def test_every_command_line_exists(page: str, line: str) -> None:
     wrong = ""
@@ -77,7 +67,10 @@ def test_every_command_line_exists(page: str, line: str) -> None:
     assert not wrong, f"{page}: {line}"
 
 
-@pytest.mark.parametrize(("page", "line"), [(page.name, line) for page in PAGES for line in _inline(page)])
+@pytest.mark.parametrize(
+    ("page", "line"),
+    [(page.name, line) for page in PAGES if page.name not in GENERATED for line in INLINE.findall(page.read_text())],
+)
 def test_every_command_named_in_the_text_exists(page: str, line: str) -> None:
     name = shlex.split(line)[1]
     assert name in program.list_commands(click.Context(program)), page

@@ -1,12 +1,9 @@
 """The generated pages are those of the code, and every page shows what there is."""
 
-from __future__ import annotations
-
-import importlib.util
 import re
+import runpy
 import tomllib
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
@@ -15,17 +12,11 @@ from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 WRITTEN = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
-
-
-def _generator() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_make", DOCS / "make.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+GENERATOR = runpy.run_path(str(DOCS / "make.py"))
 
 
 def test_generated_pages_are_those_of_the_code() -> None:
-    for name, text in _generator().pages().items():
+    for name, text in GENERATOR["pages"]().items():
         assert (DOCS / name).read_text(encoding="utf-8") == text, f"docs/{name} is old: python docs/make.py"
 
 
@@ -37,7 +28,7 @@ def test_every_effect_has_a_page_and_a_picture_and_nothing_else_has() -> None:
 
 def test_a_picture_is_drawn_by_its_code(tmp_path: Path) -> None:
     file = tmp_path / "stribeck.png"
-    _generator().draw_effect(CATALOGUE["stribeck"], file)
+    GENERATOR["draw_effect"](CATALOGUE["stribeck"], file)
     assert file.read_bytes().startswith(b"\x89PNG")
 
 

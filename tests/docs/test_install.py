@@ -1,7 +1,5 @@
 """How the core is installed alone: its lock is part of the other, complete and hashed, and every page states it."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import json
 import re
@@ -59,7 +57,7 @@ def test_the_lock_of_the_core_is_that_of_the_program_less_the_page_and_the_datab
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_nobody_is_told_to_install_past_the_lock(place: str) -> None:
+def test_no_page_installs_past_the_lock(place: str) -> None:
     lines = (ROOT / place).read_text(encoding="utf-8").splitlines()
     ours = [line for line in lines if "install" in line.lower() and "--no-deps" in line]
     assert ours, place

@@ -1,7 +1,5 @@
 """docs/publish.md: its publisher reaches a monitor that comes late, its reader shows that, and its figures are true."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess

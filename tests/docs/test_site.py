@@ -1,7 +1,5 @@
 """The documents build into a site without a warning, every page is in its menu, and formulas need no script."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

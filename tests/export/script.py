@@ -1,7 +1,5 @@
 """The script on which exported models are compared with the package's own simulation, and how C is run on it."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 from dataclasses import dataclass

@@ -1,10 +1,8 @@
 """What is exported for Basilisk, without Basilisk: `make outside` runs it there (benchmarks/basilisk/exported.py)."""
 
-from __future__ import annotations
-
-import importlib.util
+import runpy
 from pathlib import Path
-from types import ModuleType
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,14 +22,11 @@ def block(name: str, **changes: float) -> EffectBlock:
     return to_block(CATALOGUE[name].typical(**changes))
 
 
-def load(wheel: Wheel, folder: Path) -> ModuleType:
-    """Export the wheel, and import the module that was written."""
+def load(wheel: Wheel, folder: Path) -> SimpleNamespace:
+    """Export the wheel, and run the module that was written."""
     (folder / "wheel.toml").write_text(wheel.to_toml(), encoding="utf-8")
     assert run("export", folder / "wheel.toml", "--to", "basilisk", "-o", folder).exit_code == 0
-    spec = importlib.util.spec_from_file_location("exported", folder / "rwa_friction_basilisk.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return SimpleNamespace(**runpy.run_path(str(folder / "rwa_friction_basilisk.py")))
 
 
 def test_the_module_is_the_exact_model(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """The exported C: equal to the package's own simulation for every effect, as strict as promised, and what it states."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import re

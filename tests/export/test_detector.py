@@ -1,7 +1,5 @@
 """The onboard detector: the jumps of the monitor's recordings from a pipe, without Python, exceptions or allocation."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -16,6 +14,7 @@ from rwa_monitor.export.c_source import detector_files
 from rwa_monitor.export.model import friction_model
 from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from tests.program import run
 
@@ -102,8 +101,6 @@ def test_the_library_demands_no_allocation_and_throws_nothing(tmp_path: Path) ->
 
 
 def test_a_wheel_whose_viscous_friction_follows_its_temperature_is_refused() -> None:
-    tables = built_in_wheel().to_tables()
-    parameters = {"strength_Nm_s_rad": 5.333e-6, "activation_temperature_K": 4000.0}
-    tables["effect"] = [{"name": "viscosity_temperature", "parameters": parameters}]
+    warm = to_block(CATALOGUE["viscosity_temperature"].typical())
     with pytest.raises(InputError, match="viscosity_temperature changes its viscous friction"):
-        detector_files(friction_model(Wheel.from_tables(tables, "warm wheel"), "test"))
+        detector_files(friction_model(built_in_wheel().model_copy(update={"effect": (warm,)}), "test"))

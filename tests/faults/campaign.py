@@ -3,12 +3,10 @@
 One history again, with what its processes logged: `--only NUMBER`.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
+import re
 import sys
-import textwrap
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -17,10 +15,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 
-from benchmarks.page import page, put_out, table
-from tests.faults.history import LOSING, RECOVERABLE, WINDOW
+from benchmarks.page import put_out, table
+from tests.faults.history import LOSING, RECOVERABLE
 from tests.faults.trial import Outcome, losing, run_trial
 
+PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 DEVELOPMENT_SEED = 6
 ABOUT = {
     "kill_monitor": "the monitor is killed (SIGKILL) at any moment and started again",
@@ -45,40 +44,6 @@ ABOUT = {
     "publisher_dies_in_outage": "the publisher and its history die during an outage (loses samples)",
     "flipped_recording": "the monitor is killed; a bit of its recording flips before it starts again (loses samples)",
 }
-
-HOW = f"""
-Each history is made of (seed, number) alone: simulated telemetry of one or two wheels with windows of {WINDOW:,} slots,
-cut into messages, and one to five kinds of faults. It happens to real processes (router, publisher, monitor) over TCP
-on loopback. Afterwards the account adds up in every status, on the bus and in the recording; the diagnoses are, byte
-for byte, those of `diagnose` on what was sent; each stands once in the chain of recordings, in order, and was on the
-bus at least once; and the chain replays. Where the disk fails the recording may lack diagnoses, the bus may not. Where
-history is lost the chain must replay, the loss be reported, and the account add up. The monitor is forked from a
-process that has loaded it, to be there in a tenth of a second. The service was mended on histories of the seeds
-{DEVELOPMENT_SEED}, 2026, 31, 32 and 45; seeds 46, 47 and 61 came after.
-"""
-
-LIMITS = """
-## Limits
-
-- What is younger than a second is on no disk yet. Where a publisher dies as soon as its samples have arrived, the disk
-  fails, and the monitor is killed, all three within a second, they are lost: 1,050 samples in one history of an earlier
-  run. A publisher is therefore killed here only a second after all of its samples have arrived.
-- A restart of the publisher is not combined with an outage that loses samples, and a monitor that joins late is not
-  asked to miss what it cannot know of.
-- Where a bit of a recording flips, what is lost is reported and the other recordings replay; the damaged one may not. A
-  diagnosis that survived while its inputs did not is made again when they come again, and stands twice, in the same
-  bytes.
-- What earlier runs found: on seed 31, 297 of 300 histories kept every promise; two showed the diagnosis that stands
-  twice, one messages that waited and were not missed yet; since then both are looked for as in `trial.py`. On seed
-  32, 299 of 300: after a clock that stepped back, a history that came again was taken for new (3,147 samples twice, 5
-  wrong diagnoses); this was mended, with a test, and that history (122) keeps every promise now.
-- On seed 45, 99 of 100: the chain of history 64 replayed equal to 1e-9 relative, and not byte for byte. One number of
-  the carried state was not rounded as its file is, which showed where a restart came after such a window; mended, with
-  a test (`tests/monitor/test_core.py`).
-- A second publisher publishes between two messages of the first one, not in an outage, where it looks like a restart.
-- A damaged message is one that cannot be read. A flipped digit is a message: telemetry carries no checksum.
-- A disk that hangs, rather than fails, stops the monitor until it goes on; this is not tried.
-"""
 
 
 def main() -> int:
@@ -114,7 +79,7 @@ def _tell(outcome: Outcome, *, talk: bool) -> None:
 
 
 def report(outcomes: list[Outcome], seed: int, took_s: float) -> str:
-    """Return the figures of a campaign as a page."""
+    """Return the page with the figures of a campaign; its words are those that stand there."""
     whole = [outcome for outcome in outcomes if not losing(outcome.kinds)]
     less = [outcome for outcome in outcomes if losing(outcome.kinds)]
     kinds = Counter(kind for outcome in outcomes for kind in outcome.kinds)
@@ -137,12 +102,15 @@ def report(outcomes: list[Outcome], seed: int, took_s: float) -> str:
     of = f"seed {seed}, histories {outcomes[0].number} to {outcomes[-1].number}, {took_s:.0f} s"
     faults = [(kind, str(kinds[kind]), ABOUT[kind]) for kind in (*RECOVERABLE, *LOSING)]
     broken = [f"- history {one.number} ({', '.join(one.kinds)}): {one.problems[0][:200]}" for one in failed]
-    return page(
-        "Fault campaign",
-        textwrap.fill(f"`make faults` ({of})." + HOW, 120),
-        table(("", ""), rows),
-        table(("fault", "histories", "what happens"), faults),
-        "\n".join((LIMITS.strip(), *broken)),
+    before = PAGE.read_text(encoding="utf-8")
+    limits = re.split(r"\n- history |\n\n\*Made by ", before[before.index("## Limits") :])[0]
+    return "\n\n".join(
+        (
+            re.sub(r"\(seed [^)]*\)", f"({of})", before.partition("\n\n| ")[0], count=1),
+            table(("", ""), rows),
+            table(("fault", "histories", "what happens"), faults),
+            "\n".join((limits, *broken, "")),
+        )
     )
 
 

@@ -1,7 +1,5 @@
 """A random history: telemetry, how it is cut into messages, and what goes wrong when. Made of (seed, number) alone."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -193,7 +191,7 @@ class _Maker:
 
     def _telemetry(self) -> Samples:
         slots = int(self.rng.integers(2, 4)) * WINDOW + int(self.rng.integers(40, 400))
-        scenario = Scenario.from_toml(f"[scenario]\nduration_s = {slots * 0.125}\nfriction_given = true\n", "faults")
+        scenario = Scenario(duration_s=slots * 0.125, friction_given=True)
         samples = simulate(scenario, wheel(), self.rng).samples
         if "bad_data" in self.kinds:
             samples = spoiled(samples, int(self.rng.integers(2**31)))

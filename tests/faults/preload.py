@@ -1,7 +1,5 @@
 """Imported once by the server that the processes of a history are forked from: everything that takes time to load."""
 
-from __future__ import annotations
-
 from rwa_monitor.monitor.core import diagnose_samples
 from tests.monitor.support import WINDOW, model, telemetry, wheel
 

@@ -19,7 +19,7 @@ import socket
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -246,22 +246,21 @@ class Rig:
 
     # ---- processes ---------------------------------------------------------------------------------------------------
 
-    def start_router(self) -> None:
-        self._router_end, other = processes.Pipe()
-        self.router = processes.Process(target=router_process, args=(self._config, self._port, other, self.log))
-        self.router.start()
+    def _started(self, target: Callable[..., None], *arguments: object) -> tuple[BaseProcess, Connection]:
+        """Start a process that reports when it is ready; returns it and this end of its pipe."""
+        end, other = processes.Pipe()
+        process = processes.Process(target=target, args=(self._config, self._port, *arguments, other, self.log))
+        process.start()
         other.close()
-        assert self._router_end.poll(PATIENCE_S)
-        self._router_end.recv()
+        assert end.poll(PATIENCE_S)
+        end.recv()
+        return process, end
+
+    def start_router(self) -> None:
+        self.router, self._router_end = self._started(router_process)
 
     def start_publisher(self) -> None:
-        self._publisher_end, other = processes.Pipe()
-        arguments = (self._config, self._port, self.kept, other, self.log)
-        self.publisher = processes.Process(target=publisher_process, args=arguments)
-        self.publisher.start()
-        other.close()
-        assert self._publisher_end.poll(PATIENCE_S)
-        self._publisher_end.recv()
+        self.publisher, self._publisher_end = self._started(publisher_process, self.kept)
 
     def start_monitor(self) -> None:
         options = RunOptions(

@@ -1,7 +1,5 @@
 """A slice of the fault campaign, in which every fault occurs."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

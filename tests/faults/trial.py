@@ -1,7 +1,5 @@
 """Lets one history happen, and checks what came of it."""
 
-from __future__ import annotations
-
 import json
 import signal
 import tempfile
@@ -25,7 +23,7 @@ from rwa_monitor.telemetry.table import table_writer
 from tests.faults.history import LOSING, MAX_DELAY_S, Fault, History, make_history, wheel
 from tests.faults.rig import Rig
 from tests.monitor.processes import wait_for
-from tests.monitor.support import diagnoses, messages_of, model
+from tests.monitor.support import adds_up, diagnoses, messages_of, model
 from tests.program import run
 
 # In these histories the monitor must be there from the beginning; in the others the bus may be first.
@@ -110,7 +108,7 @@ def _happen(history: History, rig: Rig, outcome: Outcome) -> None:
         sent[_wheel_of(put.key)] += put.samples
         if place == 0 and set(history.kinds) & NEEDS_MONITOR:
             wait_for(lambda: _received(rig, "wheel_1") > 0, "the first message")
-    expected = {_wheel_of(key): _oracle(samples).counts for key, samples in history.sent.items()}
+    expected = {_wheel_of(key): _oracle(samples)[0] for key, samples in history.sent.items()}
     if history.recoverable:
         for name, counts in expected.items():
             wait_for(
@@ -120,7 +118,7 @@ def _happen(history: History, rig: Rig, outcome: Outcome) -> None:
     else:
         _wait_until_quiet(rig, expected)
     for key, samples in history.sent.items() if history.recoverable else ():
-        name, count = _wheel_of(key), len(_oracle(samples).diagnoses)
+        name, count = _wheel_of(key), len(_oracle(samples)[1])
         wait_for(lambda name=name, count=count: len(set(rig.heard["diagnosis", name])) >= count, "all diagnoses")
     if history.loses_recording:
         wait_for(lambda: all(rig.status(name)["recording"] for name in expected), "the recording to go on")
@@ -231,17 +229,11 @@ def _wait_until_quiet(rig: Rig, names: Iterable[str]) -> None:
 # ---- what must have come of it ---------------------------------------------------------------------------------------
 
 
-@dataclass(slots=True)
-class _Oracle:
-    counts: Counts
-    diagnoses: list[bytes]
-
-
-def _oracle(samples: Samples) -> _Oracle:
+def _oracle(samples: Samples) -> tuple[Counts, list[bytes]]:
     """Diagnose a table whole."""
     core = WheelCore(wheel(), model())
     events = core.feed(samples)
-    return _Oracle(core.counts, diagnoses(messages_of(events)))
+    return core.counts, diagnoses(messages_of(events))
 
 
 def _check(history: History, rig: Rig, outcome: Outcome) -> None:
@@ -258,8 +250,8 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
         outcome.told += status["messages_missed"]
         recorded = [m.payload for m in messages if m.topic == key.replace("samples", "diagnosis")]
         heard = rig.heard["diagnosis", name]
-        oracle = _oracle(samples)
-        expected = [payload.replace(b"wheel_1", name.encode()) for payload in oracle.diagnoses]
+        counts, made = _oracle(samples)
+        expected = [payload.replace(b"wheel_1", name.encode()) for payload in made]
         if not history.recoverable:
             # Of what has reached the monitor; that these are right is for the replay to show.
             expected = list(dict.fromkeys(heard)) if history.loses_recording else recorded
@@ -273,7 +265,7 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
         if rig.flipped is not None:  # a diagnosis whose inputs were lost is made again, when they come again
             recorded = list(dict.fromkeys(recorded))
         _compare(outcome, name, expected, recorded, heard, whole=not history.loses_recording)
-        outcome.lost += oracle.counts.used + oracle.counts.masked - _taken(rig, name)
+        outcome.lost += counts.used + counts.masked - _taken(rig, name)
         if history.recoverable and not outcome.problems:
             _ask_diagnose(rig.folder, samples, name, expected, outcome)
         _check_account(name, rig, messages, key, problems, whole=not history.loses_recording)
@@ -323,8 +315,7 @@ def _check_account(
     topic = key.replace("samples", "status")
     for payload in (*rig.heard["status", name], *(m.payload for m in messages if m.topic == topic)):
         status = json.loads(payload)
-        parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
-        if status["samples_received"] != sum(status[f"samples_{part}"] for part in parts):
+        if not adds_up(status):
             problems.append(f"{name}: the account does not add up: {payload.decode()}")
             return
     recorded = sum(len(SamplesMessage.parse(m.payload, "").time_ns) for m in messages if m.topic == key)

@@ -6,8 +6,6 @@ With atheris the search, in each process, is guided by the lines of Python that 
 wrong is kept, counted by where it happens, and the search goes on.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

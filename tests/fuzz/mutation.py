@@ -3,8 +3,6 @@
 Edits of bytes, as a hypothesis strategy; edits of values in JSON that stays JSON, for what lies behind its parser.
 """
 
-from __future__ import annotations
-
 import json
 import random
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ A target may refuse its input with a `RwaMonitorError` of one printable line, an
 no endless work. What it accepts must hold together: it is written and read again, or used as the program would.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import tempfile
@@ -54,6 +52,7 @@ from rwa_monitor.telemetry.ros2_bag import read_bag
 from rwa_monitor.telemetry.scores import score
 from rwa_monitor.telemetry.table import read_table, table_writer
 from rwa_monitor.wheel.wheel import Wheel
+from tests.dashboard.support import status
 from tests.monitor.support import adds_up, telemetry, wheel
 from tests.telemetry import bags
 from tests.telemetry import packets as made
@@ -163,18 +162,8 @@ def show(message: object) -> None:
 
 def message_seeds() -> list[bytes]:
     names = [message.schema_name() for message in MESSAGES]
-    status = dict.fromkeys(Status.model_fields, 0) | {"spacecraft": "sat", "wheel": "w", "last_error": None}
-    status |= {
-        "recording": None,
-        "software": "s",
-        "model_sha256": "",
-        "publisher": "p",
-        "now_wall_ns": 1,
-        "data": "live",
-        "on_wall_clock": False,
-    }
     own = [("rwa.Samples", samples_json(small_samples()[:20], "p", 0, data)) for data in (None, "stored", "replay")]
-    own.append(("rwa.Status", dump_json(status)))
+    own.append(("rwa.Status", status("w", data="live", on_wall_clock=False)))
     found = [schema_payload for schema_payload in (*said(), *own) if schema_payload[0] in names]
     return [bytes([names.index(schema)]) + payload for schema, payload in found]
 

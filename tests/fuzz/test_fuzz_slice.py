@@ -1,7 +1,5 @@
 """A slice of the fuzzing campaign (`make fuzz`): every reader of outside bytes, for a second or so each."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import hypothesis

@@ -1,7 +1,5 @@
 """A history on each database that it is made for: SQLite, and a real PostgreSQL server started for the tests."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

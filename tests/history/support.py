@@ -1,7 +1,5 @@
 """Diagnoses as the monitor would send them, of wheels that are well or not."""
 
-from __future__ import annotations
-
 from rwa_monitor.messages import Anomaly, Diagnosis, Discrepancy, Friction, Provenance, Quantity, Residuals
 
 WINDOW_NS = 2_000_000_000_000

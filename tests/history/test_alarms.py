@@ -1,7 +1,5 @@
 """The alarm's state machine: rules that hold for any sequence of windows and acknowledgements."""
 
-from __future__ import annotations
-
 from hypothesis import given
 from hypothesis import strategies as st
 

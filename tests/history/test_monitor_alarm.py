@@ -1,7 +1,5 @@
 """The alarm of a monitor that does not report, in the history: as every other, but by its reports, not by windows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """A wheel beside its siblings: what all share is one alarm of the spacecraft, what one has alone comes sooner."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -105,11 +103,3 @@ def test_a_shift_that_all_share_is_reported_once_it_is_larger_than_the_nominal_r
         lambda number, wheel: moved_a_little(diagnosis(number, wheel=wheel), factor if number >= 10 else 1.0)
     )
     assert [(alarm.wheel, alarm.level) for alarm in found] == [(ALL_WHEELS, "watch")] * alarms
-
-
-def test_one_wheel_alone_is_judged_by_itself() -> None:
-    with History(None) as history:
-        for number in range(4):
-            history.add(diagnosis(number, severity=1.0))
-        (alarm,) = history.alarms()
-    assert alarm.wheel == "wheel_1"

@@ -1,7 +1,5 @@
 """Retired wheels: who did it, what hinders it, and that a wheel whose telemetry arrives is back once."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The history on a real SQLite file."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 
@@ -114,16 +112,6 @@ def test_a_database_that_is_removed_is_reported(tmp_path: Path) -> None:
             history.add(diagnosis(1))
         (tmp_path / "aside").rename(path)
         assert history.add(diagnosis(1)) == (1, [])
-
-
-def test_taking_a_window_returns_which_alarms_it_changed(history: History) -> None:
-    phases = [[(alarm.name, alarm.phase) for alarm in history.add(diagnosis(n, severity=1.0))[1]] for n in range(3)]
-    assert phases == [[], [("viscous", "active")], []]
-    history.acknowledge(1, "Ann")
-    assert [alarm.phase for alarm in history.open_alarms("sat", "wheel_1")] == ["acknowledged"]
-    ended = [alarm for n in range(3, 7) for alarm in history.add(diagnosis(n))[1]]
-    assert ended[-1].closed_ns is not None
-    assert history.open_alarms("sat", "wheel_1") == []
 
 
 def test_the_latest_discrepancy_report_of_a_wheel_is_kept(history: History) -> None:

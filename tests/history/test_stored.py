@@ -1,7 +1,5 @@
 """Stored telemetry in the history: windows that come late and again, and the alarms that they raise."""
 
-from __future__ import annotations
-
 from itertools import permutations
 
 from rwa_monitor.history.store import History

@@ -31,7 +31,7 @@ def complete(law: DurationLaw, rng: np.random.Generator, count: int) -> list[Soj
 
 
 @pytest.mark.parametrize("law", LAWS, ids=str)
-def test_the_next_sojourn_is_as_likely_as_the_law_says(law: DurationLaw) -> None:
+def test_the_next_sojourn_is_as_likely_as_the_law_states(law: DurationLaw) -> None:
     # Over many sets of six sojourns, a seventh falls below the 10 % and above the 90 % point of what was learned from
     # six one time in ten each. A law fitted to six does so for two in ten.
     rng = np.random.default_rng(71)

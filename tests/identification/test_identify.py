@@ -84,19 +84,13 @@ def test_what_the_temperature_does_is_no_switching_system() -> None:
         assert found.temperature.high_degC > np.max(samples.bearing_temperature_degC) - 0.5
 
 
-def test_a_single_jump_is_not_said_to_be_a_switching_system() -> None:
+def test_a_single_jump_is_not_reported_as_a_switching_system() -> None:
     # One step of 10 standard deviations in a record of 250 s: it may be anything, and no number of recordings follows.
-    rng = np.random.default_rng(11)
-    count, period_s = 2000, 0.125
-    speed = 200.0 + 50.0 * np.sin(np.arange(count) * period_s / 40.0)
-    level = np.where(np.arange(count) < 900, 1.6e-3, 2.0e-3)
-    friction = level + 5.3e-6 * speed + rng.normal(0.0, 4e-5, count)
-    samples = Samples((np.arange(count) * period_s * 1e9).astype(np.int64), speed, friction)
+    samples, bare = in_levels([(900, 1.6), (1_100, 2.0)], 11), Wheel(name="step", sample_period_s=0.125)
     with pytest.raises(InputError, match="do not show that the wheel has such a system") as refused:
-        identify([("step", samples)], Wheel(name="step", sample_period_s=period_s))
+        identify([("step", samples)], bare)
     assert "times as many" not in str(refused.value)
-    wheel = identify([("step", samples)], Wheel(name="step", sample_period_s=period_s), systems=False).wheel
-    assert wheel.fss == ()
+    assert identify([("step", samples)], bare, systems=False).wheel.fss == ()
 
 
 @pytest.mark.parametrize("systems", [True, False])
@@ -131,7 +125,7 @@ def test_a_failing_wheel_s_drift_is_asked_about() -> None:
         identify([("f", samples)], bare)
 
 
-def test_healthy_recordings_are_not_said_to_drift() -> None:
+def test_healthy_recordings_are_not_reported_to_drift() -> None:
     for seed in range(5, 10):
         found = identify(recordings(1, seed=seed), Wheel(name="healthy", sample_period_s=0.125), systems=False)
         assert not any("drifts" in note for note in found.notes)
@@ -288,7 +282,7 @@ def test_at_one_speed_only_the_sum_is_reported(seed: int) -> None:
         identify([("still.csv", still)], wheel, systems=False)
 
 
-def test_what_is_missing_is_said_in_hours() -> None:
+def test_what_is_missing_is_reported_in_hours() -> None:
     # Three visits of 2000 slots, where four are needed.
     segments = [(2000, 1.6 + 0.8 * (number % 2)) for number in range(7)]
     with pytest.raises(InputError, match=r"give about \d times as many recordings, [\d.]+ h in all") as refused:

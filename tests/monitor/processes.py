@@ -1,7 +1,5 @@
 """What tests of the whole service share: monitors in processes and threads, and somebody who listens to them."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket
@@ -9,14 +7,24 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
 
 import zenoh
 
+from benchmarks.references import SilentBus
 from rwa_monitor.dashboard.space_packets import UdpAddress
-from rwa_monitor.monitor.service import RunOptions, run
+from rwa_monitor.monitor.bus import SamplesPublisher
+from rwa_monitor.monitor.recorder import Recorder
+from rwa_monitor.monitor.recording import MAX_FILE_BYTES
+from rwa_monitor.monitor.replay import recover_state
+from rwa_monitor.monitor.service import Clock, Monitor, RunOptions, run
+from rwa_monitor.monitor.setup import Setup
+from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Wheel
+from tests.monitor.support import model, wheel
 from tests.program import command
 
 PATIENCE_S = 200.0  # for what takes a second or two, but longer where all cores are busy
@@ -29,6 +37,48 @@ def wait_for(condition: Callable[[], Any], what: str, patience_s: float = PATIEN
         assert time.monotonic() < end, f"waited in vain for {what}"
         Event().wait(0.02)
     return found
+
+
+def options(**changes: Any) -> RunOptions:
+    """Return options of a monitor of the test wheel that often reports."""
+    return RunOptions(**{"setup": Setup(wheel(), model=model()), "status_period_s": 0.05, **changes})
+
+
+@dataclass
+class Driven:
+    """A monitor that goes on from what a folder holds, without a loop: its clock goes as far as it is told to."""
+
+    folder: Path
+    of_wheel: Wheel = field(default_factory=wheel)
+    bus: Any = field(default_factory=SilentBus)
+    max_file_bytes: int = MAX_FILE_BYTES
+    max_record_bytes: int | None = None
+    now_s: float = 0.0
+    log_lines: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.folder.mkdir(exist_ok=True)
+        run_options = RunOptions(setup=Setup(self.of_wheel, model=model()), record=self.folder, log_verdicts=False)
+        past = recover_state(self.folder, run_options.setup, Event(), self.log_lines.append)
+        clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
+        self.recorder = Recorder(
+            self.folder,
+            attachments=run_options.setup.attachments(),
+            settings=run_options.settings(),
+            predecessor=past.predecessor,
+            wall_ns=clock.wall_ns,
+            max_file_bytes=self.max_file_bytes,
+            max_total_bytes=self.max_record_bytes,
+        )
+        self.monitor = Monitor(run_options, self.bus, self.recorder, self.log_lines.append, clock)
+        self.monitor.begin(past)
+
+
+def put_pieces(publisher: SamplesPublisher, samples: Samples, size: int) -> SamplesPublisher:
+    """Publish samples in messages of a size."""
+    for start in range(0, len(samples), size):
+        publisher.put(samples[start : start + size])
+    return publisher
 
 
 class Listener:

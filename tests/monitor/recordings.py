@@ -1,7 +1,5 @@
 """Recordings of random messages, for the tests that cut, flip, recover and follow them; or written again."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 from itertools import count

@@ -1,7 +1,5 @@
 """What the tests of the monitor room share: a wheel with short windows, and simulated telemetry for it."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
@@ -62,8 +60,7 @@ def wheel(samples: int = WINDOW, hop: int | None = None, effects: bool = False, 
 @cache
 def telemetry(slots: int, seed: int = 1, given: bool = True) -> Samples:
     """Return simulated telemetry of the test wheel, friction given or to be derived from current."""
-    text = f"[scenario]\nduration_s = {slots * 0.125}\nfriction_given = {'true' if given else 'false'}\n"
-    scenario = Scenario.from_toml(text, "test")
+    scenario = Scenario(duration_s=slots * 0.125, friction_given=given)
     return simulate(scenario, wheel(), np.random.default_rng(seed)).samples
 
 
@@ -84,11 +81,6 @@ def pieces(samples: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
     borders = [0, *sorted(cuts), len(samples)]
     for start, stop in pairwise(borders):
         yield samples[start:stop]
-
-
-def run_core(core: WheelCore, parts: Sequence[Samples], publisher: str = "p", first: int = 0) -> list[Event]:
-    """Feed parts as numbered messages."""
-    return [event for number, part in enumerate(parts) for event in core.feed(part, publisher, first + number)]
 
 
 def publish(telemetry_of: Mapping[str, Samples], session: zenoh.Session, **options: Any) -> int:
@@ -127,11 +119,11 @@ def recorded(folder: Path, schema: str = Diagnosis.schema_name(), name: str = ""
     ]
 
 
-def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True) -> list[bytes]:
+def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True, name: str = "wheel_1") -> list[bytes]:
     """Return the diagnosis messages of a whole table, without the partial one where only whole ones are wanted."""
     core = WheelCore(of_wheel, model())
     events = core.feed(samples)
-    return diagnoses(messages_of(events if whole else [*events, *core.finish()]))
+    return diagnoses(messages_of(events if whole else [*events, *core.finish()], name))
 
 
 _RESERVED: list[socket.socket] = []

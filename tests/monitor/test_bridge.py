@@ -1,7 +1,5 @@
 """The bridge: datagrams on a real socket in, samples on a real bus out, and everything else counted."""
 
-from __future__ import annotations
-
 import json
 import signal
 import socket

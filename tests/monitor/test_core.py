@@ -1,7 +1,5 @@
 """The monitor core: checkpoints that are refused, when windows close, and what friction comes from."""
 
-from __future__ import annotations
-
 import json
 from base64 import b64encode
 from dataclasses import replace

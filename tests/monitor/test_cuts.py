@@ -4,8 +4,6 @@ A message that is clean and goes straight on takes a shorter way through the cor
 telemetry here is clean, and what is spoiled stands in places: with other cuts, other samples take the shorter way.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

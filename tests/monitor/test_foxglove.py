@@ -1,7 +1,5 @@
 """Recordings for Foxglove: what its panels need, from real recordings; the recordings stay as they are."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,12 +1,10 @@
 """What a monitor holds in memory: its open windows, not what has passed, and no second copy of all of them."""
 
-from __future__ import annotations
-
 import gc
 import tracemalloc
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import _lru_cache_wrapper
 from pathlib import Path
 from threading import Event
@@ -14,36 +12,23 @@ from threading import Event
 from rwa_monitor.messages import MAX_WHEELS, PERIOD_S, samples_json
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, MonitorBus, open_session
-from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S
 from rwa_monitor.monitor.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
-from rwa_monitor.monitor.replay import RecoveredState, recover_state
-from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
+from rwa_monitor.monitor.replay import recover_state
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
+from tests.monitor.processes import Driven
 from tests.monitor.support import model, telemetry, wheel
 
 MESSAGE = 256  # samples of one
 SLOTS, MESSAGES = 80_000, 60  # of a window that is open, and those that fill a part of it
 
 
-class Driven:
-    """A monitor that records, on a bus inside this process, and whose clock goes only when it is set."""
+@dataclass
+class Sending(Driven):
+    """A monitor, and the wheels that send to it."""
 
-    def __init__(self, folder: Path, of_wheel: Wheel, bus: MonitorBus, max_file_bytes: int) -> None:
-        self.now_s = 0.0
-        clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
-        options = RunOptions(setup=Setup(of_wheel, model=model()), record=folder, log_verdicts=False)
-        recorder = Recorder(
-            folder,
-            attachments=options.setup.attachments(),
-            settings=options.settings(),
-            predecessor=None,
-            wall_ns=clock.wall_ns,
-            max_file_bytes=max_file_bytes,
-        )
-        self.monitor = Monitor(options, bus, recorder, lambda _: None, clock)
-        self.monitor.begin(RecoveredState())
-        self.sent_bytes = 0
+    sent_bytes: int = 0
 
     def send(self, wheels: int, messages: range) -> None:
         """Send messages of each wheel, simulated once and repeated with later times."""
@@ -61,10 +46,9 @@ class Driven:
 
 
 @contextmanager
-def driven(folder: Path, of_wheel: Wheel, max_file_bytes: int) -> Iterator[Driven]:
-    folder.mkdir()
+def driven(folder: Path, of_wheel: Wheel, max_file_bytes: int) -> Iterator[Sending]:
     with open_session(BusOptions()) as session, closing(MonitorBus(session, Inbox())) as bus:
-        driver = Driven(folder, of_wheel, bus, max_file_bytes)
+        driver = Sending(folder, of_wheel, bus, max_file_bytes)
         yield driver
         driver.monitor.close()
 
@@ -92,7 +76,7 @@ def peak_of_a_new_file(folder: Path, wheels: int) -> tuple[int, int]:
         return peak, recordings_of(folder)[1].stat().st_size
 
 
-def bring_over(driver: Driven, wheels: int) -> None:
+def bring_over(driver: Sending, wheels: int) -> None:
     """Let a recording that is old enough be ended, and all wheels be brought over into the next one."""
     for _ in range(wheels + 1):
         driver.now_s += IDLE_WAIT_S

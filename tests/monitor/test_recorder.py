@@ -1,7 +1,5 @@
 """The recorder: files that follow each other within limits, and a disk that fails, fills up or loses its power."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import textwrap

@@ -1,7 +1,5 @@
 """Recordings on disk: written so that a crash loses little, read so that nothing false is believed."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

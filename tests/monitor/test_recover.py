@@ -1,7 +1,5 @@
 """Recover: what a cut or damaged recording still holds is saved, nothing false, and what is lost is reported."""
 
-from __future__ import annotations
-
 import tracemalloc
 from pathlib import Path
 

@@ -4,29 +4,22 @@ What a killed process leaves is what it had written: here the folder is copied w
 may take the end of the file that is being begun, too.
 """
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from threading import Event
 from typing import Final
 
 import numpy as np
 import pytest
 
-from benchmarks.references import SilentBus
-from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor import recorder as recorder_module
-from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S
 from rwa_monitor.monitor.recording import read_chain, read_recording, recordings_of
-from rwa_monitor.monitor.replay import recover_state, replay
-from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
-from rwa_monitor.monitor.setup import Setup
-from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel
+from rwa_monitor.monitor.replay import replay
+from tests.monitor.processes import Driven
+from tests.monitor.support import WINDOW, batch_diagnoses, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 BATCH: Final = 128  # samples of a message
@@ -49,38 +42,13 @@ def messages() -> list[tuple[str, bytes]]:
 
 
 @cache
-def expected(name: str) -> tuple[bytes, ...]:
+def expected(name: str) -> list[bytes]:
     """Return the diagnoses of the messages of a wheel."""
-    core = WheelCore(wheel(), model())
-    parsed = [SamplesMessage.parse(data, key) for key, data in messages() if key.split("/")[2] == name]
-    events = [event for one in parsed for event in core.feed(one.samples(), one.publisher, one.batch)]
-    return tuple(diagnoses(messages_of(events, name)))
+    return batch_diagnoses(telemetry(SLOTS, WHEELS.index(name)), wheel(), name=name)
 
 
-@dataclass
-class Run:
-    """One run of the monitor, on what it finds in a folder; its clock goes on with each message."""
-
-    folder: Path
-    max_record_bytes: int | None = None
-    now_s: float = 0.0
-    log_lines: list[str] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        self.folder.mkdir(exist_ok=True)
-        options = RunOptions(setup=Setup(wheel(), model=model()), record=self.folder, log_verdicts=False)
-        past = recover_state(self.folder, options.setup, Event(), self.log_lines.append)
-        clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
-        self.recorder = Recorder(
-            self.folder,
-            attachments=options.setup.attachments(),
-            settings=options.settings(),
-            predecessor=past.predecessor,
-            wall_ns=clock.wall_ns,
-            max_total_bytes=self.max_record_bytes,
-        )
-        self.monitor = Monitor(options, SilentBus(), self.recorder, self.log_lines.append, clock)
-        self.monitor.begin(past)
+class Run(Driven):
+    """One run of the monitor; its clock goes on with each message."""
 
     def take(self, sent: list[tuple[str, bytes]]) -> None:
         """Take messages."""
@@ -122,7 +90,7 @@ def is_between(folder: Path) -> bool:
 def check(folder: Path) -> None:
     """Check that a chain holds each diagnosis once, as `diagnose` gives it, and that each recording replays."""
     for name in WHEELS:
-        assert tuple(recorded(folder, name=name)) == expected(name)
+        assert recorded(folder, name=name) == expected(name)
     report = replay(folder)
     assert report.equal, report.long()
     assert report.bytes_equal
@@ -202,7 +170,7 @@ def test_what_a_power_cut_takes_of_the_file_that_is_begun_comes_again(tmp_path: 
         with recordings_of(folder)[-1].open("r+b") as file:
             file.truncate(stays)
         go_on(start(folder))
-        assert tuple(recorded(folder, name="wheel_1")) == expected("wheel_1")
+        assert recorded(folder, name="wheel_1") == expected("wheel_1")
         assert not replay(folder).differences
 
 
@@ -219,7 +187,7 @@ def test_a_checkpoint_damaged_while_the_wheels_come_over_costs_nothing(tmp_path:
     (folder / path.name).write_bytes(data)
     assert "cannot be read" in go_on(start(folder)).log_lines[0]
     for name in WHEELS:
-        assert tuple(recorded(folder, name=name)) == expected(name)
+        assert recorded(folder, name=name) == expected(name)
 
 
 def test_the_file_before_stays_until_all_wheels_have_come_over(tmp_path: Path, start: type[Run]) -> None:

@@ -1,7 +1,5 @@
 """A wheel whose model does not fit is searched in another process; the report is published, recorded and replayed."""
 
-from __future__ import annotations
-
 import errno
 import json
 import signal

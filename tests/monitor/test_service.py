@@ -1,7 +1,5 @@
 """The service as a whole: real Zenoh, real files, real processes."""
 
-from __future__ import annotations
-
 import json
 import math
 import signal
@@ -25,19 +23,25 @@ from rwa_monitor.monitor.backfill import Arrival, Inbox
 from rwa_monitor.monitor.bus import BusOptions, SamplesPublisher, open_session
 from rwa_monitor.monitor.recording import read_chain
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.service import RunOptions
-from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.words import SOFTWARE
-from tests.monitor.processes import PATIENCE_S, Listener, monitor, process, wait_for, wait_until_it_monitors
+from tests.monitor.processes import (
+    PATIENCE_S,
+    Listener,
+    monitor,
+    options,
+    process,
+    put_pieces,
+    wait_for,
+    wait_until_it_monitors,
+)
 from tests.monitor.support import (
     KEY,
     WINDOW,
     adds_up,
     batch_diagnoses,
     free_port,
-    model,
     publish,
     recorded,
     spoiled,
@@ -48,10 +52,6 @@ from tests.program import command
 
 STOP_S = 2.0  # the promise
 SLACK = 5.0
-
-
-def options(**changes: Any) -> RunOptions:
-    return RunOptions(**{"setup": Setup(wheel(), model=model()), "status_period_s": 0.05, **changes})
 
 
 def statuses(listener: Listener) -> dict[str, dict[str, Any]]:
@@ -148,9 +148,7 @@ def test_what_is_damaged_on_its_way_is_asked_for_again(
 
     monkeypatch.setattr(Inbox, "put", arrives)
     with monitor(session, options(record=tmp_path)):
-        publisher = SamplesPublisher(session, KEY)
-        for start in range(0, len(samples), 100):
-            publisher.put(samples[start : start + 100])
+        publisher = put_pieces(SamplesPublisher(session, KEY), samples, 100)
         wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
         wait_for(lambda: listener.status().get("samples_received") == len(samples), "all samples")
         publisher.close()

@@ -1,7 +1,5 @@
 """Stored telemetry in the core: dumps late by hours and in any order, beside live samples."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable
 from functools import cache
@@ -25,7 +23,6 @@ from tests.monitor.support import (
     messages_of,
     model,
     resumed,
-    run_core,
     telemetry,
     wheel,
 )
@@ -133,7 +130,7 @@ def test_live_windows_with_gaps_that_had_closed_are_diagnosed_again_with_the_sta
     assert again[WINDOW * PERIOD_NS]["coverage"] == 1 - 40 / WINDOW
     priors = [one[WINDOW * PERIOD_NS]["provenance"]["prior_sha256"] for one in (before, again)]
     assert priors[0] != priors[1]
-    whole = run_core(WheelCore(wheel(), model()), [DAY[: lost.start], DAY[lost.stop : 3 * WINDOW]])
+    whole = feed(WheelCore(wheel(), model()), [("live", DAY[: lost.start]), ("live", DAY[lost.stop : 3 * WINDOW])])
     assert again[WINDOW * PERIOD_NS]["anomalies"] == latest(whole, None)[WINDOW * PERIOD_NS]["anomalies"]
 
 

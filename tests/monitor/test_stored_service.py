@@ -1,7 +1,5 @@
 """Live, stored and replayed telemetry through the whole monitor: a real bus, real recordings."""
 
-from __future__ import annotations
-
 import json
 import math
 import time
@@ -13,27 +11,21 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.errors import InputError
-from rwa_monitor.messages import SamplesMessage, Status, samples_json
+from rwa_monitor.messages import Status, samples_json
 from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
 from rwa_monitor.monitor.replay import replay, replay_to_bus
-from rwa_monitor.monitor.service import Clock, Monitor, RunOptions
-from rwa_monitor.monitor.setup import Setup
+from rwa_monitor.monitor.service import Clock, Monitor
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
-from tests.monitor.processes import Listener, monitor, wait_for
-from tests.monitor.support import KEY, WINDOW, adds_up, batch_diagnoses, model, publish, recorded, telemetry, wheel
+from tests.monitor.processes import Listener, monitor, options, wait_for
+from tests.monitor.support import KEY, WINDOW, adds_up, batch_diagnoses, publish, recorded, telemetry, wheel
 
 PERIOD_NS = 125_000_000
 REPLAY_KEY = "rwa/sat/wheel_1@replay/{}"
 DAY = telemetry(5 * WINDOW)
 LIVE = DAY[3 * WINDOW : 4 * WINDOW + 300]  # one window of a contact, and some more
 DUMP = DAY[: 3 * WINDOW]
-
-
-def options(**changes: Any) -> RunOptions:
-    return RunOptions(**{"setup": Setup(wheel(), model=model()), "status_period_s": 0.05, **changes})
 
 
 def of(listener: Listener, key: str, data: str | None = None) -> list[dict[str, Any]]:
@@ -121,7 +113,7 @@ def test_a_replay_is_kept_apart_from_the_wheel_and_is_no_alarm(
 
 
 def test_what_is_old_by_the_clock_is_stored_in_health_and_status_and_in_no_diagnosis(
-    session: zenoh.Session, listener: Listener, tmp_path: Path
+    session: zenoh.Session, listener: Listener
 ) -> None:
     samples = telemetry(3 * WINDOW + 100)
     begin_ns = 1_795_000_000_000_000_000
@@ -198,9 +190,3 @@ def test_a_replay_that_is_stated_on_the_wheels_own_key_is_kept_apart_too(
     status = of(listener, "rwa/sat/wheel_1/status", "live")[-1]
     assert (status["samples_received"], status["last_error"]) == (200, None)
     assert len(recorded(tmp_path, "rwa.Samples")) == 1
-
-
-def test_data_that_is_none_of_the_three_is_refused() -> None:
-    content = json.loads(samples_json(DAY[:2], "p", 0)) | {"data": "later"}
-    with pytest.raises(InputError, match="data"):
-        SamplesMessage.parse(json.dumps(content).encode(), KEY)

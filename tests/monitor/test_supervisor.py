@@ -1,7 +1,5 @@
 """What a supervisor receives from the monitor: readiness, signs of life that stop when the core stalls, exit codes."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket
@@ -19,10 +17,9 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.recorder import locked
-from rwa_monitor.monitor.service import RunOptions, Supervisor, run
-from rwa_monitor.monitor.setup import Setup
-from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
-from tests.monitor.support import KEY, free_port, model, telemetry, wheel
+from rwa_monitor.monitor.service import Supervisor, run
+from tests.monitor.processes import Listener, options, process, wait_for, wait_until_it_monitors
+from tests.monitor.support import KEY, free_port, telemetry
 from tests.program import command
 
 SILENCE_S = 0.9  # WATCHDOG_USEC of these tests; a sign of life comes every third of it
@@ -104,11 +101,10 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
             stalls.set()
             goes_on.wait(60.0)
 
-    options = RunOptions(setup=Setup(wheel(), model=model()), status_period_s=0.05)
     with open_session(BusOptions()) as session:
         listener = Listener(session)
         arguments: dict[str, Any] = {"session": session, "log": log, "supervisor": Supervisor(ear.environment)}
-        thread = Thread(target=run, args=(options, stop), kwargs=arguments)
+        thread = Thread(target=run, args=(options(), stop), kwargs=arguments)
         thread.start()
         try:
             wait_for(lambda: "WATCHDOG=1" in ear.listen(), "a sign of life")
@@ -184,7 +180,7 @@ def test_a_file_is_touched_by_each_sign_of_life_and_by_nothing_else(tmp_path: Pa
 
 
 @pytest.mark.processes
-def test_a_supervisor_can_distinguish_what_to_repeat_from_what_to_mend(tmp_path: Path, wheel_file: Path) -> None:
+def test_a_supervisor_can_distinguish_what_to_repeat_from_what_to_mend(tmp_path: Path) -> None:
     """Exit code 1: the world may be better next time. 2: somebody must change a file or an option first."""
     broken = tmp_path / "broken.toml"
     broken.write_text("[wheel]\nname = 1\n")

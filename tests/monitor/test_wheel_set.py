@@ -1,7 +1,5 @@
 """A fleet of different wheels in one process: each goes by its own file, live, replayed and from the recording."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -11,7 +9,6 @@ import zenoh
 from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recording import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.searches import job_of
@@ -21,7 +18,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
 from tests.history.support import discrepancy
 from tests.monitor.processes import Listener, monitor, wait_for
-from tests.monitor.support import WINDOW, diagnoses, messages_of, model, recorded, telemetry, wheel
+from tests.monitor.support import WINDOW, batch_diagnoses, model, recorded, telemetry, wheel
 from tests.program import run
 
 OWN, OTHER = ("sat", "wheel_2"), ("sat", "wheel_1")
@@ -37,10 +34,6 @@ def send(session: zenoh.Session, name: str, samples: Samples, first: int) -> Non
     for row in range(0, len(samples), BATCH):
         payload = samples_json(samples[row : row + BATCH], name, first + row // BATCH)
         session.put(f"rwa/sat/{name}/samples", payload)
-
-
-def expected(name: str, samples: Samples, of_wheel: Wheel) -> list[bytes]:
-    return diagnoses(messages_of(WheelCore(of_wheel, model()).feed(samples), name))
 
 
 def run_once(record: Path, own: Wheel, parts: dict[str, Samples], first: int, received: dict[str, int]) -> list[str]:
@@ -71,11 +64,11 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
     assert any("another wheel file or model of sat/wheel_2: begun anew" in line for line in log_lines)
 
     changed = [
-        *expected("wheel_2", before["wheel_2"], wheel(WINDOW // 2)),
-        *expected("wheel_2", after["wheel_2"], wheel(WINDOW // 4)),
+        *batch_diagnoses(before["wheel_2"], wheel(WINDOW // 2), name="wheel_2"),
+        *batch_diagnoses(after["wheel_2"], wheel(WINDOW // 4), name="wheel_2"),
     ]
     assert len(changed) == 2 + 5  # of 3 and 6 windows, the last one is closed by a sample beyond it
-    assert recorded(tmp_path, name="wheel_1") == expected("wheel_1", both["wheel_1"], wheel())
+    assert recorded(tmp_path, name="wheel_1") == batch_diagnoses(both["wheel_1"], wheel(), name="wheel_1")
     assert recorded(tmp_path, name="wheel_2") == changed
     report = replay(tmp_path)
     assert report.equal, report.long()

@@ -75,7 +75,7 @@ def test_algorithm_1_takes_the_minimum_for_rest():
     assert ambiguous >= 3
 
 
-def test_what_no_jump_is_known_by_is_not_known_and_says_so():
+def test_what_no_jump_is_known_by_is_stated_as_unknown():
     """At one speed a jump may be known not at all: the lowest friction is 0 still, and no other is called certain."""
     made = window(WHEEL, np.random.default_rng(54), false_candidates=0.0, jitter=0)
     assignment, levels = assigned(made.evidence)
@@ -94,7 +94,7 @@ def test_a_window_without_candidates():
     assert split(assignment, levels, WHEEL).base_dry == pytest.approx(1.0, abs=0.01)
 
 
-def test_states_are_capped_and_said(monkeypatch):
+def test_states_are_capped_and_that_is_reported(monkeypatch):
     monkeypatch.setattr("rwa_monitor.paper.assignment.BUDGET", 2)
     made = window(WHEEL, np.random.default_rng(55), false_candidates=8.0)
     assignment, _ = assigned(made.evidence)

@@ -1,7 +1,5 @@
 """Views, plan, report and command on one record with a Stribeck effect hidden in it."""
 
-from __future__ import annotations
-
 import html.parser
 import json
 import sys
@@ -182,7 +180,7 @@ def test_command_writes_report_and_json(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "out" / "report.json").read_text())["verdict"] == "inadequate"
 
 
-def test_words_say_each_thing_once(found: Search) -> None:
+def test_each_thing_is_stated_once(found: Search) -> None:
     assert report.sentence(found.result) == "The simulation lacks stribeck (Stribeck effect)."
     dahl = replace(found.result.effects[0], name="presliding")
     assert report.sentence(replace(found.result, effects=(dahl,))) == "The simulation lacks presliding (Dahl)."
@@ -207,7 +205,7 @@ def test_the_plan_asks_what_is_open_and_not_what_is_known(found: Search) -> None
     assert best.nats_per_hour == pytest.approx(best.separation * 3600 / best.duration_s)
 
 
-def test_what_no_manoeuvre_tells_is_said_with_what_would(found: Search) -> None:
+def test_what_no_manoeuvre_shows_is_reported_with_what_would(found: Search) -> None:
     both = replace(found.result.effects[0], name="coulomb_asymmetry", equivalent=("torque_bias",))
     model = found.extended
     term = make_term(found.problem, MEAN_EFFECTS["coulomb_asymmetry"], {}, model.fit.level)
@@ -225,7 +223,7 @@ def test_what_is_unexplained_asks_for_the_manoeuvre_that_shows_its_shape(nothing
     assert any("dwell at one speed" in line for line in plan(search).advice)
 
 
-def test_a_set_of_more_than_four_names_is_said_to_be_one_with_what_would_separate_them(found: Search) -> None:
+def test_a_set_of_more_than_four_names_is_reported_as_one_with_what_would_separate_them(found: Search) -> None:
     many = ("torque_bias", "coulomb_asymmetry", "viscous_asymmetry", "presliding")
     wide = replace(found.result.effects[0], name="stribeck", equivalent=many, separate_by="Fly slow crossings.")
     sentences = [

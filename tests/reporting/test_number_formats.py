@@ -1,7 +1,5 @@
 """Numbers as engineers write them."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

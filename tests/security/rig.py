@@ -1,7 +1,5 @@
 """A secured bus over real sockets: certificates by the script, a router in its own process, the shipped files."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

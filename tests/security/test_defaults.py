@@ -1,7 +1,5 @@
 """Secure unless set otherwise: nothing listens, nothing searches, nothing is loaded, nothing in a file is run."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

@@ -1,7 +1,5 @@
 """Wheel, model and recording are checked by hash: a file that is not the one that was meant is noticed."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Limits hold before anything is parsed: sizes, depths, what unpacks to more than it seems; each is one clear line."""
 
-from __future__ import annotations
-
 import json
 import struct
 import zlib
@@ -212,7 +210,7 @@ def test_attached_json_is_limited_too(content: bytes, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("command", ["diagnose", "replay", "recover"])
-def test_the_program_says_a_limit_in_one_line_and_exits_with_2(command: str, tmp_path: Path) -> None:
+def test_the_program_reports_a_limit_in_one_line_and_exits_with_2(command: str, tmp_path: Path) -> None:
     path = written(tmp_path / "large.mcap")
     with path.open("ab") as file:
         file.truncate((MAX_FILE_BYTES if command == "diagnose" else MAX_FLEET_FILE_BYTES) + 1)

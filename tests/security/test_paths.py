@@ -1,7 +1,5 @@
 """A name in a key, a file or a request cannot lead out of its folder."""
 
-from __future__ import annotations
-
 from contextlib import closing
 from http.client import HTTPConnection
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The unit that systemd is given: it is one, restarts what a restart can mend, and leaves the monitor little."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -55,7 +55,7 @@ def test_paper_and_mild_have_the_papers_noise_and_statuses():
         assert directions == {-1.0, 1.0}
 
 
-def test_each_wheel_has_its_own_laws_and_its_file_says_them():
+def test_each_wheel_has_its_own_laws_and_its_file_states_them():
     windows = means("paper", 8)
     factors = set()
     for window in windows:

@@ -114,16 +114,6 @@ def test_a_wheel_without_switching_systems_still_finds_levels():
     assert np.diff(levels.level) == pytest.approx([0.3], abs=0.01)
 
 
-def test_a_window_without_candidates():
-    rng = np.random.default_rng(24)
-    x = np.full(5_000, 0.5)
-    z = 1.5 + STD * rng.standard_normal(x.size)
-    assignment, levels = assign(evidence_of(x, z, candidates_at(x, z, np.zeros(0), STD, 1.0), STD), WHEEL)
-    assert assignment.index.size == 0
-    assert [q.size for q in assignment.configurations] == [1, 1]
-    assert levels.level.size == 1
-
-
 def steps(levels: dict[int, float], slots: int = 80_000) -> tuple[np.ndarray, np.ndarray]:
     """Make x and a noisy z that starts at 1.6 and changes by the given steps."""
     rng = np.random.default_rng(25)

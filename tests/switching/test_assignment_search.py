@@ -165,7 +165,7 @@ def test_narrow_margin_does_not_lose_the_best():
         assert narrow.states < wide.states
 
 
-def test_pruning_is_said_and_still_gives_a_whole_path():
+def test_pruning_is_reported_and_still_gives_a_whole_path():
     rng = np.random.default_rng(5)
     problem = random_problem(rng, (SHORT, LONG, FREE), 40)
     result = search(problem.scores, paths=4, margin=30.0, budget=20)

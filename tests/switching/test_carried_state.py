@@ -138,7 +138,7 @@ def test_friction_of_configurations_is_remembered_and_forgotten() -> None:
     assert memory.count == pytest.approx(1.0 / (1.0 - 0.95), rel=1e-3)  # the sum of a geometric series
 
 
-def _next(carried: CarriedState, *, wheel: Wheel | None = None, base_known: bool = True) -> CarriedState:
+def _next(carried: CarriedState, *, wheel: Wheel | None = None) -> CarriedState:
     """One window: fss_1 goes up at 50,000 and down at 60,000, fss_2 stays in configuration 1."""
     assignment = Assignment(
         index=np.array([50_000, 60_000]),
@@ -169,6 +169,6 @@ def _next(carried: CarriedState, *, wheel: Wheel | None = None, base_known: bool
         tracked=(None, None),
         noise_std=0.024,
         probability={"dry": 0.1},
-        base_known=base_known,
+        base_known=True,
         adequate=True,
     )

@@ -126,7 +126,7 @@ def test_evidence_is_that_of_the_whole_gaussian():
     assert np.ptp(differences) < 1e-6
 
 
-def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
+def test_what_the_samples_alone_show_is_the_integral_over_flat_priors():
     """Base and friction integrated on a grid, the likelihood of the segment means taken directly."""
     rng = np.random.default_rng(46)
     slots, std = 60, 0.3

@@ -1,7 +1,5 @@
 """What the tests of ROS 2 bags share: a bag written with the library's own writer, types as ROS 2 describes them."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

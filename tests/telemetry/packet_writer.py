@@ -5,8 +5,6 @@ sample; a value that was not measured has its flag at 0. What a packet resolves:
 torque 1e-9 N m, current 1e-7 A, temperature 0.005 °C, voltage seven digits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

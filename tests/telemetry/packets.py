@@ -1,7 +1,5 @@
 """What the tests of space packets share: packets made with spacepackets and struct, and another definition."""
 
-from __future__ import annotations
-
 import struct
 from datetime import UTC, datetime, timedelta
 from pathlib import Path

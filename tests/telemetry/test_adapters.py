@@ -3,8 +3,6 @@
 A format is in `READERS`, and here with a function that writes telemetry as somebody else would.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -126,7 +124,7 @@ def test_a_file_cut_anywhere_is_read_in_part_or_refused(name: FileFormat, tmp_pa
         read_telemetry(path, decoding)
 
 
-def test_without_its_extra_a_format_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_its_extra_a_format_reports_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, decoding = written_packets(telemetry(ROWS)[:20], tmp_path)
     definition_of.cache_clear()
     monkeypatch.setitem(sys.modules, "space_packet_parser", None)  # as if it were not installed

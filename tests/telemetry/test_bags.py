@@ -1,7 +1,5 @@
 """ROS 2 bags: what a map makes of topics, times of messages, and everything that is wrong with a bag."""
 
-from __future__ import annotations
-
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -86,7 +84,7 @@ def test_a_field_in_a_field_and_a_unit_of_the_map(tmp_path: Path) -> None:
         assert read(path, wanted).speed_rad_s == pytest.approx(np.array([value * factor]))
 
 
-def test_a_value_of_another_topic_is_held_as_long_as_the_map_says_and_no_longer(tmp_path: Path) -> None:
+def test_a_value_of_another_topic_is_held_as_long_as_the_map_states_and_no_longer(tmp_path: Path) -> None:
     samples = telemetry(40)
     late_ns = samples.time_ns[::10] + 60_000_000  # when currents come: 60 ms after the speed of each tenth sample
     with (tmp_path / "c.mcap").open("wb") as file, bags.Writer(file) as writer:
@@ -115,7 +113,7 @@ def test_a_bag_that_was_not_closed_gives_what_is_whole(tmp_path: Path) -> None:
     assert "the bag was not closed, or is damaged" in content.problems[0]
 
 
-def test_a_damaged_chunk_is_left_out_and_told(tmp_path: Path) -> None:
+def test_a_damaged_chunk_is_left_out_and_reported(tmp_path: Path) -> None:
     samples = telemetry(4_000)
     path = bags.write_bag(samples, tmp_path / "b.mcap", CompressionType.NONE, chunk_size=100_000)
     whole = path.read_bytes()
@@ -130,7 +128,7 @@ def test_a_damaged_chunk_is_left_out_and_told(tmp_path: Path) -> None:
 # ---- what is refused -------------------------------------------------------------------------------------------------
 
 
-def test_without_a_map_it_is_said_that_one_is_needed(tmp_path: Path) -> None:
+def test_without_a_map_it_is_reported_that_one_is_needed(tmp_path: Path) -> None:
     path = bags.write_topic(tmp_path / "b.mcap", "/t", "std_msgs/msg/Float64", [(1, {"data": 1.0})])
     with pytest.raises(InputError, match="is a ROS 2 bag: --map gives which topics are which channels"):
         read_bag(path, Decoding())
@@ -267,7 +265,7 @@ BOMBS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(("made", "reason"), BOMBS.values(), ids=BOMBS)
-def test_a_chunk_that_unpacks_to_more_than_it_says_is_left_out(tmp_path: Path, made: Any, reason: str) -> None:
+def test_a_chunk_that_unpacks_to_more_than_it_states_is_left_out(tmp_path: Path, made: Any, reason: str) -> None:
     content = read_bag(with_record(tmp_path, chunk(*made(200_000_000))), bags.decoding(X_MAP))
     assert reason in content.problems[0]
     assert len(joined(only_wheel(content, "test"))) == 1
@@ -290,8 +288,8 @@ def prefixed(*texts: bytes) -> bytes:
     return b"".join(struct.pack("<I", len(text)) + text for text in texts)
 
 
-def a_channel(number: int, topic: bytes = b"/x", schema: int = 1) -> bytes:
-    return record(4, struct.pack("<HH", number, schema) + prefixed(topic, b"cdr") + bytes(4))
+def a_channel(number: int, topic: bytes = b"/x") -> bytes:
+    return record(4, struct.pack("<HH", number, 1) + prefixed(topic, b"cdr") + bytes(4))
 
 
 def a_schema(number: int, text: bytes = b"float64 data") -> bytes:

@@ -1,7 +1,5 @@
 """Files are read within a limit and written whole or not at all; wheel files and labels come back as written."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The speed that pulses show: at the middle of each turn, whatever pulses are missing or too many."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -7,10 +7,7 @@ portion 2.6; it is not in this repository. On 899 random cases its scores and ou
 a time free of events, ESA-ADB's code raises an exception.
 """
 
-from __future__ import annotations
-
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -61,16 +58,6 @@ def test_without_events_only_alarms_count() -> None:
     found = score([Timeline(0, 100, [], [(10, 20)])])
     assert (found.events, found.false_alarms, found.precision) == (0, 1, 0.0)
     assert {found.recall, found.f_0_5, found.timing, found.affiliation_precision} == {None}
-
-
-@pytest.mark.parametrize(
-    ("alarm", "timing"),
-    [((20, 40), 1.0), ((30, 40), 0.5), ((39, 40), 1 / (1 + 19**math.e)), ((40, 41), 0.0), ((15, 40), 0.5**math.e)],
-)
-def test_timing_is_best_at_the_start_of_the_event(alarm: Interval, timing: float) -> None:
-    # The event before begins at 10: an alarm from then on would be its own.
-    found = score([Timeline(0, 100, [(10, 11), (20, 40)], [alarm])])
-    assert found.timing == pytest.approx(timing, **EQUAL)
 
 
 # ---- for all cases ---------------------------------------------------------------------------------------------------

@@ -1,7 +1,5 @@
 """What broken sensors show is masked, counted and reported, and costs no more than the slots in which they show it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -31,8 +29,8 @@ SOURCE = {"given": "friction_torque_Nm", "derived": "motor_current_A"}
 @cache
 def telemetry(kind: str) -> Samples:
     """Return telemetry of a nominal wheel, enough to close one window."""
-    text = f"[scenario]\nduration_s = {(SLOTS + 9) * 0.125}\nfriction_given = {str(GIVEN[kind]).lower()}\n"
-    return simulate(Scenario.from_toml(text, "test"), built_in_wheel(), np.random.default_rng(11)).samples
+    scenario = Scenario(duration_s=(SLOTS + 9) * 0.125, friction_given=GIVEN[kind])
+    return simulate(scenario, built_in_wheel(), np.random.default_rng(11)).samples
 
 
 def changed(samples: Samples, channel: str, rows: slice | list[int], values: Any) -> Samples:
@@ -85,7 +83,7 @@ def test_a_sensor_that_hangs_is_masked_from_its_first_repetition_on(kind: str, b
 
 
 @pytest.mark.parametrize("kind", GIVEN)
-def test_a_window_of_which_less_than_half_is_left_is_inconclusive_and_says_so(kind: str) -> None:
+def test_a_window_of_which_less_than_half_is_left_is_inconclusive_and_reports_it(kind: str) -> None:
     samples = telemetry(kind)
     channel = SOURCE[kind]
     hung = changed(samples, channel, slice(FROM, FROM + 43_200), getattr(samples, channel)[FROM])
@@ -154,17 +152,6 @@ def test_friction_of_the_wrong_sign_or_unit_is_never_nominal(factor: float, verd
     window, _, _ = diagnosed(replace(samples, friction_torque_Nm=factor * samples.friction_torque_Nm))
     assert window.diagnosis.verdict in verdicts
     assert words in window.diagnosis.reason
-
-
-@pytest.mark.parametrize("kind", GIVEN)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_values_that_are_no_numbers_are_masked_and_change_no_verdict(kind: str, value: float) -> None:
-    samples, channel = telemetry(kind), SOURCE[kind]
-    rows = np.flatnonzero(np.random.default_rng(2).random(len(samples)) < 0.3)
-    window, core, _ = diagnosed(changed(samples, channel, rows.tolist(), value))
-    assert core.counts.masked == rows.size
-    assert window.diagnosis.coverage == pytest.approx(0.7, abs=0.02)
-    assert window.diagnosis.verdict == "nominal"
 
 
 @pytest.mark.parametrize("kind", GIVEN)

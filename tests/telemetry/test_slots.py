@@ -1,7 +1,5 @@
 """Slots: the ring buffer against a dictionary that keeps everything; temperature held between its readings."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import hypothesis.strategies as st

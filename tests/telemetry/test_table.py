@@ -1,7 +1,5 @@
 """Sample tables: what is read, to the bit, and what is refused, with file, row, column and reason."""
 
-from __future__ import annotations
-
 from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
@@ -279,14 +277,14 @@ def test_a_folder_is_refused_with_what_is_in_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])
-def test_a_suffix_that_lies_is_refused(tmp_path: Path, suffix: str) -> None:
+def test_a_suffix_of_another_format_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"table.{suffix}"
     path.write_text(GOOD)
     with pytest.raises(InputError, match=f"is no {suffix} file"):
         file_format(path)
 
 
-def test_the_content_decides_where_the_suffix_says_nothing(tmp_path: Path) -> None:
+def test_the_content_decides_where_the_suffix_shows_nothing(tmp_path: Path) -> None:
     written = tmp_path / "table.parquet"
     pq.write_table(pa.table({"time_ns": [1], "speed_rad_s": [2.0]}), written)
     renamed = written.rename(tmp_path / "table.csv")

@@ -16,7 +16,7 @@ MINIMAL = '[wheel]\nname = "w"\nsample_period_s = 0.1\n'
 WHEEL = built_in_wheel()
 
 
-def test_minimal_wheel_says_what_it_lacks():
+def test_minimal_wheel_reports_what_it_lacks():
     wheel = Wheel.from_toml(MINIMAL, "w.toml")
     assert (wheel.torque_unit_Nm, wheel.speed_unit_rad_s, wheel.anomalies) == (1.0, 1.0, ("dry", "viscous"))
     assert len(wheel.missing()) == 3
@@ -93,6 +93,7 @@ def fss(**values):
     ("tables", "message"),
     [
         (fss(durations=[{"law": "normal"}] * 2), "fss.0.durations.0: "),
+        (fss(durations=[{"uniform": {"low": 1, "high": 4}}] * 2), "fss.0.durations.0: "),
         (fss(durations=[{"law": "uniform", "low": 3, "high": 2}] * 2), "fss.0.durations.0.uniform: "),
         (fss(durations=[{"law": "uniform", "low": 1, "high": 2, "mean": 3}] * 2), "fss.0.durations.0.uniform.mean: "),
         (fss(friction=[{"low": 0.0, "high": 0.0}]), "fss.0: "),

@@ -1,7 +1,5 @@
 """Records on which the effects are tried: a rich motion with every channel, no noise in the channels."""
 
-from __future__ import annotations
-
 from dataclasses import fields, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Bursts of a cage: found in noise that comes and goes, and in nothing else."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

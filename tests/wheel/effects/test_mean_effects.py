@@ -1,7 +1,5 @@
 """What every mean effect of the catalogue must do, tried on all of them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise, product
 
@@ -78,19 +76,9 @@ def with_gaps(channels: Channels, rng: np.random.Generator) -> Channels:
     gone = rng.random(len(channels)) < 0.05
     gone[:3] = True
 
-    def holes(values: np.ndarray) -> np.ndarray:
-        return np.where(gone, np.nan, values)
-
-    return replace(
-        channels,
-        speed_rad_s=holes(channels.speed_rad_s),
-        direction=holes(channels.direction),
-        acceleration_rad_s2=holes(channels.acceleration_rad_s2),
-        angle_rad=holes(channels.angle_rad),
-        motor_torque_Nm=holes(channels.motor_torque_Nm),
-        bearing_temperature_degC=holes(channels.bearing_temperature_degC),
-        good=~gone,
-    )
+    measured = ("speed_rad_s", "direction", "acceleration_rad_s2", "angle_rad", "motor_torque_Nm")
+    holed = {name: np.where(gone, np.nan, getattr(channels, name)) for name in (*measured, "bearing_temperature_degC")}
+    return replace(channels, good=~gone, **holed)
 
 
 @every_mean_effect

@@ -1,7 +1,5 @@
 """What every noise effect must do: simulate, be found with its parameters, not be seen where it is not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -87,11 +85,6 @@ def test_gaps_and_short_records_do_no_harm(effect: type[NoiseEffect]) -> None:
     assert nothing.log_likelihood_gain == 0.0
     still = effect.fit(np.zeros(SLOTS), channels, np.ones(SLOTS, dtype=bool))
     assert still.log_likelihood_gain == 0.0
-
-
-@pytest.mark.parametrize("step", [1e-3, 0.01, 2 * np.pi / 60])
-def test_a_lattice_is_found_to_its_last_digits(step: float) -> None:
-    assert quantisation_step(step * np.rint(rich_motion(SLOTS).speed_rad_s / step)) == pytest.approx(step, rel=1e-6)
 
 
 @pytest.mark.parametrize("digits", [3, 6, 12])

@@ -1,7 +1,5 @@
 """The recursions against plain formulas, and the rule for gaps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

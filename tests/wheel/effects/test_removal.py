@@ -1,7 +1,5 @@
 """Known effects are taken out of the friction: the base law is left, also for effects that scale with the dry level."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Switching effects change simulated jumps as stated; those fitted to sojourns are found there, and only there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 
@@ -26,51 +24,31 @@ from tests.wheel.effects.records import DRY_NM, rich_motion
 
 SLOTS = 40_000
 HURRY = 8  # the built-in wheel's systems, that much faster: some 60 jumps a record
-FITTED = ("wrong_duration_law", "speed_triggered_jumps")  # the others are columns, or found by the attribution
-every_fitted_effect = pytest.mark.parametrize("name", FITTED)
-
 CASES: dict[str, dict[str, float]] = {
-    "decaying_jump": {"strength": 0.5, "time_constant_s": 20.0},
-    "viscous_jump": {"strength_s_rad": 3e-3},
-    "extra_switching_system": {"strength_Nm": 4e-4, "rest_s": 150.0, "active_s": 50.0},
     "wrong_duration_law": {"duration_factor": 0.3, "weibull_shape": 1.0},
     "speed_triggered_jumps": {"strength_s_rad": 0.03},
-}
+}  # those that are fitted to sojourns: the others are columns, or found by the attribution
+every_fitted_effect = pytest.mark.parametrize("name", CASES)
 
 
-def simulate(effect: SwitchingEffect | None, seed: int) -> SwitchingEvidence:
-    """Return what an exact detection and attribution would find in a record with the built-in wheel's systems."""
+@cache
+def record(name: str | None, seed: int) -> SwitchingEvidence:
+    """Return what an exact detection and attribution would find, with a named effect at its strength or none."""
+    effect = None if name is None else SWITCHING_EFFECTS[name](**CASES[name])
     rng = np.random.default_rng(seed)
     channels = rich_motion(SLOTS, seed=seed)
     systems = {system.name: hurried(system) for system in built_in_wheel().fss}
     index, size = [], []
     sojourns: dict[str, Sojourns] = {}
-    for name, system in systems.items():
+    for of_system, system in systems.items():
         found = run(effect, system, channels, rng)
         index.append(found.jump_index)
         size.append(DRY_NM * found.jump)
         begins = found.jump_index[:-1]
-        sojourns[name] = Sojourns(begins, found.configuration[begins], np.diff(found.jump_index))
-    if effect is not None:
-        extra = effect.extra_level(channels, rng)
-        at = np.flatnonzero(np.diff(extra)) + 1
-        index.append(at)
-        size.append(np.diff(extra)[at - 1])
+        sojourns[of_system] = Sojourns(begins, found.configuration[begins], np.diff(found.jump_index))
     order = np.argsort(np.concatenate(index), kind="stable")
     jumps = Jumps(np.concatenate(index)[order].astype(np.int64), np.concatenate(size)[order])
-    return SwitchingEvidence(
-        channels=channels,
-        good=channels.good,
-        jumps=jumps,
-        systems=systems,
-        sojourns=sojourns,
-    )
-
-
-@cache
-def record(name: str | None, seed: int) -> SwitchingEvidence:
-    """Return a record of a named effect at its strength above, or of none."""
-    return simulate(None if name is None else SWITCHING_EFFECTS[name](**CASES[name]), seed)
+    return SwitchingEvidence(channels, channels.good, jumps, systems, sojourns)
 
 
 def hurried(system: SwitchingSystem) -> SwitchingSystem:
@@ -104,7 +82,7 @@ def test_it_is_found_in_its_own_jumps(name: str) -> None:
     first, gains = 0, []
     for seed in range(5):
         evidence = record(name, seed)
-        fits = {other: fit(other, evidence).penalised_gain for other in FITTED}
+        fits = {other: fit(other, evidence).penalised_gain for other in CASES}
         gains.append(fits[name])
         first += max(fits, key=fits.__getitem__) == name
     assert np.mean(gains) > 25, gains
@@ -138,25 +116,6 @@ def test_without_jumps_no_rate_is_found() -> None:
     none = Jumps(np.zeros(0, dtype=np.int64), np.zeros(0))
     bare = replace(record(None, 0), jumps=none, sojourns={})
     assert SpeedTriggeredJumps.fit(bare).log_likelihood_gain == 0.0
-
-
-@pytest.mark.parametrize("name", ["decaying_jump", "viscous_jump"])
-def test_zero_strength_changes_nothing(name: str) -> None:
-    effect = SWITCHING_EFFECTS[name]
-    zero = effect.typical(**{parameter.name: 0.0 for parameter in effect.strength_parameters()})
-    evidence = record(None, 0)
-    assert not zero.torque(evidence.channels, evidence.jumps).any()
-
-
-def test_a_decayed_jump_lies_between_its_neighbours() -> None:
-    evidence = record(None, 3)
-    effect = SWITCHING_EFFECTS["decaying_jump"](strength=1.0, time_constant_s=30.0)
-    level = 10 * DRY_NM + evidence.jumps.total(SLOTS)
-    relaxed = level + evidence.channels.direction * effect.torque(evidence.channels, evidence.jumps)
-    segment = evidence.jumps.segment(SLOTS)
-    before = np.concatenate([[level[0]], level[evidence.jumps.index - 1]])[segment]
-    assert (relaxed <= np.maximum(level, before) + 1e-15).all()
-    assert (relaxed >= np.minimum(level, before) - 1e-15).all()
 
 
 def test_jumps_count_from_the_first_slot_of_the_new_level() -> None:

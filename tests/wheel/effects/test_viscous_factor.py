@@ -1,7 +1,5 @@
 """Effects that scale with viscous friction multiply it: a fault of the viscous friction scales the whole."""
 
-from __future__ import annotations
-
 import hypothesis.strategies as st
 import numpy as np
 import pytest
