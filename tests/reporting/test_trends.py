@@ -3,7 +3,7 @@
 import numpy as np
 
 import rwa_monitor as rwa
-from rwa_monitor.reporting.diagnoses import CoefficientTrend, FrictionEstimate, coefficient_trend
+from rwa_monitor.reporting.diagnoses import CoefficientTrend, EstimateRecord, coefficient_trend
 from tests.history.support import diagnosis
 
 WINDOW_NS = 10_000 * 10**9
@@ -14,7 +14,7 @@ def trend_from(begin_ns: int, limit_at: int = 30) -> CoefficientTrend:
     """Return the trend of 20 windows of growing friction, of which the limit is that of a later or earlier one."""
     value = 1.6e-3 + GROWTH_NM * np.arange(20) + STD_NM * np.random.default_rng(4).standard_normal(20)
     estimates = [
-        FrictionEstimate(
+        EstimateRecord(
             window_start_ns=begin_ns + number * WINDOW_NS,
             window_end_ns=begin_ns + (number + 1) * WINDOW_NS,
             value=one,
@@ -22,6 +22,10 @@ def trend_from(begin_ns: int, limit_at: int = 30) -> CoefficientTrend:
             nominal_low=None,
             nominal_high=1.6e-3 + GROWTH_NM * limit_at,
             unit="N m",
+            name="dry",
+            probability=0.0,
+            severity=None,
+            active=False,
         )
         for number, one in enumerate(value.tolist())
     ]
@@ -42,6 +46,6 @@ def test_a_growth_and_when_it_reaches_its_limit_are_stated_and_times_since_1970_
 def test_diagnoses_in_any_order_give_the_same() -> None:
     diagnoses = [diagnosis(number, severity=1.0 if number > 5 else None) for number in range(8)]
     forth, back = rwa.wheel_trends(diagnoses), rwa.wheel_trends(diagnoses[::-1])
-    assert list(forth) == ["dry", "viscous"]
+    assert list(forth) == list(diagnoses[0].anomalies)
     assert [t.sentence() for t in forth.values()] == [back[name].sentence() for name in forth]
     assert rwa.wheel_trends([]) == {}
