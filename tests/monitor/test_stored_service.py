@@ -128,7 +128,7 @@ def test_what_is_old_by_the_clock_is_stored_in_health_and_status_and_in_no_diagn
             one.receive(KEY, samples_json(part, "p", number))
             one.tick()
         one.close()
-    wait_for(lambda: len(listener.kind("health")) >= 3, "three windows")
+    wait_for(lambda: all(len(listener.kind(kind)) >= 3 for kind in ("health", "diagnosis")), "three windows")
     health = [json.loads(payload).get("data") for payload in listener.kind("health")]
     assert health == [None, "stored", "stored"]
     assert listener.kind("diagnosis") == batch_diagnoses(samples, wheel())
