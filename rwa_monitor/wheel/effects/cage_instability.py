@@ -105,6 +105,7 @@ class CageInstability(NoiseEffect):
             "burst_s": values["burst_s"] / bursts,
             "quiet_s": values["quiet_s"] / bursts,
         }
+        # The likelihood has as many: two scales, two mean stays, place and width of the band; the drag is not in it.
         return LikelihoodFit(values, std, gain, len(cls.parameters), count), on
 
     @classmethod
