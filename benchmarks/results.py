@@ -3,12 +3,14 @@
     python -m benchmarks.results [--targets]
 
 Prints a table of the pages; with `--targets` the make targets alone, as `make results` runs them. A page ends with the
-commit that it was made at. Later commits to what it measures make it old, but for those of `unchanged.toml`.
+commit that it was made at. Later commits to the code of what it measures make it old, but for those of
+`unchanged.toml`; comments and docstrings are none of it.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import re
 import subprocess
 import sys
@@ -52,7 +54,7 @@ class ResultPage:
         return found[-1] if found else None
 
     def later_commits(self) -> list[str]:
-        """Return the commits since that touch what it measures and are not of `unchanged.toml`, newest first.
+        """Return the commits since that change what it measures and are not of `unchanged.toml`, newest first.
 
         Raises
         ------
@@ -63,7 +65,7 @@ class ResultPage:
         blocks = tomllib.loads(UNCHANGED.read_text(encoding="utf-8")).get("unchanged", [])
         ranges = [block["commits"] for block in blocks if self.name in block["pages"]]
         shown = {commit for commits in ranges for commit in _commits(commits)}
-        return [commit for commit in later if commit not in shown]
+        return [commit for commit in later if commit not in shown and _changes_code(commit.split()[0], self.measures)]
 
 
 def _rooms(*names: str) -> tuple[str, ...]:
@@ -99,9 +101,34 @@ PAGES: Final = (
 )
 
 
+def _git(*arguments: str) -> str:
+    return subprocess.run(("git", "-C", str(ROOT), *arguments), capture_output=True, text=True, check=True).stdout
+
+
 def _commits(commits: str, *paths: str) -> list[str]:
-    command = ("git", "-C", str(ROOT), "log", "--format=%h %s", "--no-merges", commits, "--", *paths)
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    return _git("log", "--format=%h %s", "--no-merges", commits, "--", *paths).splitlines()
+
+
+def _changes_code(commit: str, paths: tuple[str, ...]) -> bool:
+    """Return whether a commit changes more below these paths than comments, docstrings and layout of Python files."""
+    changed = _git("diff-tree", "-r", "--no-commit-id", "--no-renames", "--name-status", commit, "--", *paths)
+    for line in changed.splitlines():
+        status, name = line.split("\t")
+        if status != "M" or not name.endswith(".py"):
+            return True
+        if code_of(_git("show", f"{commit}^:{name}")) != code_of(_git("show", f"{commit}:{name}")):
+            return True
+    return False
+
+
+def code_of(source: str) -> str:
+    """Return a Python file without comments, docstrings and layout."""
+    tree = ast.parse(source)
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    for node in ast.walk(tree):
+        if isinstance(node, documented) and ast.get_docstring(node):
+            node.body = node.body[1:] or [ast.Pass()]
+    return ast.unparse(tree)
 
 
 def main() -> int:

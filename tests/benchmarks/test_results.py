@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.profile_live import STAGES
-from benchmarks.results import PAGES, ROOT, ResultPage
+from benchmarks.results import PAGES, ROOT, ResultPage, code_of
 
 TARGETS = (ROOT / "Makefile").read_text(encoding="utf-8")
 
@@ -26,6 +26,13 @@ def test_a_page_is_no_older_than_what_it_measures(page: ResultPage) -> None:
         f"docs/{page.name}.md was made at {commit}; make {page.target}, or show that these left its figures alone and "
         f"add them to benchmarks/unchanged.toml:\n{listed}"
     )
+
+
+def test_a_comment_makes_no_page_old_and_a_figure_does() -> None:
+    plain = "def half(value):\n    return value / 2\n"
+    commented = 'def half(value):\n    """Return half."""\n    # Of it.\n    return (\n        value / 2\n    )\n'
+    assert code_of(commented) == code_of(plain)
+    assert code_of(plain.replace("2", "3")) != code_of(plain)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
