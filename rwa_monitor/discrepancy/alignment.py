@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy import stats
 from scipy.ndimage import binary_dilation, correlate1d
 
 from rwa_monitor.discrepancy.derived_friction import Steps, spread_of_differences
@@ -32,6 +33,11 @@ LEFT_SHARE: Final = 0.5  # of what a delay is to explain
 LEFT_OF_HALVES: Final = 0.2  # by half a slot: the mean of two slots halves what steps at all, late or not
 ROUGH: Final = 2.0  # of what noise gives: less is not to be explained
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: the variance of a place somewhere in a slot
+LEFT_OF_IMPULSES: Final = 0.2  # of their squares, by a delay of parts of a slot
+CHANCE: Final = 1e-6  # that impulses without a delay are taken for one
+PULSE_REACH: Final = 2  # slots to each side of a step that hold its pulse, beside a delay of whole slots
+LONGEST_STEP: Final = 5  # slots; over a ramp the slope of the torque shows a delay, to first order
+BESIDE: Final = 3  # slots on each side of those, which show the friction without it
 SLOPE_REACH: Final = 6  # slots to each side
 STEP_MARGIN: Final = 1  # slots on each side of a step that a delay of parts of a slot leaves wrong
 
@@ -42,19 +48,19 @@ class Delay:
 
     Attributes
     ----------
-    slots
-        By how many slots the current is read later than the speed; below zero: earlier. 0 where only the place of a
+    slots, part
+        By how many whole slots, and what part of one more, the torque is read later than it acts on the speed; below
+        zero: earlier. -½ of a slot where it is held from sample to sample.
+    late_slots, std_slots
+        By how much the current is read later than the speed, and its standard deviation. 0 where only the place of a
         sample within its slot is another: that is no delay.
-    part
-        How much later still the torque acts, in slots: -½ where it is held from sample to sample.
-    std_slots
-        Standard deviation of the delay.
     gain
         By how much -2 log likelihood falls with it.
     """
 
     slots: int
     part: float
+    late_slots: float
     std_slots: float
     gain: float
 
@@ -91,6 +97,31 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     rough = of_step.sum(axis=0)
     if of_step.shape[0] < FEWEST_STEPS or rough[at] < ROUGH * noise:
         return None
+    found = _where_pulses_end(motions, wheel, halves, of_step, noise)
+    slots = 0 if found is None else found.slots
+    of_impulses = _by_impulse(motions, PULSE_REACH + abs(slots))
+    if of_impulses is None:
+        return None if slots and motions[0].friction_Nm is not None else found
+    late, std = of_impulses
+    gain = float(rough[at] - rough.min()) if found is None else found.gain
+    return Delay(slots, late - slots, late, std, gain)
+
+
+def _where_pulses_end(
+    motions: Sequence[Motion], wheel: Wheel, halves: IntArray, of_step: FloatArray, noise: float
+) -> Delay | None:
+    """Return the delay, in half slots, that takes the pulses away around most steps.
+
+    Parameters
+    ----------
+    motions, wheel
+        As for `find_delay`.
+    halves
+        int64 (m,), the shifts that are tried [half slots], from one end to the other.
+    of_step, noise
+        float64 (steps, m), how rough friction is around each step with each shift, and what noise gives of it in all.
+    """
+    at, rough = halves.size // 2, of_step.sum(axis=0)
     allowed = np.where(halves % 2 == 0, LEFT_SHARE, LEFT_OF_HALVES) * (rough[at] - noise)
     explained = (rough - noise <= allowed) & (halves != 0)
     explained[[0, -1]] = False
@@ -109,7 +140,57 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
     seen = 0.5 * float(halves[best])
     slots = _whole(motions, wheel, seen)
-    return Delay(slots, seen - slots, float(np.sqrt(variance)), gain)
+    return Delay(slots, seen - slots, float(slots), float(np.sqrt(variance)), gain)
+
+
+def _by_impulse(motions: Sequence[Motion], reach: int) -> tuple[float, float] | None:
+    """Return the delay and its standard deviation [slots] that impulses of given friction show; None where none.
+
+    A torque that steps by h and is read d later leaves a pulse of impulse -d·h in the friction, wherever in a slot it
+    steps and however many slots it takes: a straight line through the origin, by least squares.
+    """
+    pairs = [_impulses(motion, reach) for motion in motions if motion.friction_Nm is not None]
+    impulse, step = (np.concatenate([pair[i] for pair in pairs]) if pairs else np.zeros(0) for i in range(2))
+    if impulse.size < FEWEST_STEPS:
+        return None
+    energy, late = float(step @ step), -float(impulse @ step / (step @ step))
+    left = impulse + late * step
+    variance = float(left @ left) / (impulse.size - 1) / energy
+    if left @ left > LEFT_OF_IMPULSES * (impulse @ impulse):
+        return None
+    if 2.0 * stats.t.sf(abs(late), impulse.size - 1, scale=np.sqrt(variance)) > CHANCE:
+        return None
+    return late, float(np.sqrt(variance))
+
+
+def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray]:
+    """Return the impulse of friction beside what it is before and after each step of the torque, and the step's height.
+
+    float64 (steps,) each [N m slots, N m], from so many slots to each side that hold the pulse; without those where the
+    direction changes, and friction with it.
+    """
+    assert motion.friction_Nm is not None
+    assert motion.torque_Nm is not None
+    speed, friction, accelerating = motion.speed_rad_s, motion.friction_Nm, motion.torque_Nm - motion.friction_Nm
+    std = spread_of_differences(friction, 1, motion.torque_step_Nm)
+    stepped = binary_dilation(np.abs(np.nan_to_num(_rise(accelerating, 1))) > STEP_STDS * std, iterations=reach)
+    border = np.diff(stepped.astype(np.int8), prepend=0, append=0)
+    impulse, height = [], []
+    for begin, end in zip(np.flatnonzero(border > 0), np.flatnonzero(border < 0), strict=True):
+        around = slice(begin - BESIDE, end + BESIDE)
+        if begin < BESIDE or end + BESIDE > friction.size or end - begin > LONGEST_STEP + 2 * reach:
+            continue
+        if np.ptp(np.sign(speed[around])) != 0:
+            continue
+        before, after = slice(begin - BESIDE, begin), slice(end, end + BESIDE)
+        # Friction turns a corner with the speed: from one level to the other as the speed goes, not over time.
+        first, last = float(speed[before].mean()), float(speed[after].mean())
+        share = np.clip((speed[begin:end] - first) / (last - first), 0.0, 1.0) if last != first else 0.5
+        level = friction[before].mean() * (1.0 - share) + friction[after].mean() * share
+        impulse.append(float(np.sum(friction[begin:end] - level)))
+        height.append(float(accelerating[after].mean() - accelerating[before].mean()))
+    known = np.isfinite(impulse) & np.isfinite(height)
+    return np.array(impulse)[known], np.array(height)[known]
 
 
 def _whole(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:

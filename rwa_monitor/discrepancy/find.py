@@ -68,8 +68,9 @@ def find_discrepancy(
     wheel, delay = bench.wheel, _delay(bench)
     problem = prepare(_records_of(bench.recordings, wheel, delay), wheel, each)
     aside = prepare(_records_of(bench.held_out, wheel, delay), wheel) if bench.held_out else None
-    # A sample's place within its slot passes for a delay; of a delay that is taken out, a part of a slot may be left.
-    missing = [effect for effect in candidates(wheel) if effect is not DelayTerm or delay is None or delay.slots]
+    # A sample's place within its slot passes for a delay; of one of whole slots that is taken out, a part may be left.
+    left = delay is None or delay.late_slots == delay.slots != 0
+    missing = [effect for effect in candidates(wheel) if effect is not DelayTerm or left]
     silent = not_shown_without_motor(missing, wheel, problem.records[0].channels)
     tried = [effect for effect in missing if effect.name not in silent and can_show(problem, effect)]
     no_noise = MORE_SAMPLES if problem.size < FEWEST_FOR_JUMPS else EVEN_CLOCK if bench.noise_is_made else None
@@ -81,7 +82,7 @@ def find_discrepancy(
     problem = explained.problem
     others, explained = _noise_and_jumps(explained, wheel, with_noise=no_noise is None and problem.has_noise)
     found = explained.found
-    named = delay if delay is not None and delay.slots and not _known_delays(wheel) else None
+    named = delay if delay is not None and delay.late_slots and not _known_delays(wheel) else None
     shown = [found_delay(problem, named)] if named is not None else []
     if (zone := found_zone(problem, wheel)) is not None:
         shown.append(zone)
@@ -172,7 +173,7 @@ def _delay(bench: Bench) -> Delay | None:
     if not known:
         return delay_of(bench.recordings, bench.wheel)
     slots = -round(sum(known) / bench.wheel.sample_period_s)
-    return Delay(slots, 0.0, 0.0, 0.0) if slots else None
+    return Delay(slots, 0.0, slots, 0.0, 0.0) if slots else None
 
 
 def _records_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: Delay | None) -> list[Record]:

@@ -88,10 +88,10 @@ def _with_unmeasured_cause(problem: Problem, effect: FoundEffect, cause: str) ->
 
 
 def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
-    """Return a delay of whole slots as it is reported; the catalogue's is positive where the current is read early."""
+    """Return a delay as it is reported; the catalogue's is positive where the current is read early."""
     effect, period_s = CATALOGUE[DelayTerm.name], problem.records[0].channels.sample_period_s
     (parameter,) = effect.parameters
-    value = ParameterValue(-delay.slots * period_s, delay.std_slots * period_s, parameter.unit)
+    value = ParameterValue(-delay.late_slots * period_s, delay.std_slots * period_s, parameter.unit)
     return as_found(problem, effect, {parameter.name: value}, delay.gain, "mean")
 
 

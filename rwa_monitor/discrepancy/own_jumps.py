@@ -262,12 +262,11 @@ def _merged(course: _Course, values: FloatArray, first: IntArray, price: float) 
         i = int(np.argmin(costs))
         if costs[i] >= price:
             return first[1:][change > 0.0] if course.relaxes else first[1:]
-        energy[i + 1] += before[i]
-        moment[i + 1] += of_before[i]
-        if i:
-            keep[i - 1] *= keep[i]
-        energy, moment, keep = np.delete(energy, i), np.delete(moment, i), np.delete(keep, i)
-        first = np.delete(first, i + 1)
+        energy[i] += keep[i] ** 2 * energy[i + 1]
+        moment[i] += keep[i] * moment[i + 1]
+        keep[i + 1 : i + 2] *= keep[i]
+        energy, moment, first = (np.delete(of_each, i + 1) for of_each in (energy, moment, first))
+        keep = np.delete(keep, i)
     return first[1:]
 
 
