@@ -98,6 +98,11 @@ def derived_friction(speed: FloatArray, torque: FloatArray, wheel: Wheel, torque
     corner = (np.abs(bias) > CORNER * sigma) & (most_uncertain > AGREED_TO * largest)
     corner |= (uncertainty > UNCERTAIN * sigma) & (uncertainty > AGREED_TO * largest)
     hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
+    # A step of torque in the first or last sample is seen by no slot outside of it.
+    at = np.flatnonzero(np.isfinite(friction))
+    if at.size > 2 * hole:
+        for ends, inner in ((at[:hole], at[hole]), (at[-hole:], at[-hole - 1])):
+            hidden[ends] |= np.abs(friction[ends] - friction[inner]) > CORNER * sigma
     corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
     friction[hidden] = np.nan
     bent = binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
