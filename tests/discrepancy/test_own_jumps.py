@@ -22,7 +22,7 @@ def pockets(speed: Array, height: float, seconds: float) -> Array:
     return np.asarray(drag * np.sign(speed))
 
 
-@pytest.mark.parametrize(("height", "seconds", "seed"), [(0.3, 25.0, 0), (0.15, 60.0, 1)])
+@pytest.mark.parametrize(("height", "seconds", "seed"), [(0.3, 25.0, 0), (0.15, 60.0, 1), (0.3, 8.0, 2)])
 def test_pockets_of_oil_are_jumps_that_relax_and_no_further_system(height: float, seconds: float, seed: int) -> None:
     samples, _ = record(swing(COUNT), JUMPS, lambda speed, _: pockets(speed, height * DRY_NM, seconds), seed=seed)
     found = search(samples)

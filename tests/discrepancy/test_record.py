@@ -12,8 +12,9 @@ from rwa_monitor.discrepancy.plausible import NEIGHBOURS
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.torque_balance import inertia_of
 from rwa_monitor.wheel.wheel import Limits
-from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, current_of, record, sampled, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, WHEEL, current_of, record, sampled, swing
 
 
 def with_current(speed: np.ndarray, friction: np.ndarray) -> Samples:
@@ -119,3 +120,17 @@ def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> Non
     # Both series are smooth over some 20 slots, so that about 1000 values are independent: 4 σ is 0.13.
     assert abs(correlation) < 4 / np.sqrt(friction.size / 20)
     assert np.std(friction) > 0.1 * NOISE_NM
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_a_step_of_torque_in_the_first_or_last_sample_leaves_no_friction_beside_it(backwards: bool) -> None:
+    wheel = WHEEL.model_copy(update={"sample_period_s": 1.0})
+    rng = np.random.default_rng(0)
+    accelerating = np.repeat([0.0, -4e-3, 0.0, 4e-3, 0.0], [1, 60, 60, 60, 60])[:: -1 if backwards else 1]
+    speed = 300.0 + np.cumsum(np.convolve(accelerating, [0.5, 0.5], "same")) / inertia_of(wheel)
+    friction = DRY_NM + 5e-6 * speed + NOISE_NM * rng.standard_normal(speed.size)
+    current = (accelerating + friction) / wheel.torque_constant_Nm_A
+    made = make_record(sampled(speed, period_s=1.0, motor_current_A=current), wheel, "derived")
+    off = np.abs(made.friction_torque_Nm - friction)[made.used]
+    assert made.used.sum() > 200
+    assert off.max() < 10.0 * NOISE_NM

@@ -1,0 +1,66 @@
+"""A current that is read later or earlier than the speed, in samples that are means of what happens between them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import shift, uniform_filter1d
+
+from rwa_monitor.discrepancy.alignment import Delay, Motion, find_delay
+from rwa_monitor.samples import FloatArray
+from tests.discrepancy.simple import PERIOD_S, WHEEL
+
+FINE = 40  # steps a sample
+COUNT = 2000
+INERTIA = 1e-3
+DRY_NM, VISCOUS, NOISE_NM = 2e-3, 4e-6, 2e-5
+
+
+def motion(late_slots: float, seed: int, ripple_Nm: float = 0.0) -> Motion:
+    """Return a wheel that is accelerated in steps at any moment, never through rest; friction is the balance's."""
+    rng = np.random.default_rng(seed)
+    accelerating = np.zeros(COUNT * FINE)
+    for begin in rng.uniform(0.02, 0.9, 20) * accelerating.size:
+        at, length = int(begin), int(rng.uniform(20, 60) * FINE)
+        accelerating[at : at + length] += rng.uniform(-4e-3, 4e-3)
+    speed = 300.0 + np.cumsum(accelerating) / INERTIA * PERIOD_S / FINE
+    angle = np.cumsum(speed) * PERIOD_S / FINE
+    friction = (DRY_NM + ripple_Nm * np.cos(angle)) * np.sign(speed) + VISCOUS * speed
+
+    def sampled(values: FloatArray) -> FloatArray:
+        return np.asarray(uniform_filter1d(values, FINE, mode="nearest")[FINE // 2 :: FINE])
+
+    torque = shift(accelerating + friction, late_slots * FINE, order=1, mode="nearest")
+    read = sampled(torque) + NOISE_NM * rng.standard_normal(COUNT)
+    return Motion(sampled(speed), read, read - sampled(accelerating))
+
+
+def found(*motions: Motion) -> Delay | None:
+    return find_delay(motions, WHEEL)
+
+
+@pytest.mark.parametrize("late_slots", [0.3, 0.55, -0.7, 1.2, 3.4])
+def test_impulses_around_steps_show_a_delay_of_any_part_of_a_slot(late_slots: float) -> None:
+    for seed in range(3):
+        delay = found(motion(late_slots, seed))
+        assert delay is not None
+        assert delay.late_slots == pytest.approx(late_slots, abs=max(4.0 * delay.std_slots, 0.02 * abs(late_slots)))
+        assert delay.slots + delay.part == delay.late_slots
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_where_nothing_is_late_no_delay_is_found(seed: int) -> None:
+    assert found(motion(0.0, seed)) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_ripple_that_samples_alias_is_no_delay(seed: int) -> None:
+    assert found(motion(0.0, seed, ripple_Nm=2e-3)) is None
+
+
+def test_recordings_of_one_wheel_show_one_delay() -> None:
+    one = found(motion(0.5, 0))
+    both = found(motion(0.5, 0), motion(0.5, 1))
+    assert one is not None
+    assert both is not None
+    assert both.std_slots < one.std_slots
