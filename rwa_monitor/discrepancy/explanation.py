@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.angle import AngleLine, angle_line, ripple_with, wi
 from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.hypotheses import formulas, speed_curve
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, fit_noise
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, asked_gain, fit_noise
 from rwa_monitor.discrepancy.noise_effects import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.own_jumps import with_own_jumps
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
@@ -33,7 +33,7 @@ from rwa_monitor.discrepancy.unexplained import (
     without_unnamed,
 )
 from rwa_monitor.discrepancy.unnamed import UNNAMED
-from rwa_monitor.messages import Unexplained
+from rwa_monitor.messages import NearestEffect, Unexplained
 from rwa_monitor.wheel.effects.base import MeanEffect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.effects.formula import Formula
@@ -191,6 +191,22 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
     return approach, Explained(problem, found, leftover, complete)
 
 
+def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model]) -> Unexplained | None:
+    """Return what is left with the effect that explains most of it, where nothing but the free curve is better.
+
+    `known` are the last model with one of the catalogue's effects more, best first.
+    """
+    last, left = explained.found.nested[-1], explained.leftover
+    best = next((one for one in known if len(one.terms) > len(last.terms)), None)
+    if best is None or left is None:
+        return left
+    simpler = approach.without(best, len(last.terms))  # its jumps may be what was lacking, not the law
+    if simpler.score - best.score < asked_gain(len(last.terms)):
+        return left
+    share = (simpler.fit.rss - best.fit.rss) / (simpler.fit.rss - explained.complete.fit.rss)
+    return left.model_copy(update={"nearest": NearestEffect(effect=best.names[-1], share=share)})
+
+
 def _with_formula(approach: Fitting, explained: Explained, effects: Effects, progress: Progress) -> Explained:
     """Give what a free curve explains a law, where one is as good: an effect that is as good as any formula, or that.
 
@@ -213,7 +229,7 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
         models = models or of_laws
     models = [one for one in models if len(one.terms) > len(last.terms)]
     if not models:
-        return explained
+        return replace(explained, leftover=_with_nearest(approach, explained, of_known))
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
     best = prune(approach, models[0], keep_last=True)  # what was named may have stood in for a part of it
     simpler, names = approach.without(best, len(best.terms) - 1), set(best.names)

@@ -26,12 +26,12 @@ from rwa_monitor.discrepancy.base_fit import (
     with_noise_of,
 )
 from rwa_monitor.discrepancy.hypotheses import sort_out
-from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
+from rwa_monitor.discrepancy.likelihood import LONG_MEMORY, NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, held_out, off_reversals, scored, with_exact_jumps, with_law
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
-from rwa_monitor.samples import IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import MeanEffect
 
 Progress = Callable[[str], None]
@@ -75,9 +75,15 @@ class Fitting:
         """Return the model with dry and viscous friction alone."""
         if not self.jumps:
             return self.refined(self._annealed((), NO_JUMPS, NoiseLaw()))
-        start = fit(self.problem)
-        jumps = off_reversals(self.problem, start.level + start.residual, start.jumps)
-        return with_exact_jumps(self.problem, scored(self.problem, Model((), replace(start, jumps=jumps))))
+        problem, start = self.problem, fit(self.problem)
+        jumps = off_reversals(problem, start.level + start.residual, start.jumps)
+        base = with_exact_jumps(problem, scored(problem, Model((), replace(start, jumps=jumps))))
+        if not problem.has_noise:
+            return base
+        # Jumps that a coloured noise hides pass for noise that remembers still longer.
+        forgetful = NoiseLaw(white=0.0, correlation=_memory_of_neighbours(base.fit.residual))
+        other = with_exact_jumps(problem, with_law(problem, base, forgetful))
+        return min(base, with_exact_jumps(problem, scored(problem, other)), key=lambda one: one.score)
 
     def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects into those that the data can test, and the names of the others with what is missing.
@@ -300,6 +306,15 @@ class Fitting:
                 terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
                 jumps = _off_steps(term, jumps)
         return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model), jumps)
+
+
+def _memory_of_neighbours(residual: FloatArray) -> float:
+    """Return φ of the AR(1) noise whose differences over two samples and over one have the same medians.
+
+    Few differences meet a jump. They grow by 1 + φ in square.
+    """
+    near, far = (float(np.median(np.abs(residual[lag:] - residual[:-lag]))) for lag in (1, 2))
+    return float(np.clip(far**2 / max(near**2, TINY) - 1.0, 0.0, LONG_MEMORY))
 
 
 def is_possible(model: Model) -> bool:

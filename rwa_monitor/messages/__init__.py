@@ -476,15 +476,24 @@ class FoundEffect(Message):
     formula: str | None = None
 
 
+class NearestEffect(Message):
+    """The catalogue's effect that comes nearest to what is unexplained, and which share of its squares it takes up."""
+
+    effect: str
+    share: Number
+
+
 class Unexplained(Message):
     """Something is left that no known effect explains."""
 
     signature: str
     size_Nm: Number
+    nearest: NearestEffect | None = None
 
     def beside(self, signature: str, size_Nm: float) -> Unexplained:
         """Return this and something else, which is named first."""
-        return Unexplained(signature=f"{signature}; and {self.signature}", size_Nm=math.hypot(size_Nm, self.size_Nm))
+        both = {"signature": f"{signature}; and {self.signature}", "size_Nm": math.hypot(size_Nm, self.size_Nm)}
+        return self.model_copy(update=both)
 
 
 class Untested(Message):

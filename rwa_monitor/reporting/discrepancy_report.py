@@ -48,10 +48,9 @@ def sentence(result: DiscrepancyResult) -> str:
         return "Untestable with these data: the speed hardly varies, and no effect that needs motion would show."
     parts = [_name_in_words(effect) for effect in result.effects]
     if result.unexplained is not None:
-        parts.append(
-            f"{result.unexplained.signature}, {result.unexplained.size_Nm:.2g} N m rms, that no known effect explains"
-            + (" (what is named here may stand in for it)" if parts else "")
-        )
+        left, stands_in = result.unexplained, " (what is named here may stand in for it)" if parts else ""
+        nearest = f"; {left.nearest.effect} comes nearest, with {left.nearest.share:.0%}" if left.nearest else ""
+        parts.append(f"{left.signature}, {left.size_Nm:.2g} N m rms, that no known effect explains{nearest}{stands_in}")
     lacks = f"The simulation lacks {'; and '.join(parts)}."
     simulated = result.gain.simulated if result.gain is not None else None
     if simulated is not None and simulated.is_a_loss:

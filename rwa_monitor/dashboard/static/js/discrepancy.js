@@ -21,7 +21,11 @@ export function discrepancyReport(found) {
         h("td", {}, one.equivalent.map(words).join(", ") || "–"),
         h("td", {}, one.separate_by || "–")))))));
   }
-  if (found.unexplained) lines.push(h("p", { class: "inconclusive" }, `Unexplained: ${words(found.unexplained.signature)}, ${quantity(found.unexplained.size_Nm, "N m")}.`));
+  if (found.unexplained) {
+    const { signature, size_Nm, nearest } = found.unexplained;
+    const near = nearest ? `; ${words(nearest.effect)} comes nearest, with ${number(100 * nearest.share)} %` : "";
+    lines.push(h("p", { class: "inconclusive" }, `Unexplained: ${words(signature)}, ${quantity(size_Nm, "N m")}${near}.`));
+  }
   if (found.gain) lines.push(gain(found.gain));
   if (found.untested.length) {
     lines.push(h("details", {}, h("summary", {}, `Not tested (${found.untested.length})`), h("ul", {}, found.untested.map((one) => h("li", {}, `${words(one.effect)}: ${one.missing}`)))));
