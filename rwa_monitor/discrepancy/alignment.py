@@ -121,21 +121,20 @@ def _where_pulses_end(
     of_step, noise
         float64 (steps, m), how rough friction is around each step with each shift, and what noise gives of it in all.
     """
-    at, rough = halves.size // 2, of_step.sum(axis=0)
-    allowed = np.where(halves % 2 == 0, LEFT_SHARE, LEFT_OF_HALVES) * (rough[at] - noise)
-    explained = (rough - noise <= allowed) & (halves != 0)
+    at, allowed = halves.size // 2, np.where(halves % 2 == 0, LEFT_SHARE, LEFT_OF_HALVES)
+    informative = of_step[of_step[:, at] > CLEARLY_ROUGH * noise / of_step.shape[0]]
+    if informative.shape[0] < FEWEST_STEPS:
+        return None
+    # A jump of the friction that a shift takes out of sight around one step is no delay: most steps must show it.
+    left = informative / informative[:, [at]]
+    explained = (np.mean(left < allowed, axis=0) >= MOST_STEPS) & (halves != 0)
     explained[[0, -1]] = False
     if not explained.any():
         return None
-    best = int(np.argmin(np.where(explained, rough, np.inf)))
-    least, gain = float(rough[best]), float(rough[at] - rough[best])
-    # A jump of the friction that a shift takes out of sight around one step is no delay: most steps must show it.
-    informative = of_step[:, at] > CLEARLY_ROUGH * noise / of_step.shape[0]
-    share = LEFT_SHARE if halves[best] % 2 == 0 else LEFT_OF_HALVES
-    shown = of_step[informative, best] < share * of_step[informative, at]
-    if shown.size < FEWEST_STEPS or np.mean(shown) < MOST_STEPS:
-        return None
-    curvature = float(rough[best - 1] - 2.0 * least + rough[best + 1]) / 0.25  # per slot²
+    best = int(np.argmin(np.where(explained, np.median(left, axis=0), np.inf)))
+    rough = informative[left[:, best] < allowed[best]].sum(axis=0)
+    gain = float(rough[at] - rough[best])
+    curvature = float(rough[best - 1] - 2.0 * rough[best] + rough[best + 1]) / 0.25  # per slot²
     # The data determine it far better than the unknown place of a sample within its slot.
     variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
     seen = 0.5 * float(halves[best])
