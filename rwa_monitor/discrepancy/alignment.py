@@ -4,7 +4,7 @@ The torque steps where a slew begins or ends, and dω/dt with it, in the same mo
 two part: friction shows a pulse as large as the step, from the one to the other. To first order in the delay, as the
 catalogue has it, that is a spike of any height; but the torque of other slots than its own, put in place of it, takes
 the pulse away and makes one of its own wherever it is wrong. What a filter for dω/dt rounds off, the same average of
-the torque rounds off alike.
+the torque rounds off alike. Where the friction is given, the impulse of the pulse shows the delay to parts of a slot.
 """
 
 from __future__ import annotations
@@ -99,9 +99,10 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
         return None
     found = _where_pulses_end(motions, wheel, halves, of_step, noise)
     slots = 0 if found is None else found.slots
-    of_impulses = _by_impulse(motions, PULSE_REACH + abs(slots))
+    given = [motion for motion in motions if motion.torque_Nm is not None and motion.friction_Nm is not None]
+    of_impulses = _by_impulse(given, PULSE_REACH + abs(slots))
     if of_impulses is None:
-        return None if slots and motions[0].friction_Nm is not None else found
+        return None if slots and given else found
     late, std = of_impulses
     gain = float(rough[at] - rough.min()) if found is None else found.gain
     return Delay(slots, late - slots, late, std, gain)
@@ -148,9 +149,9 @@ def _by_impulse(motions: Sequence[Motion], reach: int) -> tuple[float, float] | 
     A torque that steps by h and is read d later leaves a pulse of impulse -d·h in the friction, wherever in a slot it
     steps and however many slots it takes: a straight line through the origin, by least squares.
     """
-    pairs = [_impulses(motion, reach) for motion in motions if motion.friction_Nm is not None]
-    impulse, step = (np.concatenate([pair[i] for pair in pairs]) if pairs else np.zeros(0) for i in range(2))
-    if impulse.size < FEWEST_STEPS:
+    pairs = [_impulses(motion, reach) for motion in motions]
+    impulse, step = (np.concatenate([np.zeros(0), *(pair[i] for pair in pairs)]) for i in range(2))
+    if impulse.size < FEWEST_STEPS or not step.any():
         return None
     energy, late = float(step @ step), -float(impulse @ step / (step @ step))
     left = impulse + late * step
