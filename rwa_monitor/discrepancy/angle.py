@@ -240,7 +240,10 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
     channels = record.channels
     if channels.measured_angle_rad is not None:
         return None
-    angle, _ = angle_turned(channels)
+    speed = np.nan_to_num(channels.speed_rad_s)
+    later_s = time_between(residual_Nm, channels.angle_rad, speed, channels.sample_period_s)
+    moved = later_s * speed
+    angle = channels.angle_rad + moved
     counted = (residual_Nm != 0.0).astype(np.float64)
     sure: list[tuple[float, int, int, ComplexArray, FloatArray]] = []
     for harmonic in range(1, MAX_HARMONIC + 1):
@@ -257,12 +260,38 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
         if excess > SURE_DRIFT:
             sure.append((excess, harmonic, length, sums, count))
     if not sure:
-        return None
+        return moved if later_s else None
     _, harmonic, length, sums, count = max(sure, key=lambda one: one[0])
     step = harmonic * record.speed_noise_rad_s * channels.sample_period_s
     phase = smooth_phase(sums, count * variance / 2.0, step**2 * length)
     middle = np.minimum(np.arange(sums.size) * length + 0.5 * length, residual_Nm.size)
-    return np.asarray(np.interp(np.arange(residual_Nm.size), middle, phase) / harmonic)
+    return np.asarray(moved + np.interp(np.arange(residual_Nm.size), middle, phase) / harmonic)
+
+
+def time_between(residual_Nm: FloatArray, angle_rad: FloatArray, speed_rad_s: FloatArray, period_s: float) -> float:
+    """Return by how much later friction is read than the speed [s], by the phase of a ripple; 0 where none is sure.
+
+    The wheel has then turned on by as much: the phase of a harmonic goes with the speed, and over an even grid of the
+    speed that is a line. All arrays are float64 (n,).
+    """
+    total = float(residual_Nm @ residual_Nm)
+    if total == 0.0 or float(np.ptp(angle_rad)) < 2.0 * np.pi * MANY_TURNS:
+        return 0.0
+    found, later_s, tried = 0.0, 0.0, 1
+    for harmonic in range(1, MAX_HARMONIC + 1):
+        cell = np.pi / (2.0 * harmonic * period_s)
+        at = ((speed_rad_s - speed_rad_s.min()) / cell).astype(np.int64)
+        size = fft.next_fast_len(2 * (int(at.max()) + 1))
+        turned = residual_Nm * np.exp(-1j * harmonic * angle_rad)
+        cells = np.bincount(at, turned.real, size) + 1j * np.bincount(at, turned.imag, size)
+        power = np.abs(fft.fft(cells)) ** 2 / total  # of noise, exponential with mean 1
+        times_s = 2.0 * np.pi * fft.fftfreq(size, cell) / harmonic
+        within = np.flatnonzero(np.abs(times_s) <= period_s)
+        best = within[np.argmax(power[within])]
+        tried += within.size
+        if power[best] - power[0] > found:
+            found, later_s = float(power[best] - power[0]), float(times_s[best])
+    return later_s if found > SURE + np.log(tried) else 0.0
 
 
 def smooth_phase(sums: ComplexArray, noise: FloatArray, walk: float) -> FloatArray:

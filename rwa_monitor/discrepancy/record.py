@@ -35,7 +35,6 @@ from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects
 from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step, read_zone
-from rwa_monitor.wheel.effects.torque_ripple import angle_turned
 from rwa_monitor.wheel.torque_balance import Source, half_width, motor_torque, source_of
 from rwa_monitor.wheel.wheel import TemperatureRange, Wheel
 
@@ -127,12 +126,12 @@ class Record:
 
     @property
     def undrifted(self) -> Channels:
-        """Return the channels with the angle without its drift."""
-        if self.angle_drift_rad is None:
-            return self.channels
-        angle, _ = angle_turned(self.channels)
-        # What the drift begins with is a constant of the angle, which begins at zero.
-        return replace(self.channels, measured_angle_rad=angle + self.angle_drift_rad - self.angle_drift_rad[0])
+        """Return the channels with the angle over all samples of the speed, without its drift."""
+        angle = self.channels.angle_rad
+        if self.angle_drift_rad is not None:
+            # What the drift begins with is a constant of the angle, which begins at zero.
+            angle = angle + self.angle_drift_rad - self.angle_drift_rad[0]
+        return replace(self.channels, measured_angle_rad=angle)
 
 
 def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.Delay | None = None) -> Record:
