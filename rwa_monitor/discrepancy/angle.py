@@ -201,6 +201,8 @@ ComplexArray = NDArray[np.complex128]
 
 BLOCKS_PER_COHERENCE: Final = 8  # the phase wanders by 1/√8 rad within a block
 SHORTEST_BLOCK: Final = 32  # slots: shorter sums hold too little of a line
+MOST_BLOCKS: Final = 16  # in which the time between friction and speed is looked for
+FINE: Final = 8  # places that are tried within a line's width
 SURE_DRIFT: Final = 8.0  # standard deviations of the blocks' power above noise, the best of 48 harmonics
 
 
@@ -240,15 +242,13 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
     channels = record.channels
     if channels.measured_angle_rad is not None:
         return None
-    speed = np.nan_to_num(channels.speed_rad_s)
-    later_s = time_between(residual_Nm, channels.angle_rad, speed, channels.sample_period_s)
-    moved = later_s * speed
+    later_s = time_between(record, residual_Nm)
+    moved = later_s * np.nan_to_num(channels.speed_rad_s)
     angle = channels.angle_rad + moved
     counted = (residual_Nm != 0.0).astype(np.float64)
     sure: list[tuple[float, int, int, ComplexArray, FloatArray]] = []
     for harmonic in range(1, MAX_HARMONIC + 1):
-        coherent = coherent_slots(harmonic, record.speed_noise_rad_s, channels.sample_period_s)
-        length = max(coherent // BLOCKS_PER_COHERENCE, SHORTEST_BLOCK)
+        length = _block(harmonic, record)
         if 2 * length > residual_Nm.size:
             continue
         edges = np.arange(0, residual_Nm.size, length)
@@ -268,30 +268,48 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
     return np.asarray(moved + np.interp(np.arange(residual_Nm.size), middle, phase) / harmonic)
 
 
-def time_between(residual_Nm: FloatArray, angle_rad: FloatArray, speed_rad_s: FloatArray, period_s: float) -> float:
+def time_between(record: Record, residual_Nm: FloatArray) -> float:
     """Return by how much later friction is read than the speed [s], by the phase of a ripple; 0 where none is sure.
 
     The wheel has then turned on by as much: the phase of a harmonic goes with the speed, and over an even grid of the
-    speed that is a line. All arrays are float64 (n,).
+    speed that is a line, within a sample's time. Its power is summed over blocks in which the phase wanders little.
+
+    Parameters
+    ----------
+    record, residual_Nm
+        As for `track_drift`.
     """
-    total = float(residual_Nm @ residual_Nm)
-    if total == 0.0 or float(np.ptp(angle_rad)) < 2.0 * np.pi * MANY_TURNS:
+    channels, total = record.channels, float(residual_Nm @ residual_Nm)
+    period_s, angle, speed = channels.sample_period_s, channels.angle_rad, np.nan_to_num(channels.speed_rad_s)
+    if total == 0.0 or float(np.ptp(angle)) < 2.0 * np.pi * MANY_TURNS:
         return 0.0
     found, later_s, tried = 0.0, 0.0, 1
     for harmonic in range(1, MAX_HARMONIC + 1):
+        blocks = -(-speed.size // _block(harmonic, record))
+        if blocks > MOST_BLOCKS:
+            break
         cell = np.pi / (2.0 * harmonic * period_s)
-        at = ((speed_rad_s - speed_rad_s.min()) / cell).astype(np.int64)
-        size = fft.next_fast_len(2 * (int(at.max()) + 1))
-        turned = residual_Nm * np.exp(-1j * harmonic * angle_rad)
-        cells = np.bincount(at, turned.real, size) + 1j * np.bincount(at, turned.imag, size)
-        power = np.abs(fft.fft(cells)) ** 2 / total  # of noise, exponential with mean 1
+        at = ((speed - speed.min()) / cell).astype(np.int64)
+        size = fft.next_fast_len(FINE * (int(at.max()) + 1))
+        at += np.arange(speed.size) * blocks // speed.size * size
+        turned = residual_Nm * np.exp(-1j * harmonic * angle)
+        cells = np.bincount(at, turned.real, blocks * size) + 1j * np.bincount(at, turned.imag, blocks * size)
+        power = np.sum(np.abs(fft.fft(cells.reshape(blocks, size))) ** 2, axis=0) * blocks / total
         times_s = 2.0 * np.pi * fft.fftfreq(size, cell) / harmonic
         within = np.flatnonzero(np.abs(times_s) <= period_s)
         best = within[np.argmax(power[within])]
         tried += within.size
-        if power[best] - power[0] > found:
-            found, later_s = float(power[best] - power[0]), float(times_s[best])
+        # Of noise, a power is a sum of so many exponential laws of mean 1.
+        gained = float(power[best] - power[0]) / np.sqrt(blocks)
+        if gained > found:
+            found, later_s = gained, float(times_s[best])
     return later_s if found > SURE + np.log(tried) else 0.0
+
+
+def _block(harmonic: int, record: Record) -> int:
+    """Return over how many slots the phase of a harmonic wanders little."""
+    coherent = coherent_slots(harmonic, record.speed_noise_rad_s, record.channels.sample_period_s)
+    return max(coherent // BLOCKS_PER_COHERENCE, SHORTEST_BLOCK)
 
 
 def smooth_phase(sums: ComplexArray, noise: FloatArray, walk: float) -> FloatArray:
