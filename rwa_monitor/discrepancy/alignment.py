@@ -102,7 +102,7 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     given = [motion for motion in motions if motion.torque_Nm is not None and motion.friction_Nm is not None]
     of_impulses = _by_impulse(given, PULSE_REACH + abs(slots))
     if of_impulses is None:
-        return None if slots and given else found
+        return found
     late, std = of_impulses
     gain = float(rough[at] - rough.min()) if found is None else found.gain
     return Delay(slots, late - slots, late, std, gain)
@@ -128,7 +128,8 @@ def _where_pulses_end(
         return None
     # A jump of the friction that a shift takes out of sight around one step is no delay: most steps must show it.
     left = informative / informative[:, [at]]
-    explained = (np.mean(left < allowed, axis=0) >= MOST_STEPS) & (halves != 0)
+    shown = np.count_nonzero(left < allowed, axis=0)
+    explained = (shown >= max(MOST_STEPS * informative.shape[0], FEWEST_STEPS)) & (halves != 0)
     explained[[0, -1]] = False
     if not explained.any():
         return None
