@@ -71,7 +71,7 @@ class SlopeJumps(OwnJumps, wraps=ViscousJump):
         """Return the strength of `viscous_jump` whose slopes follow the dry level and come nearest to these."""
         (parameter,) = ViscousJump.parameters
         torque = model.terms[index].columns @ model.strengths(index)
-        # Slopes are relative to that of the first stretch: how much all have in common is the base law's.
+        # Slopes are relative to that of one stretch: how much all have in common is the base law's.
         design = np.stack([problem.speed, model.fit.level * problem.speed], axis=1)
         strength = float(np.clip(np.linalg.lstsq(design, torque)[0][1], parameter.low, parameter.high))
         note = "the coefficient's jumps are not in proportion to those of the dry friction"
@@ -280,7 +280,9 @@ def _term(course: _Course, places: IntArray) -> Term:
             columns[begin:end, j] = course.since(begin, at[begin:end])
     else:
         stretch = np.searchsorted(places, at, side="right")
-        columns = problem.speed[:, None] * (stretch[:, None] == np.arange(1, places.size + 1))
+        # Beside the slope of the stretch that shows it best: it must be known without any block that is held out.
+        base = int(np.argmax(np.bincount(stretch, problem.speed**2, places.size + 1)))
+        columns = problem.speed[:, None] * (stretch[:, None] == np.delete(np.arange(places.size + 1), base))
     unit, least, price = ("N m", 0.0, 1.0) if course.relaxes else ("N m s/rad", -np.inf, 0.0)
     parameters = tuple(Parameter(f"change_{j + 1}", unit, least, np.inf, 0.0, linear=True) for j in range(places.size))
     effect = type("OwnJumps", (course.effect,), {"parameters": parameters, "places": places, "seconds": course.seconds})
