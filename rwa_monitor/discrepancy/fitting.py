@@ -49,6 +49,7 @@ AT_STEP: Final = 8  # samples: a jump so near to a step may be that step
 MOST_TRIED: Final = 60  # thresholds
 FEWEST_CROSSED: Final = 2  # jumps at one speed: one is no threshold
 WORSE: Final = 1.1  # of the sum of squares: slow noise lets the right law leave a few per cent more by chance
+COLOURED: Final = 0.5  # correlation of neighbours from which noise is not white
 CALMER: Final = 0.9  # of the long-run variance: from there on what a model leaves is taken for the noise
 MOST_BLOCKS: Final = 8  # of ten: chance alone gets there in one of twenty
 
@@ -78,11 +79,11 @@ class Fitting:
         problem, start = self.problem, fit(self.problem)
         jumps = off_reversals(problem, start.level + start.residual, start.jumps)
         base = with_exact_jumps(problem, scored(problem, Model((), replace(start, jumps=jumps))))
-        if not problem.has_noise:
+        memory = _memory_of_neighbours(base.fit.residual)
+        if not problem.has_noise or memory < COLOURED:
             return base
         # Jumps that a coloured noise hides pass for noise that remembers still longer.
-        forgetful = NoiseLaw(white=0.0, correlation=_memory_of_neighbours(base.fit.residual))
-        other = with_exact_jumps(problem, with_law(problem, base, forgetful))
+        other = with_exact_jumps(problem, with_law(problem, base, NoiseLaw(white=0.0, correlation=memory)))
         return min(base, with_exact_jumps(problem, scored(problem, other)), key=lambda one: one.score)
 
     def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
