@@ -294,12 +294,13 @@ def time_between(record: Record, residual_Nm: FloatArray) -> float:
         at += np.arange(speed.size) * blocks // speed.size * size
         turned = residual_Nm * np.exp(-1j * harmonic * angle)
         cells = np.bincount(at, turned.real, blocks * size) + 1j * np.bincount(at, turned.imag, blocks * size)
-        power = np.sum(np.abs(fft.fft(cells.reshape(blocks, size))) ** 2, axis=0) * blocks / total
+        power = np.sum(np.abs(fft.fft(cells.reshape(blocks, size))) ** 2, axis=0)
+        # Of noise, a power is a sum of so many exponential laws: its median is a third of one below its mean.
+        power /= max(total / blocks, float(np.median(power)) / (blocks - 1.0 / 3.0), TINY)
         times_s = 2.0 * np.pi * fft.fftfreq(size, cell) / harmonic
         within = np.flatnonzero(np.abs(times_s) <= period_s)
         best = within[np.argmax(power[within])]
         tried += within.size
-        # Of noise, a power is a sum of so many exponential laws of mean 1.
         gained = float(power[best] - power[0]) / np.sqrt(blocks)
         if gained > found:
             found, later_s = gained, float(times_s[best])
