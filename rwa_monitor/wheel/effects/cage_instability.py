@@ -227,6 +227,7 @@ FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet an
 LEAST_FREEDOM: Final = 2.05  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
 MOST_EVALUATIONS: Final = 800
+BAND_EDGES: Final = 60  # speeds at which either edge of the band is tried once bursts are known
 FIRST_EVALUATIONS: Final = 120  # of each width: enough to find which is best
 
 
@@ -312,6 +313,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> tuple[floa
     # The best of each width: in a narrow band a few bursts may fit better than the first guess in the right one.
     starts = [min((x for x in tries if x[7] == half * span), key=loss) for half in HALF_WIDTHS]
     best = _refined(loss, min((_refined(loss, start, FIRST_EVALUATIONS) for start in starts), key=loss))
+    best = min(best, _refined(loss, _with_other_edges(loss, best, low, span)), key=loss)
     gain = float(none.fun) - loss(best)
     on, off = _rates(best)
     smooth(probability, on, off)
@@ -335,6 +337,17 @@ def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations
     options = {"initial_simplex": simplex, "xatol": 1e-2, "fatol": 0.2, "maxfev": evaluations}
     found = optimize.minimize(loss, start, method="Nelder-Mead", options=options)  # type: ignore[call-overload]
     return np.asarray(found.x)
+
+
+def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low: float, span: float) -> FloatArray:
+    """Return parameters with either edge of their band where it does best: the likelihood has steps and ridges there."""
+    for side in (1.0, -1.0):
+        fixed = best[6] - side * abs(best[7])
+        tried = low + span * np.linspace(0.0, 1.0, BAND_EDGES)
+        tried = tried[side * (tried - fixed) > 0.0]
+        bands = (np.array([*best[:6], 0.5 * (fixed + edge), 0.5 * abs(edge - fixed)]) for edge in tried.tolist())
+        best = min((best, *bands), key=loss)
+    return best
 
 
 def _freedom(x: float) -> float:

@@ -94,6 +94,18 @@ def _lag_reach(channels: Channels) -> float:
     return LAG_REACH_S if temperature_varies(channels) else 0.0
 
 
+SENSOR_LAG: Final = Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _lag_reach)
+
+
+def lagged_temperature(channels: Channels, shape: Shape, memory: Memory) -> tuple[FloatArray, Memory]:
+    """Return the temperature where an effect acts [°C], float64 (n,): it follows the sensor's with `sensor_lag_s`."""
+    temperature = channels.optional("bearing_temperature_degC")
+    if shape[SENSOR_LAG.name] > 0.0:
+        known, period_s = np.isfinite(temperature), channels.sample_period_s
+        return follow(first_order_lag, temperature, known, period_s, shape[SENSOR_LAG.name], memory)
+    return temperature, memory
+
+
 class ViscosityTemperature(MeanEffect):
     """A viscous coefficient that falls as the bearing warms up.
 
@@ -137,15 +149,12 @@ class ViscosityTemperature(MeanEffect):
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", 0.0, np.inf, 5.333e-6, linear=True),
         Parameter("activation_temperature_K", "K", 1500.0, 8000.0, 4000.0),
-        Parameter("sensor_lag_s", "s", 0.0, 7200.0, 0.0, False, (0.0,), 0.0, _lag_reach),
+        SENSOR_LAG,
     )
 
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        temperature = channels.optional("bearing_temperature_degC")
-        if shape["sensor_lag_s"] > 0.0:
-            known, period_s = np.isfinite(temperature), channels.sample_period_s
-            temperature, memory = follow(first_order_lag, temperature, known, period_s, shape["sensor_lag_s"], memory)
+        temperature, memory = lagged_temperature(channels, shape, memory)
         exponent = shape["activation_temperature_K"] * (1.0 / (temperature + ZERO_CELSIUS_K) - 1.0 / REFERENCE_K)
         return stack(channels.speed_rad_s * np.expm1(exponent)), memory
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
-from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
+from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC, SENSOR_LAG, lagged_temperature
 
 
 class InertiaError(MeanEffect):
@@ -96,7 +96,8 @@ class TorqueConstantTemperature(MeanEffect):
     """A torque constant that changes with temperature.
 
     Permanent magnets lose flux as they warm up, so that the true torque constant is below the assumed one and the
-    difference reads as friction: k > 0. The bearing's temperature stands for the magnets'.
+    difference reads as friction: k > 0. The bearing's temperature stands for the magnets', which follow it with a lag of the
+    first order; 0 is none.
 
     What shows it
     -------------
@@ -117,20 +118,20 @@ class TorqueConstantTemperature(MeanEffect):
     follows_acceleration = True
     formula = (
         r"\tau = k\, (T - T_0)\, K_T I, \qquad T_0 = 20\,^\circ\mathrm{C}, \quad K_{T,\mathrm{true}} = K_T \left(1 - "
-        r"k (T - T_0)\right)"
+        r"k (T - T_0)\right), \qquad T_l \dot T = T_{\mathrm{sensor}} - T"
     )
     separate_by = (
         "Slews at two temperatures; at a steady speed it cannot be distinguished from `viscosity_temperature`."
     )
     needs = frozenset({"motor_torque_Nm", "bearing_temperature_degC"})
     shows_at_one_speed = True
-    parameters = (Parameter("strength_1_K", "1/K", -0.01, 0.01, 8.0e-4, linear=True),)
+    parameters = (Parameter("strength_1_K", "1/K", -0.01, 0.01, 8.0e-4, linear=True), SENSOR_LAG)
 
     @classmethod
-    def column(cls, channels: Channels, shape: Shape) -> FloatArray:
+    def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return (T - T₀)·K_T I; in the search K_T I must be a mean of neighbours that leaves out the slot itself."""
-        warmer_K = channels.optional("bearing_temperature_degC") - ORIGIN_degC
-        return warmer_K * channels.optional("motor_torque_Nm")
+        temperature, memory = lagged_temperature(channels, shape, memory)
+        return stack((temperature - ORIGIN_degC) * channels.optional("motor_torque_Nm")), memory
 
 
 class CurrentDelay(MeanEffect):

@@ -47,6 +47,18 @@ def test_bursts_give_their_parameters_back_in_any_noise(kind: str) -> None:
         assert fit.values["strength_Nm"] == pytest.approx(2.0 * SIGMA_NM, abs=5 * fit.std["strength_Nm"])
 
 
+@pytest.mark.parametrize("seed", [41, 58])
+def test_a_wide_band_is_found_whole_though_bursts_are_few(seed: int) -> None:
+    wide = {"band_speed_rad_s": 80.0, "band_half_width_rad_s": 30.0, "burst_s": 40.0, "quiet_s": 80.0}
+    cage = CageInstability(**{**CAGE.values, **wide, "noise_strength": 0.7})
+    rng, channels = np.random.default_rng(seed), rich_motion(SLOTS, seed=seed)
+    fit, _ = CageInstability.fit_bursts(
+        cage.apply(noise_of(channels, rng, "white"), channels, rng), channels, channels.good
+    )
+    assert fit.values["band_speed_rad_s"] == pytest.approx(80.0, abs=3.0)
+    assert fit.values["band_half_width_rad_s"] == pytest.approx(30.0, abs=3.0)
+
+
 @pytest.mark.parametrize("kind", ["white", "coloured_noise", "heavy_tailed_noise", "speed_dependent_noise", "levels"])
 def test_other_noise_has_no_bursts(kind: str) -> None:
     for seed in range(3):

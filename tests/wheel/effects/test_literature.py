@@ -125,11 +125,14 @@ def test_torque_constant_error(motion: Channels) -> None:
     assert_same(ours, theirs)
 
 
-def test_torque_constant_temperature(motion: Channels) -> None:
+@pytest.mark.parametrize("lag_s", [0.0, 200.0])
+def test_torque_constant_temperature(motion: Channels, lag_s: float) -> None:
     current = motion.acceleration_rad_s2 * 0.3 + 0.05
     channels = replace(motion, motor_torque_Nm=TORQUE_CONSTANT * current)
-    theirs = literature.weakening_magnets(current, motion.bearing_temperature_degC, TORQUE_CONSTANT, -1.1e-3)
-    assert_same(torque("torque_constant_temperature", channels, strength_1_K=1.1e-3), theirs)
+    temperature = motion.bearing_temperature_degC
+    magnets = temperature - literature.lagging_lubricant(temperature, PERIOD_S, 1.0, lag_s) if lag_s else temperature
+    theirs = literature.weakening_magnets(current, magnets, TORQUE_CONSTANT, -1.1e-3)
+    assert_same(torque("torque_constant_temperature", channels, strength_1_K=1.1e-3, sensor_lag_s=lag_s), theirs)
 
 
 @pytest.mark.parametrize("shift_s", [0.02, -0.02])
