@@ -150,25 +150,24 @@ def _by_impulse(motions: Sequence[Motion], reach: int) -> tuple[float, float] | 
     A torque that steps by h and is read d later leaves a pulse of impulse -d·h in the friction, wherever in a slot it
     steps and however many slots it takes: a straight line through the origin, by least squares.
     """
-    pairs = [_impulses(motion, reach) for motion in motions]
-    impulse, step = (np.concatenate([np.zeros(0), *(pair[i] for pair in pairs)]) for i in range(2))
+    parts = [_impulses(motion, reach) for motion in motions]
+    impulse, step, noise = (np.concatenate([np.zeros(0), *(part[i] for part in parts)]) for i in range(3))
     if impulse.size < FEWEST_STEPS or not step.any():
         return None
     energy, late = float(step @ step), -float(impulse @ step / (step @ step))
     left = impulse + late * step
-    variance = float(left @ left) / (impulse.size - 1) / energy
     if left @ left > LEFT_OF_IMPULSES * (impulse @ impulse):
         return None
-    if 2.0 * stats.t.sf(abs(late), impulse.size - 1, scale=np.sqrt(variance)) > CHANCE:
-        return None
-    return late, float(np.sqrt(variance))
+    # Few impulses may lie on a line by chance: what the noise alone makes of them is the least that they scatter by.
+    std = float(np.sqrt(max(left @ left / (impulse.size - 1), np.mean(noise**2)) / energy))
+    return (late, std) if 2.0 * stats.norm.sf(abs(late), scale=std) <= CHANCE else None
 
 
-def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray]:
-    """Return the impulse of friction beside what it is before and after each step of the torque, and the step's height.
+def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the impulse of friction beside what it is before and after each step of the torque, the step, the noise.
 
-    float64 (steps,) each [N m slots, N m], from so many slots to each side that hold the pulse; without those where the
-    direction changes, and friction with it.
+    float64 (steps,) each [N m slots, N m, N m slots], from so many slots to each side that hold the pulse; without
+    those where the direction changes, and friction with it.
     """
     assert motion.friction_Nm is not None
     assert motion.torque_Nm is not None
@@ -176,7 +175,7 @@ def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray]:
     std = spread_of_differences(friction, 1, motion.torque_step_Nm)
     stepped = binary_dilation(np.abs(np.nan_to_num(_rise(accelerating, 1))) > STEP_STDS * std, iterations=reach)
     border = np.diff(stepped.astype(np.int8), prepend=0, append=0)
-    impulse, height = [], []
+    impulse, height, width = [], [], []
     for begin, end in zip(np.flatnonzero(border > 0), np.flatnonzero(border < 0), strict=True):
         around = slice(begin - BESIDE, end + BESIDE)
         if begin < BESIDE or end + BESIDE > friction.size or end - begin > LONGEST_STEP + 2 * reach:
@@ -190,8 +189,12 @@ def _impulses(motion: Motion, reach: int) -> tuple[FloatArray, FloatArray]:
         level = friction[before].mean() * (1.0 - share) + friction[after].mean() * share
         impulse.append(float(np.sum(friction[begin:end] - level)))
         height.append(float(accelerating[after].mean() - accelerating[before].mean()))
+        width.append(float(end - begin))
     known = np.isfinite(impulse) & np.isfinite(height)
-    return np.array(impulse)[known], np.array(height)[known]
+    slots = np.array(width)[known]
+    # Of the slots summed, and of the level beside them, a mean of BESIDE on each side.
+    noise = std / np.sqrt(2.0) * np.sqrt(slots + slots**2 / (2 * BESIDE))
+    return np.array(impulse)[known], np.array(height)[known], noise
 
 
 def _whole(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
@@ -287,6 +290,8 @@ def aligned(motion: Motion, wheel: Wheel, slots: int, part: float) -> Motion:
         accelerating, lag = _accelerating(motion, wheel)
         std = spread_of_differences(torque if friction is None else friction, lag, motion.torque_step_Nm)
         steps = np.abs(np.nan_to_num(_rise(accelerating, lag))) > STEP_STDS * std
+        if friction is not None:  # it steps where the direction changes
+            steps |= np.nan_to_num(_rise(np.sign(motion.speed_rad_s), 1)) != 0.0
         around = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
         slope = correlate1d(accelerating, around / float(around @ around), mode="constant", cval=np.nan)
         late = part * np.nan_to_num(slope)

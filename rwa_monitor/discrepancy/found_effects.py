@@ -117,8 +117,9 @@ def joined(effects: Sequence[FoundEffect]) -> list[FoundEffect]:
         if before is not None:
             values = dict(effect.parameters)
             for strength in effect_class(effect.name).strength_parameters():
-                at = values[strength.name]
-                values[strength.name] = replace(at, value=before.parameters[strength.name].value + at.value)
+                at, taken_out = values[strength.name], before.parameters[strength.name]
+                std = at.std if at.std is None or taken_out.std is None else float(np.hypot(at.std, taken_out.std))
+                values[strength.name] = replace(at, value=taken_out.value + at.value, std=std)
             gain = before.delta_deviance + effect.delta_deviance
             effect = replace(effect, parameters=values, delta_deviance=gain)
         of_name[effect.name] = effect

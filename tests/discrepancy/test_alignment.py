@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import shift, uniform_filter1d
 
-from rwa_monitor.discrepancy.alignment import Delay, Motion, find_delay
+from rwa_monitor.discrepancy.alignment import Delay, Motion, aligned, find_delay
 from rwa_monitor.samples import FloatArray
 from tests.discrepancy.simple import PERIOD_S, WHEEL
 
@@ -16,11 +16,11 @@ INERTIA = 1e-3
 DRY_NM, VISCOUS, NOISE_NM = 2e-3, 4e-6, 2e-5
 
 
-def motion(late_slots: float, seed: int, ripple_Nm: float = 0.0) -> Motion:
+def motion(late_slots: float, seed: int, ripple_Nm: float = 0.0, slews: int = 20, noise_Nm: float = NOISE_NM) -> Motion:
     """Return a wheel that is accelerated in steps at any moment, never through rest; friction is the balance's."""
     rng = np.random.default_rng(seed)
     accelerating = np.zeros(COUNT * FINE)
-    for begin in rng.uniform(0.02, 0.9, 20) * accelerating.size:
+    for begin in rng.uniform(0.02, 0.9, slews) * accelerating.size:
         at, length = int(begin), int(rng.uniform(20, 60) * FINE)
         accelerating[at : at + length] += rng.uniform(-4e-3, 4e-3)
     speed = 300.0 + np.cumsum(accelerating) / INERTIA * PERIOD_S / FINE
@@ -31,7 +31,7 @@ def motion(late_slots: float, seed: int, ripple_Nm: float = 0.0) -> Motion:
         return np.asarray(uniform_filter1d(values, FINE, mode="nearest")[FINE // 2 :: FINE])
 
     torque = shift(accelerating + friction, late_slots * FINE, order=1, mode="nearest")
-    read = sampled(torque) + NOISE_NM * rng.standard_normal(COUNT)
+    read = sampled(torque) + noise_Nm * rng.standard_normal(COUNT)
     return Motion(sampled(speed), read, read - sampled(accelerating))
 
 
@@ -46,6 +46,24 @@ def test_impulses_around_steps_show_a_delay_of_any_part_of_a_slot(late_slots: fl
         assert delay is not None
         assert delay.late_slots == pytest.approx(late_slots, abs=max(4.0 * delay.std_slots, 0.02 * abs(late_slots)))
         assert delay.slots + delay.part == delay.late_slots
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_two_slews_show_a_delay_where_their_impulses_are_far_above_the_noise(seed: int) -> None:
+    delay = found(motion(1.3, seed, slews=2, noise_Nm=3e-5))
+    assert delay is not None
+    assert delay.late_slots == pytest.approx(1.3, abs=4.0 * delay.std_slots)
+
+
+def test_friction_is_unknown_where_the_direction_changes_within_a_part_of_a_slot() -> None:
+    speed = np.linspace(-10.0, 10.0, 40)
+    friction = DRY_NM * np.sign(speed)
+    moved = aligned(Motion(speed, friction.copy(), friction), WHEEL, 1, 0.4)
+    assert moved.friction_Nm is not None
+    known = np.isfinite(moved.friction_Nm)
+    assert not known[19:21].any()
+    assert known[7:18].all()
+    np.testing.assert_allclose(moved.friction_Nm[7:18], -DRY_NM)
 
 
 @pytest.mark.parametrize("seed", range(20))
