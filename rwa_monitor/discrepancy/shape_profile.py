@@ -102,7 +102,7 @@ def is_logarithmic(low: float, high: float) -> bool:
 
 def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
     bounds = shape_limits(problem, effect)
-    reach = reach_between(problem, effect) if around is not None else {}
+    reach = reach_between(problem, effect)
     return [
         _axis(parameter, *bounds[parameter.name], around, reach.get(parameter.name, 0.0))
         for parameter in effect.shape_parameters()
@@ -116,6 +116,9 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
         usual = [choice for choice in parameter.choices if points[0] < choice < points[2]]
         return _Axis(parameter.name, tuple(sorted({*points, *usual})), True, False)
     if parameter.choices:
+        if reach > 0.0 and len(parameter.choices) == 1:  # what is far off may have no slope from there to follow
+            (usual,) = parameter.choices
+            return _Axis(parameter.name, tuple(sorted({usual, min(usual + reach, high)})), False, False)
         keep = around is not None and len(parameter.choices) > FEW_CHOICES
         shown = tuple(choice for choice in parameter.choices if low <= choice <= high) or (high,)
         choices = (around.shape[parameter.name],) if around is not None and keep else shown
