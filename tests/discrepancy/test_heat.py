@@ -59,3 +59,23 @@ def test_true_jumps_of_the_viscous_friction_stay_found(seed: int) -> None:
     found = search(steps[np.searchsorted(edges, np.arange(COUNT), side="right")], speed, rng)
     assert "viscous_jump" in names(found)
     assert found.result.unexplained is None
+
+
+@pytest.mark.parametrize("seed", [53024, 53025])
+def test_a_bearing_that_follows_its_housing_late_shows_by_how_much(seed: int) -> None:
+    rng, lag_s = np.random.default_rng(seed), 500.0
+    speed, at = motion(rng), np.arange(COUNT) * PERIOD_S
+    turn = 2.0 * np.pi / 400.0
+    housing = 20.0 + 8.0 * np.sin(turn * at)
+    # The sine that a first-order lag makes of another, once the start is forgotten.
+    delayed = np.arctan(turn * lag_s)
+    bearing = 20.0 + 8.0 * np.cos(delayed) * np.sin(turn * at - delayed)
+    bearing += 8.0 * np.cos(delayed) * np.sin(delayed) * np.exp(-at / lag_s)
+    viscosity = np.exp(4000.0 * (1.0 / (bearing + 273.15) - 1.0 / 293.15))
+    friction = np.sign(speed) * DRY_NM + VISCOUS * viscosity * speed + rng.normal(0.0, NOISE_NM, COUNT)
+    samples = sampled(speed, friction, PERIOD_S, bearing_temperature_degC=housing + rng.normal(0.0, 0.02, COUNT))
+    found = simple.search(samples, WHEEL)
+    assert names(found) == ["viscosity_temperature"]
+    lag = found.result.effects[0].parameters["sensor_lag_s"]
+    assert lag.std is not None
+    assert lag.value == pytest.approx(lag_s, abs=max(3.0 * lag.std, 0.05 * lag_s))
