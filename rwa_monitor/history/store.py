@@ -461,7 +461,8 @@ class RetiredWheels:
         self._session = database.session
         self._wall_ns = wall_ns
         self._lock = RLock()
-        self._last = {(event.spacecraft, event.wheel): event for event in self._read()}
+        with self._session() as session:
+            self._last = _latest(session)
 
     def latest(self) -> list[RetirementEvent]:
         """Return the last event of each wheel that has one."""
@@ -486,10 +487,10 @@ class RetiredWheels:
         HistoryError
             If the history cannot be read; nothing is changed then.
         """
-        with self._lock:  # nothing is done here between what is read and what is kept of it
-            new = [event for event in self._read() if self._last.get((event.spacecraft, event.wheel)) != event]
-            self._last |= {(event.spacecraft, event.wheel): event for event in new}
-        return new
+        with self._lock, self._session() as session:  # nothing is done here between what is read and what is kept of it
+            new = {name: event for name, event in _latest(session).items() if self._last.get(name) != event}
+            self._last |= new
+        return list(new.values())
 
     def change(self, spacecraft: str, wheel: str, person: str, note: str = "", *, retire: bool) -> RetirementEvent:
         """Retire a wheel, or bring a retired one back to the list; returns the audit event.
@@ -503,7 +504,7 @@ class RetiredWheels:
         """
         source, name = f"{spacecraft}/{wheel}", {"spacecraft": spacecraft, "wheel": wheel}
         with self._session() as session:
-            last = _last(session, spacecraft, wheel)
+            last = _latest(session).get((spacecraft, wheel))
             if last is not None and last.retired:
                 if retire:
                     raise InputError(source, f"is retired already, by {last.person}")
@@ -552,23 +553,19 @@ class RetiredWheels:
             If the database cannot be written; nothing is changed then.
         """
         with self._session() as session:
+            last = _latest(session)
             for event in events:
-                last = _last(session, event.spacecraft, event.wheel)
-                if last is not None and last.retired:
+                name = event.spacecraft, event.wheel
+                if name in last and last[name].retired:
                     session.add(WheelEventRow(**event.model_dump()))
-
-    def _read(self) -> list[RetirementEvent]:
-        """Return the last event of every wheel as the database has it."""
-        last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
-        wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
-        with self._session() as session:
-            return [_event(row) for row in session.scalars(wanted)]
+                    last[name] = event
 
 
-def _last(session: Session, spacecraft: str, wheel: str) -> RetirementEvent | None:
-    wanted = select(WheelEventRow).filter_by(spacecraft=spacecraft, wheel=wheel).order_by(WheelEventRow.id.desc())
-    row = session.scalar(wanted.limit(1))
-    return None if row is None else _event(row)
+def _latest(session: Session) -> dict[tuple[str, str], RetirementEvent]:
+    """Return the last event of each wheel, as the database has it, by spacecraft and wheel."""
+    last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
+    wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
+    return {(row.spacecraft, row.wheel): _event(row) for row in session.scalars(wanted)}
 
 
 def _event(row: WheelEventRow) -> RetirementEvent:
