@@ -9,8 +9,6 @@ What comes goes to the fleet, to the history and to the feed. A history that can
 up: its windows wait, and are written when it can be again.
 """
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import time

@@ -1,7 +1,5 @@
 """Runs the dashboard: bus, history and web server, in threads beside whoever starts it."""
 
-from __future__ import annotations
-
 import re
 import secrets
 import socket

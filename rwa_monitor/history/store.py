@@ -5,8 +5,6 @@ for the alarms is written in the same transaction. Stored telemetry may complete
 before it: then the later diagnosis takes the place of the earlier one. Its alarms are its own, with its windows' times.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path

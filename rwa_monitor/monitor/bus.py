@@ -7,8 +7,6 @@ would close the connection, and lose more than one message without a count. What
 there is time. Memory stays bounded in any case.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re
