@@ -13,7 +13,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 from sqlalchemy import delete, func, select, tuple_
-from sqlalchemy.orm import Session, selectinload
+from sqlalchemy.orm import Session, joinedload, selectinload
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history import alarms
@@ -264,11 +264,10 @@ class History(Database):
             return _records([row])[0]
 
     def _open_alarm(self, session: Session, alarm_id: int) -> tuple[AlarmRow, AlarmStateRow]:
-        row = session.get(AlarmRow, alarm_id) if alarm_id <= MAX_ID else None
-        state = session.scalar(select(AlarmStateRow).filter_by(alarm_id=alarm_id)) if row else None
-        if row is None or state is None:
+        state = session.scalar(select(AlarmStateRow).filter_by(alarm_id=alarm_id)) if alarm_id <= MAX_ID else None
+        if state is None or state.alarm is None:
             raise InputError(f"alarm {alarm_id}", "is not open")
-        return row, state
+        return state.alarm, state
 
     def prune(self) -> int:
         """Remove what is older than is kept; returns the number of rows removed."""
@@ -322,12 +321,9 @@ class History(Database):
 
     def monitors(self) -> dict[tuple[str, str], bool]:
         """Return spacecraft and name of wheels that ever had a monitor; True where it is known to be silent."""
-        states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
-            AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
-        )
+        wanted = select(AlarmStateRow).filter_by(name=alarms.MONITOR_ALARM).options(joinedload(AlarmStateRow.alarm))
         with self.session() as session:
-            found = session.execute(states.where(AlarmStateRow.name == alarms.MONITOR_ALARM)).all()
-            return {(spacecraft, wheel): bool(level) for spacecraft, wheel, level in found}
+            return {(one.spacecraft, one.wheel): bool(one.alarm and one.alarm.level) for one in session.scalars(wanted)}
 
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
         """Return the open alarms of one wheel."""
