@@ -439,9 +439,9 @@ class SlotAssignment:
                 counts.queued -= len(rows) - start
                 break
             if self.grid is not None:
-                count, taking, slots = self._go_on(self.grid, time_ns, good, start, ring, passed=passed)
-                if slots.size:
-                    yield Piece(slots, (rows if slots.size == len(rows) else rows[taking]).values)
+                count, piece = self._go_on(self.grid, rows, good, start, ring, passed=passed)
+                if piece is not None:
+                    yield piece
                 if count:
                     start += count
                     continue
@@ -481,26 +481,19 @@ class SlotAssignment:
         return distance <= self.window_slots and nearer
 
     def _go_on(
-        self,
-        grid: SlotGrid,
-        time_ns: IntArray,
-        good: BoolArray,
-        start: int,
-        ring: RingBuffer,
-        *,
-        passed: bool,
-    ) -> tuple[int, slice | IntArray, IntArray]:
+        self, grid: SlotGrid, rows: Rows, good: BoolArray, start: int, ring: RingBuffer, *, passed: bool
+    ) -> tuple[int, Piece | None]:
         """Place the rows from `start` on into the running grid, up to the next clock step.
 
         Returns
         -------
         count
             How many rows these are: none where the clock step is there.
-        rows, slots
-            Rows that take a slot, neighbours or int64 (n,), and their slots, int64 (n,), strictly increasing.
+        piece
+            Those of them that take a slot.
         """
         counts = self.counts
-        piece_ns, piece_good = time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
+        piece_ns, piece_good = rows.time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
         slots, ahead = np.empty(piece_ns.size, dtype=np.int64), np.empty(piece_ns.size, dtype=np.bool_)
         count, ahead_count, used = assign_slots(
             piece_ns,
@@ -514,22 +507,23 @@ class SlotAssignment:
             slots,
             ahead,
         )
-        rows: slice | IntArray = slice(start, start + count)
-        slots = slots[:count]
+        slots, ahead = slots[:count], ahead[:count]
+        if count < len(rows):
+            rows = rows[start : start + count]
         if ahead_count < count:
-            behind = slots[~ahead[:count]]
-            taking = np.flatnonzero(ahead[:count])
-            rows, slots = start + taking, slots[taking]
+            behind, taking = slots[~ahead], np.flatnonzero(ahead)
+            rows, slots = rows[taking], slots[taking]
             taken = ring.is_filled(behind) | np.isin(behind, slots)
             counts.duplicate += int(taken.sum())
             counts.late += int(behind.size - taken.sum())
         counts.used += used
         counts.masked += ahead_count - used
         counts.queued -= count
-        if ahead_count:
-            counts.slots_missed += int(slots[-1]) + 1 - ring.end - ahead_count
-            self.last_ns = int(time_ns[rows][-1])
-        return count, rows, slots
+        if not ahead_count:
+            return count, None
+        counts.slots_missed += int(slots[-1]) + 1 - ring.end - ahead_count
+        self.last_ns = int(rows.time_ns[-1])
+        return count, Piece(slots, rows.values)
 
 
 def _next_time(time_ns: IntArray, start: int) -> int:
