@@ -135,7 +135,7 @@ class _Window:
     def run(self) -> Seen:
         orbit = RECIPES["orbit"]
         recipe = replace(orbit, scenario=_still) if self.recipe == "orbit_still" else orbit
-        windows = wheel_windows(recipe, self.number, self.seed, windows=2 if self.later else None)
+        windows = wheel_windows(replace(recipe, windows=1 + self.later), self.number, self.seed)
         window = next(islice(windows, int(self.later), None))
         if self.recipe == "orbit_blind":
             window = _without_temperature(window)

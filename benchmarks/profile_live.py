@@ -42,7 +42,7 @@ STAGES: dict[str, tuple[Any, str]] = {
     "read the message: JSON, pydantic": (SamplesMessage, "parse"),
     "lists to arrays": (SamplesMessage, "samples"),
     "sequencer": (Sequencer, "put"),
-    "slot assignment": (SlotAssignment, "next_piece"),
+    "slot assignment": (SlotAssignment, "_go_on"),
     "ring buffer": (RingBuffer, "extend"),
     "sensor validation": (SensorValidation, "run"),
     "friction": (FrictionSource, "friction"),

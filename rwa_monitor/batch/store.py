@@ -1,7 +1,5 @@
 """The folder of results: one Parquet file for each recording, whose name identifies what it was made from."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """What is chosen before anything is measured: `tune` the detector, `manoeuvre` the change of speed that decides."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from json import dumps
 from pathlib import Path

@@ -59,14 +59,14 @@ def dashboard(
         from rwa_monitor.dashboard.server import DashboardOptions, serve
     from rwa_monitor.dashboard.recordings import import_recordings
     from rwa_monitor.history.store import History
-    from rwa_monitor.monitor.bus import endpoints, open_session
+    from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.setup import read_wheel
 
     cli.warn_if_alone(bus)
     options = DashboardOptions(
         record=record,
         wheel=read_wheel(wheel) if wheel else None,
-        connect=endpoints(bus),
+        bus=bus,
         silent_s=silence,
         **page,
     )

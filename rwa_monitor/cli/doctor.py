@@ -183,11 +183,11 @@ def look_at_bus(bus: cli.BusOptions) -> str:
     import time
     from threading import Event
 
-    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
+    from rwa_monitor.monitor.bus import BusWatch, open_session
     from rwa_monitor.words import counted, first_few
 
     with open_session(bus) as session:
-        watch = BusWatch(session, endpoints(bus))
+        watch = BusWatch(session, bus)
         patient_until_s = time.monotonic() + ANSWER_S
         while watch.trouble() and time.monotonic() < patient_until_s:
             Event().wait(0.1)

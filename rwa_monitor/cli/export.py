@@ -1,7 +1,5 @@
 """`export`: writes the friction model of a wheel file for other simulators."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

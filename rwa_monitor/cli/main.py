@@ -5,8 +5,6 @@ could not be read; 130 interrupted. An error that a user can act on is one line 
 program and shows its traceback.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

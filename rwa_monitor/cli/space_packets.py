@@ -24,7 +24,7 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
     at the end, on SIGINT or SIGTERM, all counts are printed as one JSON object.
     """
     from rwa_monitor.dashboard.space_packets import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, endpoints, open_session
+    from rwa_monitor.monitor.bus import LINGER_S, BusWatch, SamplesPublisher, open_session
     from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
     address = UdpAddress.parse(udp, "--udp")
@@ -38,7 +38,7 @@ def bridge(udp: str, decoding: cli.Decoding, batch: int, stored: bool, bus: cli.
         }
         bridge = Bridge(decoder, publishers, batch)
         cli.log(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
-        watch = BusWatch(session, endpoints(bus))
+        watch = BusWatch(session, bus)
         run_bridge(bridge, receiver, stop, cli.log, lambda now_s: watch.log_changes(now_s, cli.log))
         stop.clear()
         stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
@@ -67,7 +67,7 @@ def packets(
     """
     from rwa_monitor.dashboard.space_packets import PacketSender, PacketWriter, UdpAddress
     from rwa_monitor.messages import PERIOD_S
-    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
+    from rwa_monitor.monitor.bus import BusWatch, open_session
     from rwa_monitor.telemetry.files import display_name, write_text
 
     if to is None and xtce is None:
@@ -88,7 +88,7 @@ def packets(
         PacketSender(session, writer, address, cli.log) as sender,
     ):
         cli.log(f"sending to UDP {address.host} port {address.port}")
-        watch = BusWatch(session, endpoints(bus))
+        watch = BusWatch(session, bus)
         while not stop.wait(PERIOD_S):
             watch.log_changes(time.monotonic(), cli.log)
     cli.log(f"packets sent: {sender.packets}")

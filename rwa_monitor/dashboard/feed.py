@@ -9,8 +9,6 @@ What comes goes to the fleet, to the history and to the feed. A history that can
 up: its windows wait, and are written when it can be again.
 """
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import time
@@ -30,7 +28,7 @@ from rwa_monitor.history.alarms import ALL_WHEELS, STORED_ALARM
 from rwa_monitor.history.database import AlarmRecord, HistoryError, MonitorState, RetirementEvent
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import PERIOD_S, Diagnosis, Discrepancy, Health, HealthAlarm, SamplesMessage, Status
-from rwa_monitor.monitor.bus import BusThread, BusWatch, HealthAnswers
+from rwa_monitor.monitor.bus import BusOptions, BusThread, BusWatch, HealthAnswers
 from rwa_monitor.samples import SECONDS_PER_HOUR
 from rwa_monitor.words import Log, time_text
 
@@ -246,8 +244,8 @@ class Listener(BusThread):
         Where messages go; those of the notifier's session go into its history, too.
     log
         Takes lines of the log.
-    connect
-        Endpoints that the session should connect to.
+    bus
+        What the session was opened with.
     silent_s
         Silence from which a wheel's monitor is an alarm [s]; 0 for none.
 
@@ -257,9 +255,7 @@ class Listener(BusThread):
         If the history cannot be read.
     """
 
-    def __init__(
-        self, fleet: Fleet, notifier: AlarmNotifier, log: Log, connect: Sequence[str], silent_s: float
-    ) -> None:
+    def __init__(self, fleet: Fleet, notifier: AlarmNotifier, log: Log, bus: BusOptions, silent_s: float) -> None:
         self.fleet, self.log = fleet, log
         self.notifier, self.hub, self.history = notifier, notifier.hub, notifier.history
         self._waiting: deque[Diagnosis | Discrepancy | RetirementEvent] = deque(maxlen=MAX_WAITING)
@@ -267,7 +263,7 @@ class Listener(BusThread):
         self._late: deque[tuple[str, str, int]] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
-        self._watch = BusWatch(notifier.session, connect)
+        self._watch = BusWatch(notifier.session, bus)
         self._monitors = MonitorWatch(silent_s, self.history.monitors())
         super().__init__(notifier.session, "dashboard listener", KEYS)
 

@@ -1,7 +1,5 @@
 """The state of the fleet just now: the latest message of each kind of each wheel, in memory."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Serves the bus to Foxglove, live, through foxglove-sdk: the topics that `rwa-monitor foxglove` writes."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import foxglove

@@ -1,7 +1,5 @@
 """Recordings for the page: which there are, and one of them as the entries that the feed would have had."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress

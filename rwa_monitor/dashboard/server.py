@@ -1,7 +1,5 @@
 """Runs the dashboard: bus, history and web server, in threads beside whoever starts it."""
 
-from __future__ import annotations
-
 import re
 import secrets
 import socket
@@ -20,6 +18,7 @@ from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.recordings import latest_setup
 from rwa_monitor.errors import InputError, RwaMonitorError, needs_extra
 from rwa_monitor.history.store import History
+from rwa_monitor.monitor.bus import BusOptions
 from rwa_monitor.monitor.setup import Setup
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import Log
@@ -42,8 +41,8 @@ class DashboardOptions(NamedTuple):
     wheel
         Constants of the wheels, for friction that is derived from current; None: those of the latest recording in the
         folder, the built-in wheel's where there is none.
-    connect
-        Endpoints that the session should connect to: the page shows when none of them can be reached.
+    bus
+        What the session was opened with: the page shows when nobody that it should connect to can be reached.
     history
         URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
     silent_s
@@ -60,7 +59,7 @@ class DashboardOptions(NamedTuple):
     record: Path | None = None
     token: str | None = None
     wheel: Wheel | None = None
-    connect: tuple[str, ...] = ()
+    bus: BusOptions = BusOptions()
     history: str | None = None
     silent_s: float = SILENT_S
     foxglove: int | None = None
@@ -116,7 +115,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, log: Log = print) -
             thread.join(0.01)
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
-        stack.enter_context(Listener(fleet, notifier, log, options.connect, options.silent_s))
+        stack.enter_context(Listener(fleet, notifier, log, options.bus, options.silent_s))
         if options.foxglove is not None:
             with needs_extra("foxglove"):
                 from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own

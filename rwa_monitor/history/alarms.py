@@ -9,8 +9,6 @@ The silence of a wheel's monitor goes through the same machine, its reports in t
 Before that a wheel is seen beside its siblings: what moved in all of a spacecraft's wheels is no fault of one of them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from enum import IntEnum

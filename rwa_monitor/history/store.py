@@ -5,8 +5,6 @@ for the alarms is written in the same transaction. Stored telemetry may complete
 before it: then the later diagnosis takes the place of the earlier one. Its alarms are its own, with its windows' times.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -15,7 +13,7 @@ from typing import Any, Final, Self
 
 import numpy as np
 from sqlalchemy import delete, func, select, tuple_
-from sqlalchemy.orm import Session, selectinload
+from sqlalchemy.orm import Session, joinedload, selectinload
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history import alarms
@@ -266,11 +264,10 @@ class History(Database):
             return _records([row])[0]
 
     def _open_alarm(self, session: Session, alarm_id: int) -> tuple[AlarmRow, AlarmStateRow]:
-        row = session.get(AlarmRow, alarm_id) if alarm_id <= MAX_ID else None
-        state = session.scalar(select(AlarmStateRow).filter_by(alarm_id=alarm_id)) if row else None
-        if row is None or state is None:
+        state = session.scalar(select(AlarmStateRow).filter_by(alarm_id=alarm_id)) if alarm_id <= MAX_ID else None
+        if state is None or state.alarm is None:
             raise InputError(f"alarm {alarm_id}", "is not open")
-        return row, state
+        return state.alarm, state
 
     def prune(self) -> int:
         """Remove what is older than is kept; returns the number of rows removed."""
@@ -324,12 +321,9 @@ class History(Database):
 
     def monitors(self) -> dict[tuple[str, str], bool]:
         """Return spacecraft and name of wheels that ever had a monitor; True where it is known to be silent."""
-        states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
-            AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
-        )
+        wanted = select(AlarmStateRow).filter_by(name=alarms.MONITOR_ALARM).options(joinedload(AlarmStateRow.alarm))
         with self.session() as session:
-            found = session.execute(states.where(AlarmStateRow.name == alarms.MONITOR_ALARM)).all()
-            return {(spacecraft, wheel): bool(level) for spacecraft, wheel, level in found}
+            return {(one.spacecraft, one.wheel): bool(one.alarm and one.alarm.level) for one in session.scalars(wanted)}
 
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
         """Return the open alarms of one wheel."""
@@ -461,7 +455,8 @@ class RetiredWheels:
         self._session = database.session
         self._wall_ns = wall_ns
         self._lock = RLock()
-        self._last = {(event.spacecraft, event.wheel): event for event in self._read()}
+        with self._session() as session:
+            self._last = _latest(session)
 
     def latest(self) -> list[RetirementEvent]:
         """Return the last event of each wheel that has one."""
@@ -486,10 +481,10 @@ class RetiredWheels:
         HistoryError
             If the history cannot be read; nothing is changed then.
         """
-        with self._lock:  # nothing is done here between what is read and what is kept of it
-            new = [event for event in self._read() if self._last.get((event.spacecraft, event.wheel)) != event]
-            self._last |= {(event.spacecraft, event.wheel): event for event in new}
-        return new
+        with self._lock, self._session() as session:  # nothing is done here between what is read and what is kept of it
+            new = {name: event for name, event in _latest(session).items() if self._last.get(name) != event}
+            self._last |= new
+        return list(new.values())
 
     def change(self, spacecraft: str, wheel: str, person: str, note: str = "", *, retire: bool) -> RetirementEvent:
         """Retire a wheel, or bring a retired one back to the list; returns the audit event.
@@ -503,7 +498,7 @@ class RetiredWheels:
         """
         source, name = f"{spacecraft}/{wheel}", {"spacecraft": spacecraft, "wheel": wheel}
         with self._session() as session:
-            last = _last(session, spacecraft, wheel)
+            last = _latest(session).get((spacecraft, wheel))
             if last is not None and last.retired:
                 if retire:
                     raise InputError(source, f"is retired already, by {last.person}")
@@ -552,23 +547,19 @@ class RetiredWheels:
             If the database cannot be written; nothing is changed then.
         """
         with self._session() as session:
+            last = _latest(session)
             for event in events:
-                last = _last(session, event.spacecraft, event.wheel)
-                if last is not None and last.retired:
+                name = event.spacecraft, event.wheel
+                if name in last and last[name].retired:
                     session.add(WheelEventRow(**event.model_dump()))
-
-    def _read(self) -> list[RetirementEvent]:
-        """Return the last event of every wheel as the database has it."""
-        last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
-        wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
-        with self._session() as session:
-            return [_event(row) for row in session.scalars(wanted)]
+                    last[name] = event
 
 
-def _last(session: Session, spacecraft: str, wheel: str) -> RetirementEvent | None:
-    wanted = select(WheelEventRow).filter_by(spacecraft=spacecraft, wheel=wheel).order_by(WheelEventRow.id.desc())
-    row = session.scalar(wanted.limit(1))
-    return None if row is None else _event(row)
+def _latest(session: Session) -> dict[tuple[str, str], RetirementEvent]:
+    """Return the last event of each wheel, as the database has it, by spacecraft and wheel."""
+    last = select(func.max(WheelEventRow.id)).group_by(WheelEventRow.spacecraft, WheelEventRow.wheel)
+    wanted = select(WheelEventRow).where(WheelEventRow.id.in_(last)).order_by(WheelEventRow.id)
+    return {(row.spacecraft, row.wheel): _event(row) for row in session.scalars(wanted)}
 
 
 def _event(row: WheelEventRow) -> RetirementEvent:

@@ -13,8 +13,6 @@ whole histories, are not counted before they are here: so a few publishers are a
 have answered, and no other while answers lie here that were not passed on.
 """
 
-from __future__ import annotations
-
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable

@@ -7,14 +7,12 @@ would close the connection, and lose more than one message without a count. What
 there is time. Memory stays bounded in any case.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import re
 import secrets
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
@@ -134,14 +132,6 @@ def _depth(json5: str) -> int:
         depth += 1 if bracket in "[{" else -1
         deepest = max(deepest, depth)
     return deepest
-
-
-def endpoints(options: BusOptions) -> tuple[str, ...]:
-    """Return what a session with these options connects to; raises InputError as `session_config`."""
-    wanted = json.loads(session_config(options).get_json("connect/endpoints"))
-    if isinstance(wanted, dict):  # by mode
-        wanted = [endpoint for of_mode in wanted.values() for endpoint in of_mode or ()]
-    return tuple(str(endpoint) for endpoint in wanted or ())
 
 
 def open_session(options: BusOptions) -> zenoh.Session:
@@ -328,13 +318,21 @@ class BusWatch:
     ----------
     session
         An open session.
-    connect
-        Endpoints that it should connect to; empty where it only listens, or is embedded.
+    options
+        It was opened with these: it may only listen, or be embedded.
+
+    Raises
+    ------
+    InputError
+        As `session_config`.
     """
 
-    def __init__(self, session: zenoh.Session, connect: Sequence[str]) -> None:
+    def __init__(self, session: zenoh.Session, options: BusOptions) -> None:
         self._session = session
-        self._where = connect
+        wanted = json.loads(session_config(options).get_json("connect/endpoints"))
+        if isinstance(wanted, dict):  # by mode
+            wanted = [endpoint for of_mode in wanted.values() for endpoint in of_mode or ()]
+        self._where = [str(endpoint) for endpoint in wanted or ()]
         self._logged = ""
         self._due_s = 0.0
 

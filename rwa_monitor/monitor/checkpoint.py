@@ -5,8 +5,6 @@ the last one is enough to go on. Floats are written in full; a core that was res
 written as they lie in memory (see `samples.FloatArray`): their digits would take four times the work.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar, Final, Literal, Self
 
 import numpy as np

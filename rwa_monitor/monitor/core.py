@@ -49,7 +49,7 @@ from rwa_monitor.telemetry.slots import (
 )
 from rwa_monitor.wheel.torque_balance import Source, motor_torque, source_of, without_motor
 from rwa_monitor.wheel.wheel import Wheel
-from rwa_monitor.words import counted, time_text
+from rwa_monitor.words import time_text
 
 
 class WheelCore:
@@ -98,7 +98,6 @@ class WheelCore:
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._reported_missing = False
         self._settings_check = SettingsCheck(wheel)
-        self._waiting: Rows | None = None  # one sample that the next one judges
         self._stored: StoredTelemetry | None = None  # of a wheel whose publishers distinguish live and stored samples
 
     @property
@@ -174,9 +173,9 @@ class WheelCore:
     def finish(self) -> list[Event]:
         """Take what waits, close the open window as it is, and return what happened: nothing more will come."""
         events = self._take_all(self._sequencer.flush(self._assignment.last_ns))
-        if self._waiting is not None:
-            events += self._place(self._waiting, last=True)
-            self._waiting = None
+        waited, self._assignment.waiting = self._assignment.waiting, None
+        if waited is not None:
+            events += self._place(waited, last=True)
         events += self._windows.end_epoch()
         self._assignment.grid = None  # the next sample begins a new epoch
         return events + self._diagnose_stored(to_the_end=True)
@@ -229,36 +228,17 @@ class WheelCore:
         return Rows(time_ns, values), events
 
     def _place(self, rows: Rows, *, passed: bool = False, last: bool = False) -> list[Event]:
-        """Bring samples into their slots; one that the next sample must judge waits for it."""
+        """Bring samples into their slots, and those into windows."""
         events: list[Event] = []
-        if self._waiting is not None and not passed and not last and len(rows):
-            rows, self._waiting = self._waiting.followed_by(rows), None
-        good, windows = rows.good(), self._windows
-        strays: list[int] = []
-        start = 0
-        while start < len(rows):
-            piece = self._assignment.next_piece(rows.time_ns, good, start, windows.ring, passed=passed, last=last)
-            if piece.waits:
-                self._waiting = rows[start : start + 1]
-                break
-            if piece.stray:
-                strays.append(int(rows.time_ns[start]))
-            if piece.epoch is not None:
+        windows = self._windows
+        for placed in self._assignment.place(rows, windows.ring, passed=passed, last=last):
+            if isinstance(placed, Trouble):
+                events.append(placed)
+            elif isinstance(placed, SlotGrid):
                 events += windows.end_epoch()
-                windows.begin_epoch(piece.epoch)
-                if piece.step_ns:
-                    text = (
-                        f"the wheel's clock stepped by {piece.step_ns / NANOSECONDS_PER_SECOND:.3f} s, to"
-                        f" {time_text(piece.epoch.origin_ns)}: a new epoch began, the open window was closed as it was"
-                    )
-                    events.append(Trouble("clock step", text))
-            taken = rows if piece.slots.size == len(rows) else rows[piece.rows]
-            if piece.slots.size:
-                events += windows.write(piece.slots, taken.values, int(piece.slots[-1]) + 1)
-            start = piece.stop
-        if strays:
-            rejected = f"{counted(len(strays), 'sample')} rejected with a time far from those before and after"
-            events.append(Trouble("stray samples", f"{rejected}, the first at {time_text(strays[0])}"))
+                windows.begin_epoch(placed)
+            else:
+                events += windows.write(placed.slots, placed.values, int(placed.slots[-1]) + 1)
         return events
 
     # ---- stored samples -------------------------------------------------------------------------------------------
@@ -307,7 +287,7 @@ class WheelCore:
             reported_missing=self._reported_missing,
             carried=self.carried,
             sequencer=self._sequencer,
-            waiting=self._waiting,
+            waiting=self._assignment.waiting,
             origin_ns=grid.origin_ns if grid else None,
             frontier=self._windows.ring.end,
             last_ns=self._assignment.last_ns,
@@ -328,10 +308,10 @@ class WheelCore:
         if checkpoint.source:
             core._source = checkpoint.source
             core._windows.begin_source(checkpoint.source)
-        core._reported_missing, core._waiting = checkpoint.reported_missing, checkpoint.waiting
+        core._reported_missing = checkpoint.reported_missing
         origin_ns, assignment = checkpoint.origin_ns, core._assignment
         assignment.grid = None if origin_ns is None else SlotGrid(origin_ns, wheel.period_ns)
-        assignment.last_ns = checkpoint.last_ns
+        assignment.last_ns, assignment.waiting = checkpoint.last_ns, checkpoint.waiting
         core._windows.resume(checkpoint)
         core._stored = checkpoint.stored
         return core

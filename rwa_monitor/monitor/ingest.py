@@ -20,10 +20,20 @@ import numpy as np
 
 from rwa_monitor.kernels.ingest import all_between, assign_slots
 from rwa_monitor.messages import ClockNs, Count
-from rwa_monitor.samples import CHANNELS, MAX_TIME_NS, MIN_TIME_NS, BoolArray, FloatArray, IntArray, Samples, SlotGrid
+from rwa_monitor.samples import (
+    CHANNELS,
+    MAX_TIME_NS,
+    MIN_TIME_NS,
+    NANOSECONDS_PER_SECOND,
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Samples,
+    SlotGrid,
+)
 from rwa_monitor.telemetry.slots import RingBuffer
 from rwa_monitor.wheel.wheel import Wheel
-from rwa_monitor.words import counted
+from rwa_monitor.words import counted, time_text
 
 # A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
 # only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
@@ -326,35 +336,19 @@ def fits(values: Mapping[str, FloatArray], count: int, channels: Sequence[str]) 
     return set(values) == set(channels) and all(sound)
 
 
-_NO_SLOTS: Final[IntArray] = np.zeros(0, dtype=np.int64)
-
-
 class Piece(NamedTuple):
     """Samples that go on from the last slot.
 
     Attributes
     ----------
-    stop
-        Row at which the rest of the samples begins.
-    epoch
-        The new slot grid where an epoch begins with the first row, otherwise None.
-    step_ns
-        By how much the clock stepped before that [ns]; 0 at the wheel's first sample.
-    rows, slots
-        Rows that take a slot, neighbours or int64 (n,), and their slots, int64 (n,), strictly increasing.
-    stray
-        True where the row before `stop` was rejected for its time.
-    waits
-        True where row `stop` can only be judged together with the next sample.
+    slots
+        int64 (n,), strictly increasing.
+    values
+        float64 (n,) of every channel of the ring buffer.
     """
 
-    stop: int
-    epoch: SlotGrid | None = None
-    step_ns: int = 0
-    rows: slice | IntArray = slice(0, 0)
-    slots: IntArray = _NO_SLOTS
-    stray: bool = False
-    waits: bool = False
+    slots: IntArray
+    values: Mapping[str, FloatArray]
 
 
 class SlotAssignment:
@@ -376,6 +370,8 @@ class SlotAssignment:
         Slot grid of the running epoch; None before the first sample.
     last_ns
         Time of the latest sample that took a slot.
+    waiting
+        One sample that the next one judges; None for none.
     """
 
     def __init__(self, wheel: Wheel, counts: Counts) -> None:
@@ -390,6 +386,7 @@ class SlotAssignment:
         self.counts = counts
         self.grid: SlotGrid | None = None
         self.last_ns: int | None = None
+        self.waiting: Rows | None = None
 
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
         """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected.
@@ -412,27 +409,18 @@ class SlotAssignment:
         self.counts.queued -= count
         return ~wrong
 
-    def next_piece(
-        self,
-        time_ns: IntArray,
-        good: BoolArray,
-        start: int,
-        ring: RingBuffer,
-        *,
-        passed: bool = False,
-        last: bool = False,
-    ) -> Piece:
-        """Place the rows from `start` on, as far as one piece goes, and count them.
+    def place(
+        self, rows: Rows, ring: RingBuffer, *, passed: bool = False, last: bool = False
+    ) -> Iterator[Piece | SlotGrid | Trouble]:
+        """Bring samples into their slots, count them, and yield what comes of it, in order.
 
         A piece ends before a clock step and before the slots grow by more than `PIECE_SLOTS`, so that the caller can
-        write it into a buffer of bounded size before asking on; one that begins an epoch holds no rows.
+        write it into a buffer of bounded size before asking on; the slot grid of a new epoch comes before its pieces.
 
         Parameters
         ----------
-        time_ns, good
-            int64 and bool (n,): the samples' times, and which have good values.
-        start
-            First row, below n.
+        rows
+            The samples.
         ring
             The slots of the epoch so far: all before its end are taken or missed.
         passed
@@ -440,32 +428,51 @@ class SlotAssignment:
         last
             Whether nothing comes after these rows, so that none can wait.
         """
-        if self.grid is None and passed:  # a message that was given up before any sample was taken
-            self.counts.late += len(time_ns) - start
-            self.counts.queued -= len(time_ns) - start
-            return Piece(len(time_ns))
-        piece = None if self.grid is None else self._go_on(self.grid, time_ns, good, start, ring, passed=passed)
-        return self._begin(time_ns, start, ring.end, last=last) if piece is None else piece
-
-    def _begin(self, time_ns: IntArray, start: int, frontier: int, *, last: bool) -> Piece:
-        """Judge a sample that cannot go on from the last one by the next sample with another time."""
-        counts = self.counts
-        first_ns = int(time_ns[start])
-        following = _next_time(time_ns, start)
-        undecided = following == time_ns.size
-        if undecided and not last:
+        if self.waiting is not None and not passed and len(rows):
+            rows, self.waiting = self.waiting.followed_by(rows), None
+        counts, time_ns, good = self.counts, rows.time_ns, rows.good()
+        strays: list[int] = []
+        start = 0
+        while start < len(rows):
+            if self.grid is None and passed:  # a message that was given up before any sample was taken
+                counts.late += len(rows) - start
+                counts.queued -= len(rows) - start
+                break
+            if self.grid is not None:
+                count, piece = self._go_on(self.grid, rows, good, start, ring, passed=passed)
+                if piece is not None:
+                    yield piece
+                if count:
+                    start += count
+                    continue
+            # It cannot go on from the last one: the next sample with another time judges it.
+            first_ns, following = int(time_ns[start]), _next_time(time_ns, start)
+            undecided, grid = following == len(rows), SlotGrid(first_ns, self.period_ns)
+            # A table of one sample is a window of one sample.
+            alone = undecided and last and self.grid is None
+            if alone or (not undecided and self._agree(grid, int(time_ns[following]), ring.end)):
+                step_ns = 0 if self.last_ns is None else first_ns - self.last_ns
+                self.grid = grid
+                yield grid
+                if step_ns:
+                    text = (
+                        f"the wheel's clock stepped by {step_ns / NANOSECONDS_PER_SECOND:.3f} s, to"
+                        f" {time_text(first_ns)}: a new epoch began, the open window was closed as it was"
+                    )
+                    yield Trouble("clock step", text)
+                continue
             counts.duplicate += following - start - 1
             counts.queued -= following - start - 1
-            return Piece(start, waits=True)
-        grid = SlotGrid(first_ns, self.period_ns)
-        alone = undecided and self.grid is None  # a table of one sample is a window of one sample
-        if alone or (not undecided and self._agree(grid, int(time_ns[following]), frontier)):
-            self.grid = grid
-            return Piece(start, epoch=grid, step_ns=0 if self.last_ns is None else first_ns - self.last_ns)
-        counts.rejected += 1
-        counts.duplicate += following - start - 1
-        counts.queued -= following - start
-        return Piece(following, stray=True)
+            if undecided and not last:
+                self.waiting = rows[start : start + 1]
+                break
+            counts.rejected += 1
+            counts.queued -= 1
+            strays.append(first_ns)
+            start = following
+        if strays:
+            rejected = f"{counted(len(strays), 'sample')} rejected with a time far from those before and after"
+            yield Trouble("stray samples", f"{rejected}, the first at {time_text(strays[0])}")
 
     def _agree(self, grid: SlotGrid, next_ns: int, frontier: int) -> bool:
         """Return whether the next sample lies near slot 0 of a new grid, and nearer than to the last sample."""
@@ -474,18 +481,19 @@ class SlotAssignment:
         return distance <= self.window_slots and nearer
 
     def _go_on(
-        self,
-        grid: SlotGrid,
-        time_ns: IntArray,
-        good: BoolArray,
-        start: int,
-        ring: RingBuffer,
-        *,
-        passed: bool,
-    ) -> Piece | None:
-        """Place the rows from `start` on into the running grid, up to the next clock step; None where it is there."""
+        self, grid: SlotGrid, rows: Rows, good: BoolArray, start: int, ring: RingBuffer, *, passed: bool
+    ) -> tuple[int, Piece | None]:
+        """Place the rows from `start` on into the running grid, up to the next clock step.
+
+        Returns
+        -------
+        count
+            How many rows these are: none where the clock step is there.
+        piece
+            Those of them that take a slot.
+        """
         counts = self.counts
-        piece_ns, piece_good = time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
+        piece_ns, piece_good = rows.time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
         slots, ahead = np.empty(piece_ns.size, dtype=np.int64), np.empty(piece_ns.size, dtype=np.bool_)
         count, ahead_count, used = assign_slots(
             piece_ns,
@@ -499,25 +507,23 @@ class SlotAssignment:
             slots,
             ahead,
         )
-        if count == 0:
-            return None
-        rows: slice | IntArray = slice(start, start + count)
-        if count < slots.size:
-            slots = slots[:count]
+        slots, ahead = slots[:count], ahead[:count]
+        if count < len(rows):
+            rows = rows[start : start + count]
         if ahead_count < count:
-            behind = slots[~ahead[:count]]
-            taking = np.flatnonzero(ahead[:count])
-            rows, slots = start + taking, slots[taking]
+            behind, taking = slots[~ahead], np.flatnonzero(ahead)
+            rows, slots = rows[taking], slots[taking]
             taken = ring.is_filled(behind) | np.isin(behind, slots)
             counts.duplicate += int(taken.sum())
             counts.late += int(behind.size - taken.sum())
         counts.used += used
         counts.masked += ahead_count - used
         counts.queued -= count
-        if ahead_count:
-            counts.slots_missed += int(slots[-1]) + 1 - ring.end - ahead_count
-            self.last_ns = int(time_ns[rows][-1])
-        return Piece(start + count, rows=rows, slots=slots)
+        if not ahead_count:
+            return count, None
+        counts.slots_missed += int(slots[-1]) + 1 - ring.end - ahead_count
+        self.last_ns = int(rows.time_ns[-1])
+        return count, Piece(slots, rows.values)
 
 
 def _next_time(time_ns: IntArray, start: int) -> int:

@@ -9,8 +9,6 @@ it states of its sizes is compared with limits before anything is copied or unpa
 file that exceeds a limit is refused.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import struct

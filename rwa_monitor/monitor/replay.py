@@ -4,8 +4,6 @@ A replay runs single recordings; a monitor that starts goes on from those that a
 Messages are compared in order: lengths, types, bytes, then field by field with a tolerance.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import time

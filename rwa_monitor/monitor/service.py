@@ -30,7 +30,7 @@ from rwa_monitor import __version__, messages
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import REPLAY, Diagnosis, EncodedMessage, Health, SamplesMessage, Status
 from rwa_monitor.monitor.backfill import Inbox
-from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, endpoints, open_session
+from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, open_session
 from rwa_monitor.monitor.core import Carried, Event, WheelCore, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest import Counts, Trouble
 from rwa_monitor.monitor.recorder import MAX_FILE_BYTES, Checkpoints, Recorder, locked
@@ -527,7 +527,7 @@ def run(
         bus.offer_health()
         log(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
         supervisor.ready(doing)
-        watch = BusWatch(session, endpoints(options.bus))
+        watch = BusWatch(session, options.bus)
         while not stop.is_set():
             supervisor.alive(clock.monotonic_s())
             watch.log_changes(clock.monotonic_s(), log)

@@ -6,8 +6,6 @@ or when the dump has gone on elsewhere; what still comes for it makes it due aga
 clock of the machine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final

@@ -1,7 +1,5 @@
 """Telemetry from files of every format: which reader a file needs, and recordings of the bus."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Mapping
 from pathlib import Path

@@ -6,8 +6,6 @@
 Each coefficient is followed to the bound of its nominal range, or to a limit that the caller names.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final, NamedTuple

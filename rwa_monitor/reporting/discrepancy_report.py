@@ -1,7 +1,5 @@
 """The discrepancy report: as text, and as one HTML page that an engineer can put before a review board."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The pictures of a discrepancy report: drawn without a display, and as SVG the same bytes for the same input."""
 
-from __future__ import annotations
-
 import io
 from typing import Any, Final
 

@@ -10,8 +10,6 @@ $ref, no anyOf and no maps (foxglove/studio, packages/mcap-support/src/parseJson
 schema has them: here topics carry what of their schema it understands. The messages themselves are the same bytes.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Iterator

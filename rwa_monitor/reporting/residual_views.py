@@ -7,8 +7,6 @@ The base model's residual is taken with the *extended* model's jumps: with its o
 part of what is to be seen.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Final, NamedTuple
 

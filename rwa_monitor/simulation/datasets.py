@@ -118,7 +118,7 @@ class Recipe:
     scenario
         Draws what happens to a wheel; gets its number, by which statuses alternate, and the windows of its life.
     windows
-        Windows in the life of one wheel; each is a record of its own.
+        Windows in the life of one wheel, which follow each other in time; each is a record of its own.
     """
 
     name: str
@@ -127,7 +127,7 @@ class Recipe:
     windows: int = 1
 
 
-def generate(recipe: str | Recipe, count: int, seed: int, *, windows: int | None = None) -> Iterator[LabelledWindow]:
+def generate(recipe: str | Recipe, count: int, seed: int) -> Iterator[LabelledWindow]:
     """Generate the windows of a dataset, one by one.
 
     Parameters
@@ -138,8 +138,6 @@ def generate(recipe: str | Recipe, count: int, seed: int, *, windows: int | None
         Number of windows.
     seed
         Of all randomness; not negative.
-    windows
-        Windows in the life of each wheel, which follow each other in time; None: the recipe's own number.
 
     Yields
     ------
@@ -156,21 +154,16 @@ def generate(recipe: str | Recipe, count: int, seed: int, *, windows: int | None
             hint = did_you_mean(recipe, RECIPES)
             raise InputError("recipe", f"{recipe!r} is none of {', '.join(RECIPES)}{hint}")
         recipe = RECIPES[recipe]
-    life = recipe.windows if windows is None else windows
-    if count < 0 or seed < 0 or life < 1:
-        raise InputError(
-            "recipe", f"count {count}, seed {seed}, windows {life}: none may be negative, windows not zero"
-        )
-    for number in range(-(-count // life)):
-        yield from islice(wheel_windows(recipe, number, seed, windows=life), count - number * life)
+    if count < 0 or seed < 0:
+        raise InputError("recipe", f"count {count}, seed {seed}: none may be negative")
+    for number in range(-(-count // recipe.windows)):
+        yield from islice(wheel_windows(recipe, number, seed), count - number * recipe.windows)
 
 
-def wheel_windows(
-    recipe: str | Recipe, number: int, seed: int, *, windows: int | None = None
-) -> Iterator[LabelledWindow]:
+def wheel_windows(recipe: str | Recipe, number: int, seed: int) -> Iterator[LabelledWindow]:
     """Generate the windows in the life of the `number`-th wheel of a dataset, cut from one record; see `generate`."""
     recipe = RECIPES[recipe] if isinstance(recipe, str) else recipe
-    life = recipe.windows if windows is None else windows
+    life = recipe.windows
     rng = np.random.default_rng([seed, number])
     wheel = recipe.wheel(rng).model_copy(update={"name": f"{recipe.name}_{number:05d}"})
     scenario = recipe.scenario(wheel, number, life, rng)

@@ -181,8 +181,9 @@ def test_a_bus_that_is_gone_is_reported_until_it_is_back(page: Any, tmp_path: Pa
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack:
         first = stack.enter_context(script(ROUTER, endpoint))
-        session = stack.enter_context(open_session(BusOptions(mode="client", connect=(endpoint,))))
-        running = stack.enter_context(serve(DashboardOptions(0, tmp_path, connect=(endpoint,)), session))
+        bus = BusOptions(mode="client", connect=(endpoint,))
+        session = stack.enter_context(open_session(bus))
+        running = stack.enter_context(serve(DashboardOptions(0, tmp_path, bus=bus), session))
         page.goto(running.address)
         expect(page.locator("#connection")).to_contain_text("connected")
         expect(page.locator("#banner")).to_be_hidden()

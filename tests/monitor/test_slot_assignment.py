@@ -14,6 +14,7 @@ from rwa_monitor.monitor.ingest import (
     TAKEOVER_MESSAGES,
     UNCERTAIN_FACTOR,
     Counts,
+    Rows,
     SlotAssignment,
     Trouble,
 )
@@ -285,5 +286,6 @@ def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: i
         if slot > furthest:
             expected.append(slot)
         furthest = max(furthest, slot)
-    piece = guard.next_piece(time_ns, np.ones(time_ns.size, dtype=np.bool_), 0, ring)
-    assert piece.slots.tolist() == expected
+    good = np.ones(time_ns.size)
+    pieces = guard.place(Rows(time_ns, {"speed_rad_s": good, "torque_Nm": good}), ring)
+    assert [slot for piece in pieces for slot in piece.slots.tolist()] == expected

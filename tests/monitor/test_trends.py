@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pytest
 
-import rwa_monitor as rwa
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.reporting.diagnoses import EstimateRecord, coefficient_trend
-from rwa_monitor.simulation.datasets import FLEET_SEVERITIES, LabelledWindow, generate
+from rwa_monitor.simulation.datasets import FLEET_SEVERITIES, RECIPES, LabelledWindow, generate
 
 LIFE = 16  # windows of a wheel here
 
@@ -30,7 +29,7 @@ class Course:
 @pytest.fixture(scope="module")
 def fleet() -> list[Course]:
     """Three wheels: a healthy one, one with growing dry, one with growing viscous friction."""
-    windows = list(generate("fleet", 3 * LIFE, 4, windows=LIFE))
+    windows = list(generate(replace(RECIPES["fleet"], windows=LIFE), 3 * LIFE, 4))
     courses = []
     for start in range(0, 3 * LIFE, LIFE):
         part = windows[start : start + LIFE]
@@ -71,29 +70,3 @@ def test_a_growth_is_found_and_its_limit_predicted(fleet: list[Course], wheel: i
     assert trend.trend.present, trend.sentence()
     assert trend.reach.low_s <= anomaly.onset_s + share * anomaly.growth_s <= trend.reach.high_s
     assert "grows by" in trend.sentence()
-
-
-def test_times_since_1970_lose_nothing(fleet: list[Course]) -> None:
-    plain = fleet[1].estimates["dry"]
-    epoch_ns = 1_800_000_000_123_456_789
-    late = [
-        e.model_copy(
-            update={"window_start_ns": epoch_ns + e.window_start_ns, "window_end_ns": epoch_ns + e.window_end_ns}
-        )
-        for e in plain
-    ]
-    limit = 10.0 * plain[0].value
-    one, other = coefficient_trend("dry", plain, limit), coefficient_trend("dry", late, limit)
-    assert one.reach == other.reach
-
-
-def test_diagnoses_in_any_order_give_the_same(fleet: list[Course]) -> None:
-    wheel = fleet[1].windows[0].wheel
-    short = wheel.window.model_copy(update={"samples": 10_000, "hop": 10_000})
-    wheel = wheel.model_copy(update={"window": short})
-    diagnoses = rwa.diagnose(fleet[1].windows[0].telemetry.samples, wheel)
-    assert len(diagnoses) == 8
-    forth, back = rwa.wheel_trends(diagnoses), rwa.wheel_trends(diagnoses[::-1])
-    assert forth.keys() == back.keys()
-    assert [t.sentence() for t in forth.values()] == [t.sentence() for t in back.values()]
-    assert rwa.wheel_trends([]) == {}
