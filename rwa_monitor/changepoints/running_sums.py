@@ -6,7 +6,7 @@ window's first slot, so that they do not depend on how the samples arrived; x an
 samples, so that an offset far larger than the noise costs no digits.
 """
 
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 
@@ -171,8 +171,13 @@ class Structure(NamedTuple):
     plateaus: int
 
 
-class StructureArrays(NamedTuple):
-    """The arrays behind `StructureSums`, as compiled code takes them.
+def stretch_hop(slots: int) -> int:
+    """Return the slots from one stretch that is compared with the angle to the next, in a window of so many."""
+    return max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
+
+
+class StructureSums(NamedTuple):
+    """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
 
     Attributes
     ----------
@@ -192,49 +197,29 @@ class StructureArrays(NamedTuple):
     zeros: FloatArray
     ripple: FloatArray
 
-
-class StructureSums:
-    """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
-
-    Parameters
-    ----------
-    slots
-        Length of the window.
-    angle_per_x
-        Angle by which the wheel turns in one slot at x = 1 [rad].
-
-    Attributes
-    ----------
-    arrays
-        What compiled code works on.
-    hop
-        Slots from one stretch that is compared with the angle to the next.
-    """
-
-    def __init__(self, slots: int, angle_per_x: float) -> None:
-        blocks = -(-slots // BLOCK)
-        self.angle_per_x = angle_per_x
-        self.hop = max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
-        self.arrays = StructureArrays(
+    @classmethod
+    def of(cls, slots: int) -> Self:
+        """Return those of a window of so many slots, before the first."""
+        blocks, stretches = -(-slots // BLOCK), max(0, (slots - STRETCH) // stretch_hop(slots) + 1)
+        return cls(
             signs=np.zeros(blocks, dtype=np.int64),
             counts=np.zeros(blocks, dtype=np.int64),
             near_zero=np.zeros((4, blocks)),
             zeros=np.zeros(5),
-            ripple=np.full((max(0, (slots - STRETCH) // self.hop + 1), HARMONICS), np.nan),
+            ripple=np.full((stretches, HARMONICS), np.nan),
         )
 
     def turns(self, filled: int) -> IntArray:
         """Return, of the blocks that hold the slots [0, filled), the slots forward less those backward; int64."""
-        return self.arrays.signs[: -(-filled // BLOCK)].copy()
+        return self.signs[: -(-filled // BLOCK)].copy()
 
     def resume(self, turns: IntArray, good: BoolArray) -> None:
         """Go on from what `turns` returned and the slots that are good so far, bool (n,)."""
-        self.arrays.signs[: turns.size] = turns
-        self.arrays.counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
+        self.signs[: turns.size] = turns
+        self.counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
 
     def close(self) -> Structure:
         """Return what was gathered."""
-        there = np.isfinite(self.arrays.ripple).any(axis=1)
-        zero_runs, plateaus = int(self.arrays.zeros[3]), int(self.arrays.zeros[4])
-        direction = self.arrays.signs / np.maximum(self.arrays.counts, 1)
-        return Structure(direction, self.arrays.near_zero, self.arrays.ripple[there], zero_runs, plateaus)
+        there = np.isfinite(self.ripple).any(axis=1)
+        direction = self.signs / np.maximum(self.counts, 1)
+        return Structure(direction, self.near_zero, self.ripple[there], int(self.zeros[3]), int(self.zeros[4]))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure, StructureSums
+from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure, StructureSums, stretch_hop
 from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, count_signs, extend_structure
 from rwa_monitor.samples import BoolArray, FloatArray
 
@@ -109,17 +109,22 @@ ANGLE = PERIOD_S  # x in rad/s: the angle of a slot at x = 1
 def gather(speed: FloatArray, z: FloatArray, good: BoolArray) -> Structure:
     """Gather a window."""
     x = np.abs(speed)
-    sums = StructureSums(speed.size, ANGLE)
-    _extend(sums, speed, (x, z, good, good & (x >= BAND)), CERTAIN)
+    sums = StructureSums.of(speed.size)
+    _extend(sums, speed, (x, z, good, good & (x >= BAND)), CERTAIN, ANGLE)
     return sums.close()
 
 
 def _extend(
-    sums: StructureSums, speed: FloatArray, samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray], certain: float
+    sums: StructureSums,
+    speed: FloatArray,
+    samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray],
+    certain: float,
+    angle_per_x: float,
 ) -> None:
     """Add all slots."""
-    count_signs(0, speed, samples[2], sums.arrays.signs, sums.arrays.counts)
-    extend_structure(samples[0], *samples, 0, speed.size, certain, sums.angle_per_x, sums.hop, sums.arrays)
+    count_signs(0, speed, samples[2], sums.signs, sums.counts)
+    hop = stretch_hop(speed.size)
+    extend_structure(samples[0], *samples, 0, speed.size, certain, angle_per_x, hop, sums)
 
 
 def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -181,8 +186,8 @@ def test_the_ripple_is_the_power_at_multiples_of_the_angle() -> None:
     rng = np.random.default_rng(9)
     x, z = 1.0 + 0.01 * rng.standard_normal(STRETCH), rng.standard_normal(STRETCH)
     everywhere = np.ones(STRETCH, dtype=np.bool_)
-    sums = StructureSums(STRETCH, angle_per_x=0.61)
-    _extend(sums, x, (x, z, everywhere, everywhere), 0.0)
+    sums = StructureSums.of(STRETCH)
+    _extend(sums, x, (x, z, everywhere, everywhere), 0.0, 0.61)
     [power] = sums.close().ripple
     slots = np.arange(STRETCH)
     e = z - np.polyval(np.polyfit(slots, z, 1), slots)
