@@ -15,26 +15,6 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 
 
-class SufficientStatistics(NamedTuple):
-    """Sums over the used samples of ranges of slots, float64 of the shape of the ranges.
-
-    Attributes
-    ----------
-    n, x, z, xx, xz, zz
-        Count, Σx, Σz, Σx², Σxz, Σz² of each range.
-    table
-        float64 (6, …), all of these.
-    """
-
-    n: FloatArray
-    x: FloatArray
-    z: FloatArray
-    xx: FloatArray
-    xz: FloatArray
-    zz: FloatArray
-    table: FloatArray
-
-
 class SumArrays(NamedTuple):
     """The arrays behind the running sums, as the kernels take them.
 
@@ -80,7 +60,7 @@ class RunningSums:
     >>> x = np.arange(100.0)
     >>> sums = RunningSums(x, 2.0 * x, np.ones(100, dtype=np.bool_))
     >>> sums.extend(100)
-    >>> float(sums.between(np.array([10]), np.array([13])).xz[0])  # 2·(10² + 11² + 12²)
+    >>> float(sums.between(np.array([10]), np.array([13]))[4, 0])  # Σxz: 2·(10² + 11² + 12²)
     730.0
     """
 
@@ -107,22 +87,27 @@ class RunningSums:
     @property
     def mean(self) -> tuple[float, float]:
         """Means of x and z over the used samples; 0 without any."""
-        whole = self.intervals(np.zeros(0, dtype=np.int64))
-        n = max(float(whole.n[0]), 1.0)
-        return float(whole.x[0]) / n, float(whole.z[0]) / n
+        count, x, z = self.intervals(np.zeros(0, dtype=np.int64))[:3, 0].tolist()
+        n = max(count, 1.0)
+        return x / n, z / n
 
-    def intervals(self, index: IntArray) -> SufficientStatistics:
-        """Return the sufficient statistics of the intervals between changepoints, int64 (m,): (m + 1,) each."""
+    def intervals(self, index: IntArray) -> FloatArray:
+        """Return `between` of the intervals between changepoints, int64 (m,): float64 (6, m + 1)."""
         edges = np.concatenate(([0], index, [self.slots]))
         return self.between(edges[:-1], edges[1:])
 
-    def between(self, start: IntArray, stop: IntArray) -> SufficientStatistics:
+    def between(self, start: IntArray, stop: IntArray) -> FloatArray:
         """Return the sufficient statistics of the slots [start, stop), element by element; empty ranges give zeros.
 
         Parameters
         ----------
         start, stop
             int64, equal shape, 0 ≤ start, stop ≤ slots.
+
+        Returns
+        -------
+        FloatArray
+            float64 (6, …), over the used samples of each range: count n, Σx, Σz, Σx², Σxz, Σz².
 
         Raises
         ------
@@ -133,9 +118,7 @@ class RunningSums:
         out = np.empty((6, starts.size))
         if not range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out):
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
-        table = out.reshape(6, *starts.shape)
-        n, x, z, xx, xz, zz = table
-        return SufficientStatistics(n, x, z, xx, xz, zz, table)
+        return out.reshape(6, *starts.shape)
 
 
 # ---- structure -------------------------------------------------------------------------------------------------------

@@ -72,7 +72,7 @@ def split(
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
     scatter = level_scatter(variance)
     estimates = [
-        _estimate(one, solve(one, borders, segments.table, priors, variance, scatter), borders, segments.n, log)
+        _estimate(one, solve(one, borders, segments, priors, variance, scatter), borders, segments[0], log)
         for one, log in zip(paths, durations_of, strict=True)
     ]
     scores = [one.log_weight for one in estimates]
@@ -182,8 +182,8 @@ def _conditional_estimates(
     for one in alternatives:
         borders = np.concatenate(([0], one.index, [evidence.slots]))
         segments = evidence.sums.intervals(one.index)
-        posterior = measure(one.path, borders, segments.table, priors, variance, level_scatter(variance))
-        estimates.append(_estimate(one.path, posterior, borders, segments.n, one.log_durations))
+        posterior = measure(one.path, borders, segments, priors, variance, level_scatter(variance))
+        estimates.append(_estimate(one.path, posterior, borders, segments[0], one.log_durations))
     return tuple(estimates)
 
 
