@@ -5,8 +5,6 @@ returned by name, to be reported. Values that are not finite stay as they are: t
 later, where they are also counted.
 """
 
-from __future__ import annotations
-
 import csv
 import decimal
 import io
