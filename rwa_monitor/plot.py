@@ -4,8 +4,6 @@ Figures are made without a display and without pyplot: nothing is shown, nothing
 what it is given. Colours are apart for colour-blind eyes, and no picture relies on colour alone.
 """
 
-from __future__ import annotations
-
 from typing import Any, Final
 
 import numpy as np

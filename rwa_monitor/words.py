@@ -3,8 +3,6 @@
 The version of the installed package, which names the commit it was built from, is `rwa_monitor.__version__`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Final
 

@@ -124,10 +124,10 @@ def jumps_of_ideal_search(window: LabelledWindow) -> list[AttributedChangepoint]
         found.append(refine_in_colour(int(place), int(low), int(high), reach, slope, colour, sums.arrays))
     index = np.unique(np.array(found, dtype=np.int64))
     borders = np.concatenate([[0], index, [size]])
-    moments = evidence.sums.between(borders[:-1], borders[1:])
+    n, x, z = evidence.sums.between(borders[:-1], borders[1:])[:3]
     with np.errstate(invalid="ignore", divide="ignore"):
-        jump = np.diff((moments.z - slope * moments.x) / moments.n)
-        each = noise.std**2 * noise.long_run_factor / moments.n
+        jump = np.diff((z - slope * x) / n)
+        each = noise.std**2 * noise.long_run_factor / n
     statistic = np.nan_to_num(jump**2 / (each[:-1] + each[1:]))
     candidates = Candidates(index, np.full(index.size, ORACLE_SCALE), statistic, jump)
     assignment, _ = assign(replace(evidence, candidates=candidates, noise=noise), wheel)

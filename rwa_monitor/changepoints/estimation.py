@@ -74,12 +74,12 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
     noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are left out beside a changepoint
     variance = noise.std**2 * noise.long_run_factor
     slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *prior)
-    sums = evidence.sums.intervals(index)
-    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
+    count, x, z, xx, xz, zz = evidence.sums.intervals(index)
+    seen, n = count > 0.0, np.maximum(count, 1.0)
     mean_variance = mean_variance_factor(noise, n) / n
-    x_mean, z_mean = sums.x / n, sums.z / n
-    sxx, sxz = np.maximum(sums.xx - sums.x * x_mean, 0.0), sums.xz - sums.x * z_mean
-    errors = np.maximum(sums.zz - sums.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
+    x_mean, z_mean = x / n, z / n
+    sxx, sxz = np.maximum(xx - x * x_mean, 0.0), xz - x * z_mean
+    errors = np.maximum(zz - z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
     level = np.where(seen, z_mean - slope * x_mean, np.nan)
     # An interval at zero speed does not feel the slope, however unknown.
     felt = np.where(x_mean != 0.0, slope_std, 0.0)
@@ -88,7 +88,7 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
     jump_std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
     # An interval without samples has the level of the last seen one before it, or of the first.
     place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
-    total = float(sums.n.sum())
+    total = float(count.sum())
     rmse = math.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total) if total else 0.0
     return Estimate(
         index=index,
@@ -152,16 +152,16 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
     """
     index, count = estimate.index, estimate.index.size + 1
     edges = size * np.arange(evidence.slots // size + 1)
-    sums = evidence.sums.between(edges[:-1], edges[1:])
-    n = np.maximum(sums.n, 1.0)
-    friction = (sums.z - estimate.viscous * sums.x) / n
+    used, x, z = evidence.sums.between(edges[:-1], edges[1:])[:3]
+    n = np.maximum(used, 1.0)
+    friction = (z - estimate.viscous * x) / n
     interval = np.searchsorted(index, edges[:-1], side="right")
-    usable = (sums.n >= size // 2) & (interval == np.searchsorted(index, edges[1:]))
+    usable = (used >= size // 2) & (interval == np.searchsorted(index, edges[1:]))
     # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
     # in all blocks.
     total, level = (np.bincount(interval, usable * n * values, count) for values in (np.ones(n.size), friction))
     residual = friction - (level / np.maximum(total, 1.0))[interval]
-    return Blocks(size, n, sums.x / n, friction, residual, interval, usable, count)
+    return Blocks(size, n, x / n, friction, residual, interval, usable, count)
 
 
 # ---- levels between candidates, while it is not decided which of them are jumps: from range sums alone ---------------
@@ -232,8 +232,7 @@ def measure_level(
     """
     nodes = np.concatenate(([0], accepted + 1, [index.size + 1]))
     slots = np.concatenate(([0], index, [sums.slots]))
-    between = sums.between(np.repeat(slots, slots.size), np.tile(slots, slots.size)).table
-    pairs = between.reshape(6, slots.size, slots.size)
+    pairs = sums.between(*np.meshgrid(slots, slots, indexing="ij"))
     n, x, z, xx, xz = pairs[:5, nodes[:-1], nodes[1:]]
     n, weight = np.maximum(n, 1.0), variance / (prior_std * prior_std)
     # Added up in order: the last digit must not depend on how many there are.

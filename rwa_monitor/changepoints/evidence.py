@@ -26,7 +26,7 @@ from rwa_monitor.changepoints.noise import (
     largest_outlier,
     outlier_chance,
 )
-from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums
+from rwa_monitor.changepoints.running_sums import RunningSums, StructureSums, stretch_hop
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Temperature
 from rwa_monitor.kernels import changepoints as kernel
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC, Window
@@ -203,7 +203,7 @@ class WindowAccumulator:
         self._good: BoolArray = np.empty(self.slots, dtype=np.bool_)
         used: BoolArray = np.empty(self.slots, dtype=np.bool_)  # memory is not touched before there are samples for it
         self._sums = RunningSums(self._x, self._z, used)
-        self._structure = StructureSums(self.slots, wheel.speed_unit_rad_s * wheel.sample_period_s)
+        self._structure = StructureSums.of(self.slots)
         self._done = 0  # slots that detection has seen
         self._closed = False
 
@@ -216,10 +216,10 @@ class WindowAccumulator:
         self.settings = WindowSettings(
             speed_unit=wheel.speed_unit_rad_s,
             torque_unit=wheel.torque_unit_Nm,
-            angle_per_x=self._structure.angle_per_x,
+            angle_per_x=wheel.speed_unit_rad_s * wheel.sample_period_s,
             # Short windows let the blocks of the noise estimate overlap.
             block_hop=BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK,
-            stretch_hop=self._structure.hop,
+            stretch_hop=stretch_hop(self.slots),
             dead_band=math.nan if stated is None else stated / wheel.speed_unit_rad_s,
             start_std=(wheel.noise.friction_std_Nm or math.nan) / wheel.torque_unit_Nm,
             prior_mean=prior.mean,
@@ -234,9 +234,9 @@ class WindowAccumulator:
                 else threshold_of_run_length(asked, tuple(self._scales.tolist()))
             ),
         )
-        sums, structure = self._sums, self._structure.arrays
+        sums = self._sums
         blocks: FloatArray = np.empty((2, self.slots // self.settings.block_hop + 1, LAGS))
-        arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, *blocks, structure)
+        arrays = (self._motion, self._x, self._z, self._good, used, sums.arrays, sums.running, *blocks, self._structure)
         self._window = Window(arrays, self.settings, self._scales)
 
     # ---- samples in ------------------------------------------------------------------------------------------------

@@ -6,33 +6,13 @@ window's first slot, so that they do not depend on how the samples arrived; x an
 samples, so that an offset far larger than the noise costs no digits.
 """
 
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 
 from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, extend_sums, range_moments
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
-
-
-class SufficientStatistics(NamedTuple):
-    """Sums over the used samples of ranges of slots, float64 of the shape of the ranges.
-
-    Attributes
-    ----------
-    n, x, z, xx, xz, zz
-        Count, Σx, Σz, Σx², Σxz, Σz² of each range.
-    table
-        float64 (6, …), all of these.
-    """
-
-    n: FloatArray
-    x: FloatArray
-    z: FloatArray
-    xx: FloatArray
-    xz: FloatArray
-    zz: FloatArray
-    table: FloatArray
 
 
 class SumArrays(NamedTuple):
@@ -80,7 +60,7 @@ class RunningSums:
     >>> x = np.arange(100.0)
     >>> sums = RunningSums(x, 2.0 * x, np.ones(100, dtype=np.bool_))
     >>> sums.extend(100)
-    >>> float(sums.between(np.array([10]), np.array([13])).xz[0])  # 2·(10² + 11² + 12²)
+    >>> float(sums.between(np.array([10]), np.array([13]))[4, 0])  # Σxz: 2·(10² + 11² + 12²)
     730.0
     """
 
@@ -107,22 +87,27 @@ class RunningSums:
     @property
     def mean(self) -> tuple[float, float]:
         """Means of x and z over the used samples; 0 without any."""
-        whole = self.intervals(np.zeros(0, dtype=np.int64))
-        n = max(float(whole.n[0]), 1.0)
-        return float(whole.x[0]) / n, float(whole.z[0]) / n
+        count, x, z = self.intervals(np.zeros(0, dtype=np.int64))[:3, 0].tolist()
+        n = max(count, 1.0)
+        return x / n, z / n
 
-    def intervals(self, index: IntArray) -> SufficientStatistics:
-        """Return the sufficient statistics of the intervals between changepoints, int64 (m,): (m + 1,) each."""
+    def intervals(self, index: IntArray) -> FloatArray:
+        """Return `between` of the intervals between changepoints, int64 (m,): float64 (6, m + 1)."""
         edges = np.concatenate(([0], index, [self.slots]))
         return self.between(edges[:-1], edges[1:])
 
-    def between(self, start: IntArray, stop: IntArray) -> SufficientStatistics:
+    def between(self, start: IntArray, stop: IntArray) -> FloatArray:
         """Return the sufficient statistics of the slots [start, stop), element by element; empty ranges give zeros.
 
         Parameters
         ----------
         start, stop
             int64, equal shape, 0 ≤ start, stop ≤ slots.
+
+        Returns
+        -------
+        FloatArray
+            float64 (6, …), over the used samples of each range: count n, Σx, Σz, Σx², Σxz, Σz².
 
         Raises
         ------
@@ -133,9 +118,7 @@ class RunningSums:
         out = np.empty((6, starts.size))
         if not range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out):
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
-        table = out.reshape(6, *starts.shape)
-        n, x, z, xx, xz, zz = table
-        return SufficientStatistics(n, x, z, xx, xz, zz, table)
+        return out.reshape(6, *starts.shape)
 
 
 # ---- structure -------------------------------------------------------------------------------------------------------
@@ -171,8 +154,13 @@ class Structure(NamedTuple):
     plateaus: int
 
 
-class StructureArrays(NamedTuple):
-    """The arrays behind `StructureSums`, as compiled code takes them.
+def stretch_hop(slots: int) -> int:
+    """Return the slots from one stretch that is compared with the angle to the next, in a window of so many."""
+    return max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
+
+
+class StructureSums(NamedTuple):
+    """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
 
     Attributes
     ----------
@@ -192,49 +180,29 @@ class StructureArrays(NamedTuple):
     zeros: FloatArray
     ripple: FloatArray
 
-
-class StructureSums:
-    """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
-
-    Parameters
-    ----------
-    slots
-        Length of the window.
-    angle_per_x
-        Angle by which the wheel turns in one slot at x = 1 [rad].
-
-    Attributes
-    ----------
-    arrays
-        What compiled code works on.
-    hop
-        Slots from one stretch that is compared with the angle to the next.
-    """
-
-    def __init__(self, slots: int, angle_per_x: float) -> None:
-        blocks = -(-slots // BLOCK)
-        self.angle_per_x = angle_per_x
-        self.hop = max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
-        self.arrays = StructureArrays(
+    @classmethod
+    def of(cls, slots: int) -> Self:
+        """Return those of a window of so many slots, before the first."""
+        blocks, stretches = -(-slots // BLOCK), max(0, (slots - STRETCH) // stretch_hop(slots) + 1)
+        return cls(
             signs=np.zeros(blocks, dtype=np.int64),
             counts=np.zeros(blocks, dtype=np.int64),
             near_zero=np.zeros((4, blocks)),
             zeros=np.zeros(5),
-            ripple=np.full((max(0, (slots - STRETCH) // self.hop + 1), HARMONICS), np.nan),
+            ripple=np.full((stretches, HARMONICS), np.nan),
         )
 
     def turns(self, filled: int) -> IntArray:
         """Return, of the blocks that hold the slots [0, filled), the slots forward less those backward; int64."""
-        return self.arrays.signs[: -(-filled // BLOCK)].copy()
+        return self.signs[: -(-filled // BLOCK)].copy()
 
     def resume(self, turns: IntArray, good: BoolArray) -> None:
         """Go on from what `turns` returned and the slots that are good so far, bool (n,)."""
-        self.arrays.signs[: turns.size] = turns
-        self.arrays.counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
+        self.signs[: turns.size] = turns
+        self.counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
 
     def close(self) -> Structure:
         """Return what was gathered."""
-        there = np.isfinite(self.arrays.ripple).any(axis=1)
-        zero_runs, plateaus = int(self.arrays.zeros[3]), int(self.arrays.zeros[4])
-        direction = self.arrays.signs / np.maximum(self.arrays.counts, 1)
-        return Structure(direction, self.arrays.near_zero, self.arrays.ripple[there], zero_runs, plateaus)
+        there = np.isfinite(self.ripple).any(axis=1)
+        direction = self.signs / np.maximum(self.counts, 1)
+        return Structure(direction, self.near_zero, self.ripple[there], int(self.zeros[3]), int(self.zeros[4]))

@@ -155,17 +155,17 @@ def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
 
 def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Return each interval's slope less the common one in standard deviations, and its mean speed; (intervals,)."""
-    sums = evidence.sums.intervals(estimate.index)
+    count, x, z, xx, xz, _ = evidence.sums.intervals(estimate.index)
     variance = evidence.noise.long_variance
-    n = np.maximum(sums.n, 1.0)
-    spread, cross = sums.xx - sums.x * sums.x / n, sums.xz - sums.x * sums.z / n
+    n = np.maximum(count, 1.0)
+    spread, cross = xx - x * x / n, xz - x * z / n
     # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
-    shown = (sums.n >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(sums.xx, TINY))
+    shown = (count >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(xx, TINY))
     if np.count_nonzero(shown) < 2 or not variance > 0.0:
         return np.zeros(0), np.zeros(0)
     spread, cross = spread[shown], cross[shown]
     deviation = (cross / spread - cross.sum() / spread.sum()) * np.sqrt(spread / variance)
-    return np.asarray(deviation), np.asarray((sums.x / n)[shown])
+    return np.asarray(deviation), np.asarray((x / n)[shown])
 
 
 # ---- sides -----------------------------------------------------------------------------------------------------------

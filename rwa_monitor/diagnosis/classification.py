@@ -39,7 +39,7 @@ from typing import Final, NamedTuple, TypeGuard
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
+from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, log_densities, stray_probabilities, system_evidence
 from rwa_monitor.kernels.noise import SMALLEST_STD
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -277,8 +277,8 @@ def classify(
     history = (coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, features.viscous_unit))
     dry, viscous = history
     combinations = _all_combinations(len(names))
-    conditional = features.by_path or (FeaturesOfPath(0.0, features, same_jumps=True),)
-    weighed = [_log_likelihood(one.features, models, combinations, history) for one in conditional]
+    conditional = features.by_path or (features,)
+    weighed = [_log_likelihood(one, models, combinations, history) for one in conditional]
     log_likelihood = np.array([one.log_weight + found[0] for one, found in zip(conditional, weighed, strict=True)])
     prior = _prior(models, names, model, carried, history)
     log_prior = np.log(prior)
@@ -287,7 +287,7 @@ def classify(
     likeliest = max(
         (s for s, one in enumerate(conditional) if one.same_jumps), key=lambda s: float(by_path[s].sum()), default=None
     )
-    configurations = assigned_configurations(features if likeliest is None else conditional[likeliest].features)
+    configurations = assigned_configurations(features if likeliest is None else conditional[likeliest])
     ambiguity = None
     if not features.base_known:
         # Without paths beside it the window's own features are all that was weighed.
@@ -298,7 +298,7 @@ def classify(
         number = ambiguity.number(combinations)
         features = _widened(ambiguity.apply(features, posterior, number), conditional, by_path.sum(axis=1))
         # The window showed only its sum with the friction of a system: no value to take the old one's place.
-        base = dry.before.with_held(ambiguity.held_after(posterior, number)) if dry and dry.before else None
+        base = dry.before.changed(held=ambiguity.held_after(posterior, number)) if dry and dry.before else None
 
     judged, to_carry = [], {}
     shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)
@@ -354,13 +354,13 @@ def _repeats(features: Features, a: int) -> bool:
     return a > 1 and features.systems[a - 2].unmoved
 
 
-def _widened(features: Features, conditional: Sequence[FeaturesOfPath], weights: FloatArray) -> Features:
+def _widened(features: Features, conditional: Sequence[Features], weights: FloatArray) -> Features:
     """Return the features with a base as uncertain as the paths make it in which all systems rest.
 
     `weights` (paths,) are their probabilities. A base higher by what a system's step is worth, with the system a
     configuration lower, is another path of the same samples.
     """
-    apart = [(one.features.base_dry - features.base_dry) * one.features.base_known for one in conditional]
+    apart = [(one.base_dry - features.base_dry) * one.base_known for one in conditional]
     spread = math.sqrt(weights @ np.square(apart))
     return features._replace(base_dry_std=math.hypot(features.base_dry_std, spread))
 

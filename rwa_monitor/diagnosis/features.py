@@ -75,9 +75,14 @@ class Features(NamedTuple):
     systems
         One entry per switching system, in the wheel's order.
     by_path
-        The same by all paths that the samples do not rule out, where there is more than one.
+        The same by all paths that the samples do not rule out, where there is more than one; with standard deviations
+        of the measurement alone.
     viscous_unit
         The nominal viscous friction in the stages' units, dry torque over nominal speed; 1 where the wheel has none.
+    log_weight
+        Of one path: see `stage_results.ConditionalEstimate`.
+    same_jumps
+        Whether every jump is made by the system of the assignment; of another path only configurations may differ then.
     """
 
     base_dry: float
@@ -85,8 +90,10 @@ class Features(NamedTuple):
     viscous: float
     viscous_std: float
     systems: tuple[SystemFeatures, ...]
-    by_path: tuple[FeaturesOfPath, ...] = ()
+    by_path: tuple[Features, ...] = ()
     viscous_unit: float = 1.0
+    log_weight: float = 0.0
+    same_jumps: bool = True
 
     @property
     def base_known(self) -> bool:
@@ -103,24 +110,6 @@ class Features(NamedTuple):
         return (0, self.viscous, self.viscous_std) if anomaly == 1 else self.systems[anomaly - 2].highest()
 
 
-class FeaturesOfPath(NamedTuple):
-    """The features if one path of who jumped when is true.
-
-    Attributes
-    ----------
-    log_weight
-        See `stage_results.ConditionalEstimate`.
-    features
-        With standard deviations of the measurement alone.
-    same_jumps
-        Whether every jump is made by the system of the assignment; only configurations may differ.
-    """
-
-    log_weight: float
-    features: Features
-    same_jumps: bool
-
-
 def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
     """Return the features of a window from the results of stage 3."""
     unit = nominal_viscous(wheel) or 1.0
@@ -132,16 +121,12 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
         systems=_systems(components, assignment.configurations, assignment, wheel),
         viscous_unit=unit,
     )
-    if not components.by_path:
-        return features
     by_path = tuple(
-        FeaturesOfPath(
-            one.log_weight,
-            features._replace(
-                base_dry=one.components.base_dry,
-                base_dry_std=one.components.base_dry_std,
-                systems=_systems(one.components, one.path.split(one.path.configurations), assignment, wheel),
-            ),
+        features._replace(
+            base_dry=one.components.base_dry,
+            base_dry_std=one.components.base_dry_std,
+            systems=_systems(one.components, one.path.split(one.path.configurations), assignment, wheel),
+            log_weight=one.log_weight,
             same_jumps=all(map(np.array_equal, one.path.split(one.path.starts), assignment.starts)),
         )
         for one in components.by_path
@@ -170,10 +155,7 @@ def without_prior(features: Features, prior: SlopePrior) -> Features:
     else:
         viscous = (features.viscous - left * mean) / own
         viscous_std = features.viscous_std / np.sqrt(own)
-    by_path = tuple(
-        one._replace(features=one.features._replace(viscous=float(viscous), viscous_std=float(viscous_std)))
-        for one in features.by_path
-    )
+    by_path = tuple(one._replace(viscous=float(viscous), viscous_std=float(viscous_std)) for one in features.by_path)
     return features._replace(viscous=float(viscous), viscous_std=float(viscous_std), by_path=by_path)
 
 

@@ -5,8 +5,6 @@ give the slope with the variance 2σ²/(n·Δ²), whatever the level is. Frictio
 speed within a stretch between jumps adds as much.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Final, Literal

@@ -33,7 +33,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, verdict_of
 from rwa_monitor.messages import Anomaly, Diagnosis, Friction, Quantity, Residuals, Sojourns, Verdict
 from rwa_monitor.switching.assignment import assign
-from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
+from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_systems
 from rwa_monitor.switching.components import split
 from rwa_monitor.switching.friction_model import slope_prior
 from rwa_monitor.wheel.effects.catalogue import viscous_per_K
@@ -68,8 +68,9 @@ class TemperatureUncertainty(NamedTuple):
         if self.level > 0.0:
             of_levels = ModelErrorUncertainty(self.level, viscous * features.viscous_unit, self.level)
             return of_levels.widen(features)
-        by_path = tuple(one._replace(features=self.widen(one.features)) for one in features.by_path)
-        return features._replace(viscous_std=math.hypot(features.viscous_std, viscous), by_path=by_path)
+        return features._replace(
+            viscous_std=math.hypot(features.viscous_std, viscous), by_path=tuple(map(self.widen, features.by_path))
+        )
 
 
 KNOWN: Final = TemperatureUncertainty()
@@ -128,16 +129,16 @@ def diagnose_window(
         stages = _run_stages(inputs, (relabelled, stages.estimate))
         judgement = _judge(inputs, stages)
     diagnosis = concluded(inputs, stages, judgement, verdict_of)
-    state = next_state(
-        carried,
-        wheel,
-        assignment=stages.assignment,
-        components=stages.components,
-        tracked=_tracked(inputs, stages, judgement),
-        noise_std=evidence.noise.std,
-        probability=judgement.to_carry if model is not None else {},
-        base_known=stages.features.base_known,
-        adequate=stages.fits.adequate,
+    known, std = stages.features.base_known, evidence.noise.std
+    base_dry, viscous = _tracked(inputs, stages, judgement)
+    state = CarriedState(
+        windows=carried.windows + 1,
+        base_dry=base_dry,
+        viscous=viscous,
+        noise_std=std if math.isfinite(std) else carried.noise_std,
+        probability=judgement.to_carry,
+        inadequate=0 if stages.fits.adequate else carried.inadequate + 1,
+        fss=next_systems(carried, wheel, stages.assignment, stages.components, learn=known),
     )
     return diagnosis, stages.features, state
 

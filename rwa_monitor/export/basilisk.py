@@ -5,8 +5,6 @@ the wheel first slows, √(2e) (f_S − f_C) e^(−(Ω/β)²/2) Ω/(√2 β) + f
 sweep of `cost.sweep`, whose first quarter is the way up from rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 

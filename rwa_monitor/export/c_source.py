@@ -6,8 +6,6 @@ Functional Mock-up Interface Specification 3.0, Modelica Association, 2022. The 
 `kernels/onboard/rwa_detector.h`.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import os

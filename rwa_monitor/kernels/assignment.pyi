@@ -22,20 +22,26 @@ def refine_nodes(nodes: IntArray, reach: IntArray, slope: float, variance: float
 def find_paths(
     scores: Scores, paths: int, margin: float, budget: int
 ) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
-    """Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all.
+    """Find the best assignments, distinct: with a narrow beam for a good path, and then the best of all.
 
     Parameters
     ----------
-    scores, paths, margin, budget
-        As for `assignment.search`; the narrow beam is as wide as paths are asked for.
+    scores
+        All that they depend on.
+    paths
+        How many to return at most; the narrow beam is as wide.
+    margin
+        Paths further below the best than this are of no interest [log-likelihood]; some of these may be returned.
+    budget
+        Extensions kept per candidate at most.
 
     Returns
     -------
     score, start, taken, states, pruned
-        float64 (paths,), best first; int64 (paths, S) and (paths, m), configurations at the window's begin, and the
-        actions; entries expanded; whether the budget cut off what may have held a better path. Where values are wild,
-        and scores differ by millions, the full search may drop every path within its budget; then the path of the
-        narrow beam.
+        float64 (paths,), best first; int64 (paths, S) and (paths, m), configurations at the window's begin, and rows of
+        the action table at each candidate; entries expanded; whether the budget cut off what may have held a better
+        path. Where values are wild, and scores differ by millions, the full search may drop every path within its
+        budget; then the path of the narrow beam.
     """
 
 def add_up_laws(scores: Scores, start: IntArray, taken: IntArray, /) -> float: ...

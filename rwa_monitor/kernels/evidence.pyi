@@ -1,7 +1,7 @@
 from typing import Final
 
 from rwa_monitor.changepoints.evidence import WindowSettings
-from rwa_monitor.changepoints.running_sums import StructureArrays, SumArrays
+from rwa_monitor.changepoints.running_sums import StructureSums, SumArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 KEPT_STATISTIC: Final[float]
@@ -21,7 +21,7 @@ _WindowArrays = tuple[
     FloatArray,
     FloatArray,
     FloatArray,
-    StructureArrays,
+    StructureSums,
 ]
 
 class Window:

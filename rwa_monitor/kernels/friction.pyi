@@ -22,7 +22,7 @@ def solve_cases(
     table
         See `friction_model.law_table`.
     statistics
-        float64 (6, segments), see `SufficientStatistics`.
+        float64 (6, segments), see `RunningSums.between`.
     cases
         The prior.
     variance, scatter

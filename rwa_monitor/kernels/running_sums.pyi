@@ -1,6 +1,6 @@
 from typing import Final
 
-from rwa_monitor.changepoints.running_sums import StructureArrays, SumArrays
+from rwa_monitor.changepoints.running_sums import StructureSums, SumArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 STRIDE: Final[int]
@@ -60,7 +60,7 @@ def extend_structure(
     certain: float,
     angle_per_x: float,
     hop: int,
-    arrays: StructureArrays,
+    arrays: StructureSums,
 ) -> None:
     """Add the slots [start, stop), which follow those added before.
 
@@ -73,7 +73,7 @@ def extend_structure(
     certain
         |ω|, normalised, from which its sign is certain.
     angle_per_x, hop
-        See `StructureSums`.
+        As `angle_per_x` and `stretch_hop` of `WindowSettings`.
     arrays
         What they are added to; not their directions.
     """

@@ -109,42 +109,6 @@ class Scores(NamedTuple):
     unattributed_variance: float
 
 
-class Path(NamedTuple):
-    """One complete assignment.
-
-    Attributes
-    ----------
-    score
-        Its score.
-    start
-        int64 (S,), configuration of each system at the window's begin.
-    actions
-        int64 (m,), row of the action table at each candidate.
-    """
-
-    score: float
-    start: IntArray
-    actions: IntArray
-
-
-class SearchResult(NamedTuple):
-    """The best paths, best first, and the work done.
-
-    Attributes
-    ----------
-    paths
-        At most as many as asked for, distinct, none further below the best than the margin.
-    states
-        Number of entries expanded.
-    pruned
-        Whether the budget cut off what may have held a better path.
-    """
-
-    paths: tuple[Path, ...]
-    states: int
-    pruned: bool
-
-
 class _Inputs(NamedTuple):
     """The window, its wheel, and what is known before it."""
 
@@ -207,11 +171,11 @@ def assign(
     while True:
         rounds += 1
         scores = _scores(inputs, level, signs)
-        result = search(scores, paths=KEPT_PATHS, margin=MARGIN, budget=BUDGET)
-        states += result.states
+        score, starts, taken, expanded, pruned = find_paths(scores, KEPT_PATHS, MARGIN, BUDGET)
+        states += expanded
         if rounds == MAX_ROUNDS:
             break
-        accepted = np.flatnonzero(result.paths[0].actions != REJECT)
+        accepted = np.flatnonzero(taken[0] != REJECT)
         moved = _refined(inputs, level, accepted)
         again = _measure(inputs, moved if (moved[1:] > moved[:-1]).all() else level.at, accepted)
         new_signs = signs.copy()
@@ -220,8 +184,9 @@ def assign(
         if settled and np.array_equal(again.at, level.at) and np.array_equal(new_signs, signs):
             break
         level, signs = again, new_signs
-    ranked = _rank(inputs, scores, result.paths, level)
-    return _result(inputs, level.at, ranked, states, result.pruned)
+    likely = score >= score[0] - MARGIN
+    ranked = _rank(inputs, scores, starts[likely], taken[likely], level)
+    return _result(inputs, level.at, ranked, states, pruned)
 
 
 def window_priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None) -> Priors:
@@ -283,35 +248,16 @@ def action_table(systems: int) -> IntArray:
     return table
 
 
-def search(scores: Scores, *, paths: int, margin: float, budget: int) -> SearchResult:
-    """Find the best assignments.
-
-    Parameters
-    ----------
-    scores
-        All that they depend on.
-    paths
-        How many to return at most.
-    margin
-        Paths further below the best than this are of no interest [log-likelihood].
-    budget
-        Extensions kept per candidate at most.
-    """
-    score, starts, taken, states, pruned = find_paths(scores, paths, margin, budget)
-    found = map(Path, score.tolist(), starts, taken)
-    return SearchResult(tuple(path for path in found if path.score >= score[0] - margin), states, pruned)
-
-
 # ---- ranking by the full likelihood ----------------------------------------------------------------------------------
 
 
-def _rank(inputs: _Inputs, scores: Scores, paths: tuple[Path, ...], level: Level) -> list[_Ranked]:
-    """Score the best paths by the full likelihood, best first."""
+def _rank(inputs: _Inputs, scores: Scores, starts: IntArray, taken: IntArray, level: Level) -> list[_Ranked]:
+    """Score the best paths, see `find_paths`, by the full likelihood, best first."""
     table, cases = prior_tables(inputs.priors)
     slots, variance, scatter = inputs.evidence.slots, inputs.variance, level_scatter(inputs.variance)
     ranked = []
-    for _, start, taken in paths:
-        weighed = weigh(scores, start, taken, level.at, level.pairs, slots, table, cases, variance, scatter)
+    for start, actions in zip(starts, taken, strict=True):
+        weighed = weigh(scores, start, actions, level.at, level.pairs, slots, table, cases, variance, scatter)
         ranked.append(_Ranked(SwitchingPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 

@@ -12,7 +12,6 @@ the new normal: the state only follows what the wheel's friction *is*, normal or
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
@@ -57,22 +56,18 @@ class Tracked(Strict):
     windows: Annotated[int, Field(ge=1)]
     held: Probability = 1.0
 
+    def changed(self, **fields: float) -> Tracked:
+        """Return the value with some fields changed."""
+        return Tracked.model_validate({**dict(self), **fields})
+
     def drifted(self) -> Tracked:
         """Return what is known of the value one window later, before that window is seen."""
-        return Tracked(
-            mean=self.mean,
-            std=math.hypot(self.std, DRIFT_PER_WINDOW * abs(self.mean)),
-            windows=self.windows,
-            held=(1.0 - CHANGE_PER_WINDOW) * self.held,
-        )
+        std = math.hypot(self.std, DRIFT_PER_WINDOW * abs(self.mean))
+        return self.changed(std=std, held=(1.0 - CHANGE_PER_WINDOW) * self.held)
 
     def scaled(self, factor: float) -> Tracked:
         """Return the value in another unit."""
-        return Tracked(mean=self.mean * factor, std=self.std * abs(factor), windows=self.windows, held=self.held)
-
-    def with_held(self, held: float) -> Tracked:
-        """Return the value where it is still this one with another probability."""
-        return Tracked(mean=self.mean, std=self.std, windows=self.windows, held=held)
+        return self.changed(mean=self.mean * factor, std=self.std * abs(factor))
 
     def updated(self, value: float, std: float) -> Tracked:
         """Return the value after a window that measured `value` ± `std`."""
@@ -172,19 +167,10 @@ class CarriedState(Hashed):
 _EMPTY: Final = CarriedState()
 
 
-def next_state(
-    carried: CarriedState,
-    wheel: Wheel,
-    *,
-    assignment: Assignment,
-    components: Components,
-    tracked: tuple[Tracked | None, Tracked | None],
-    noise_std: float,
-    probability: Mapping[str, float],
-    base_known: bool,
-    adequate: bool,
-) -> CarriedState:
-    """Return the state after a window.
+def next_systems(
+    carried: CarriedState, wheel: Wheel, assignment: Assignment, components: Components, *, learn: bool
+) -> tuple[SystemState, ...]:
+    """Return what is known of each switching system after a window.
 
     Parameters
     ----------
@@ -194,28 +180,10 @@ def next_state(
         Its wheel.
     assignment, components
         Results of stage 3.
-    tracked
-        Base dry and viscous friction after the window.
-    noise_std
-        Noise of the window, normalised.
-    probability
-        Of each anomaly after this window, to be carried on.
-    base_known
-        Whether this window itself shows the base dry friction; otherwise the systems' friction is not learned from it.
-    adequate
-        Whether the friction model fits the window.
+    learn
+        Whether the window itself shows the base dry friction; otherwise the systems' friction is not learned from it.
     """
-    return CarriedState(
-        windows=carried.windows + 1,
-        base_dry=tracked[0],
-        viscous=tracked[1],
-        noise_std=noise_std if math.isfinite(noise_std) else carried.noise_std,
-        probability=dict(probability),
-        inadequate=0 if adequate else carried.inadequate + 1,
-        fss=tuple(
-            _next_system(carried, wheel, s, assignment, components, learn=base_known) for s in range(len(wheel.fss))
-        ),
-    )
+    return tuple(_next_system(carried, wheel, s, assignment, components, learn=learn) for s in range(len(wheel.fss)))
 
 
 def rate_after_change(probability: float, rate: float) -> float:

@@ -8,7 +8,8 @@ values are those of the assignment; what the alternatives leave open shows in th
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import islice, product
 from typing import Final
 
@@ -61,31 +62,28 @@ def split(
         assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED]
     )
     jumps = estimate.index
-    borders = np.concatenate(([0], jumps, [evidence.slots]))
-    segments = evidence.sums.intervals(jumps)
     seen = estimate.level[np.isfinite(estimate.level)]
     level = float(seen.sum()) / seen.size if seen.size else 0.0
     priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
-    variance = effective_variance(evidence.noise)
+    estimate_by = partial(_estimate, evidence, priors, effective_variance(evidence.noise))
 
     paths = _raised(path, wheel)
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
-    scatter = level_scatter(variance)
-    estimates = [
-        _estimate(one, solve(one, borders, segments.table, priors, variance, scatter), borders, segments.n, log)
-        for one, log in zip(paths, durations_of, strict=True)
-    ]
+    estimates = [estimate_by(solve, one, jumps, log) for one, log in zip(paths, durations_of, strict=True)]
     scores = [one.log_weight for one in estimates]
     weights = softmax(np.array(scores))
     parts = [one.components for one in estimates]
     base_std = _spread(weights, [one.base_dry for one in parts], [one.base_dry_std for one in parts])
+    alternatives = _alternatives(assignment, jumps, paths, scores, durations_of)
+    # A configuration 0 with friction of its own is never distinguished from the base, and the paths do not compare.
+    compare = len(alternatives) > 1 and all(of_system[0].fixed_at_zero for of_system in priors.laws)
     return parts[0]._replace(
         base_dry_std=float(np.hypot(base_std, parts[0].base_dry if jumps.size and not wheel.fss else 0.0)),
         fss_friction_std=tuple(
             _spread(weights, [one.fss_friction[s] for one in parts], [one.fss_friction_std[s] for one in parts])
             for s in range(len(wheel.fss))
         ),
-        by_path=_conditional_estimates(_alternatives(assignment, jumps, paths, scores, durations_of), evidence, priors),
+        by_path=tuple(estimate_by(measure, one.path, one.index, one.log_durations) for one in alternatives if compare),
     )
 
 
@@ -118,9 +116,20 @@ def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried:
 
 
 def _estimate(
-    path: SwitchingPath, posterior: Posterior, borders: IntArray, samples: FloatArray, durations: float
+    evidence: Evidence,
+    priors: Priors,
+    variance: float,
+    solver: Callable[..., Posterior],
+    path: SwitchingPath,
+    index: IntArray,
+    durations: float,
 ) -> ConditionalEstimate:
-    """Return the parts of friction given one path, from its posterior and the log-probability of its durations."""
+    """Return the parts of friction given one path, the slots of its jumps, and the log-probability of its durations.
+
+    `solver` is `solve` or `measure`; `variance` as they take it.
+    """
+    borders, segments = np.concatenate(([0], index, [evidence.slots])), evidence.sums.intervals(index)
+    posterior, samples = solver(path, borders, segments, priors, variance, level_scatter(variance)), segments[0]
     base, base_variance = float(posterior.mean[0]), float(posterior.covariance[0, 0])
     if path.unattributed.size:
         weights = np.zeros(posterior.mean.size)
@@ -166,25 +175,6 @@ def _alternatives(
         alternative for alternative in found.values() if alternative.log_score >= assigned.log_score + LEAST_SCORE
     ]
     return sorted(likely, key=lambda alternative: -alternative.log_score)[:MOST_PATHS]
-
-
-def _conditional_estimates(
-    alternatives: list[Alternative], evidence: Evidence, priors: Priors
-) -> tuple[ConditionalEstimate, ...]:
-    """Return the estimate given each of the paths; nothing where there is only one.
-
-    A configuration 0 with friction of its own is never distinguished from the base, and the paths do not compare.
-    """
-    if len(alternatives) < 2 or not all(of_system[0].fixed_at_zero for of_system in priors.laws):
-        return ()
-    variance = effective_variance(evidence.noise)
-    estimates = []
-    for one in alternatives:
-        borders = np.concatenate(([0], one.index, [evidence.slots]))
-        segments = evidence.sums.intervals(one.index)
-        posterior = measure(one.path, borders, segments.table, priors, variance, level_scatter(variance))
-        estimates.append(_estimate(one.path, posterior, borders, segments.n, one.log_durations))
-    return tuple(estimates)
 
 
 def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number]) -> FloatArray:

@@ -83,7 +83,7 @@ def solve(
     borders
         int64 (segments + 1,), slots at which segments begin and end.
     statistics
-        float64 (6, segments), sufficient statistics of the segments, see `SufficientStatistics.table`.
+        float64 (6, segments), sufficient statistics of the segments, see `RunningSums.between`.
     priors
         What is known before.
     variance

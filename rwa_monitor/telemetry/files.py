@@ -3,8 +3,6 @@
 Of MCAP files, our recordings and ROS 2 bags, chunks are unpacked: their sizes are compared before.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 import zlib

@@ -9,8 +9,6 @@ from slot to slot: motion, temperature, every part of the friction, noise). Not 
 the recordings of a folder does not find their truth.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import json

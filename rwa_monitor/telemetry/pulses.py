@@ -4,8 +4,6 @@ The mean speed over a whole turn is that at its middle, but for how much the acc
 whole turn unequal distances between the pulses cancel, and so does what repeats with each turn.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import Any, Final, NamedTuple

@@ -7,8 +7,6 @@ Three steps, in the order of the flow, pure:
     friction source      the friction torque, given or derived from current, less the effects the wheel is known to have
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple

@@ -5,8 +5,6 @@ returned by name, to be reported. Values that are not finite stay as they are: t
 later, where they are also counted.
 """
 
-from __future__ import annotations
-
 import csv
 import decimal
 import io
@@ -224,8 +222,7 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
 
 FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 
-_PLAIN_DECIMAL: Final = re.compile(r"([+-]?[0-9]{1,18})(?:\.([0-9]*))?")
-_ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
+_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
 _LARGEST_INT64: Final = np.iinfo(np.int64).max
 _PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which the column's name ends
 _CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
@@ -330,14 +327,9 @@ def _nanoseconds(texts: Sequence[str], column: str, source: str, row: int) -> In
 
 def _nanoseconds_of(text: str, places: int) -> int | str:
     """Return one time in 10^-places s, rounded to the nearest, or the reason why it is none."""
-    if plain := _PLAIN_DECIMAL.fullmatch(text):
-        whole, parts = plain.groups(default="")
-        time = int(whole + parts.ljust(places, "0"))
-        if len(parts) <= places and abs(time) <= _LARGEST_INT64:
-            return time
     if not text:
         return "is empty; every row needs a time"
-    if not _ANY_DECIMAL.fullmatch(text):
+    if not _DECIMAL.fullmatch(text):
         return f"{text[:40]!r} is not a finite number"
     value = decimal.Decimal(text).scaleb(places, _CONTEXT)
     # Compared before it becomes an integer: 1e999999 would be one of a million digits.

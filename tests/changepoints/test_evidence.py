@@ -60,7 +60,7 @@ def _bytes(evidence):
     moments = evidence.sums.between(np.zeros_like(at), at)
     return (
         b"".join(array.tobytes() for array in arrays)
-        + b"".join(getattr(moments, name).tobytes() for name in ("n", "x", "z", "xx", "xz", "zz"))
+        + moments.tobytes()
         + b"".join(getattr(structure, name).tobytes() for name in ("near_zero", "ripple", "direction"))
         + np.array([evidence.noise.std, evidence.noise.long_run_factor, evidence.threshold]).tobytes()
         + repr((evidence.slots, evidence.good, evidence.used, structure.zero_runs, structure.plateaus)).encode()

@@ -8,7 +8,7 @@ from scipy import integrate
 
 from rwa_monitor.changepoints.estimation import SlopePrior
 from rwa_monitor.diagnosis.classification import Coefficient, Judgement, classify, coefficient
-from rwa_monitor.diagnosis.features import Features, FeaturesOfPath, SystemFeatures, without_prior
+from rwa_monitor.diagnosis.features import Features, SystemFeatures, without_prior
 from rwa_monitor.diagnosis.model import built_in_model, models_for
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState, Tracked, probability_before
 from rwa_monitor.wheel.wheel import built_in_wheel
@@ -172,8 +172,8 @@ def test_paths_count_by_what_was_learned_of_friction(against: float) -> None:
     shifted = features(dry=1.48, factor_2=0.8)
     told = shifted._replace(
         by_path=(
-            FeaturesOfPath(0.0, shifted, same_jumps=True),
-            FeaturesOfPath(against, healthy, same_jumps=True),
+            shifted,
+            healthy._replace(log_weight=against),
         ),
     )
     assert judged(shifted)["dry"] > 0.9
@@ -185,7 +185,7 @@ def test_paths_count_by_what_was_learned_of_friction(against: float) -> None:
 @pytest.mark.parametrize("weight", [-3.0, 0.0, 3.0])
 def test_paths_that_agree_change_nothing(weight: float) -> None:
     for seen in (features(), features(rests=False), features(factor_2=1.4)):
-        one = FeaturesOfPath(weight, seen, same_jumps=True)
+        one = seen._replace(log_weight=weight)
         assert judged(seen._replace(by_path=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
 
 

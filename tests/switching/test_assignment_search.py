@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_up_laws
-from rwa_monitor.switching.assignment import search
+from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, add_up_laws, find_paths
 from tests.switching.assignment_windows import FREE, LONG, SHORT, UNATTRIBUTED, Problem, random_problem, step_of
 
 
@@ -110,9 +109,9 @@ def test_equals_exhaustive_search(systems, candidates, rare, trials):
     for _ in range(trials):
         problem = random_problem(rng, systems, candidates, rare=rare)
         best = sorted(all_scores(problem), key=lambda one: -one[0])[:3]
-        result = search(problem.scores, paths=3, margin=1000.0, budget=100_000)
-        assert not result.pruned
-        found = [(path.score, tuple(path.start.tolist()), tuple(path.actions.tolist())) for path in result.paths]
+        scores, starts, taken, _, pruned = find_paths(problem.scores, 3, 1000.0, 100_000)
+        assert not pruned
+        found = list(zip(scores.tolist(), map(tuple, starts.tolist()), map(tuple, taken.tolist()), strict=True))
         # The three best, not only the best: they are distinct, and three are kept per state.
         np.testing.assert_allclose([one[0] for one in found], [one[0] for one in best], rtol=0, atol=1e-9)
         agree += found[0][1:] == best[0][1:]
@@ -134,9 +133,9 @@ def test_with_sizes_equals_exhaustive_search(systems, candidates, exact):
             problem.durations.missed[:] = -np.inf
             problem = replace(problem, pairs=False)
         best = max(all_scores(problem))
-        found = search(problem.scores, paths=16, margin=14.0, budget=100_000).paths[0]
-        assert found.score <= best[0] + 1e-9
-        agree += abs(found.score - best[0]) < 1e-9
+        found = find_paths(problem.scores, 16, 14.0, 100_000)[0][0]
+        assert found <= best[0] + 1e-9
+        agree += abs(found - best[0]) < 1e-9
     assert agree == trials if exact else agree >= trials - 1
 
 
@@ -145,11 +144,12 @@ def test_laws_of_a_path_are_its_score_without_fits_and_know_no_sizes():
     kinds = set()
     for _ in range(40):
         sized = random_problem(rng, (SHORT, LONG), 6, sized=True)
-        for path in search(replace(sized, sizes=None).scores, paths=8, margin=8.0, budget=20_000).paths:
-            nodes = np.concatenate([[0], np.flatnonzero(path.actions != REJECT) + 1, [path.actions.size + 1]])
+        paths = find_paths(replace(sized, sizes=None).scores, 8, 8.0, 20_000)[:3]
+        for score, start, taken in zip(*paths, strict=True):
+            nodes = np.concatenate([[0], np.flatnonzero(taken != REJECT) + 1, [taken.size + 1]])
             fits = float(sized.fit[nodes[:-1], nodes[1:]].sum())
-            assert add_up_laws(sized.scores, path.start, path.actions) == pytest.approx(path.score - fits, abs=1e-9)
-            kinds.update(path.actions.tolist())
+            assert add_up_laws(sized.scores, start, taken) == pytest.approx(score - fits, abs=1e-9)
+            kinds.update(taken.tolist())
     assert {REJECT, NO_SYSTEM} < kinds
     assert len(kinds) >= 8  # with missed jumps or two at once: the sum holds for all
 
@@ -158,17 +158,17 @@ def test_narrow_margin_does_not_lose_the_best():
     rng = np.random.default_rng(11)
     for _ in range(30):
         problem = random_problem(rng, (SHORT, LONG), 10)
-        wide = search(problem.scores, paths=1, margin=1000.0, budget=200_000)
-        narrow = search(problem.scores, paths=1, margin=0.0, budget=200_000)
-        assert not wide.pruned
-        assert narrow.paths[0].score == wide.paths[0].score
-        assert narrow.states < wide.states
+        [wide], _, _, of_wide, pruned = find_paths(problem.scores, 1, 1000.0, 200_000)
+        [narrow], _, _, of_narrow, _ = find_paths(problem.scores, 1, 0.0, 200_000)
+        assert not pruned
+        assert narrow == wide
+        assert of_narrow < of_wide
 
 
 def test_pruning_is_reported_and_still_gives_a_whole_path():
     rng = np.random.default_rng(5)
     problem = random_problem(rng, (SHORT, LONG, FREE), 40)
-    result = search(problem.scores, paths=4, margin=30.0, budget=20)
-    assert result.pruned
-    assert result.paths[0].actions.size == 40
-    assert search(problem.scores, paths=4, margin=30.0, budget=4000).paths[0].score >= result.paths[0].score
+    score, _, taken, _, pruned = find_paths(problem.scores, 4, 30.0, 20)
+    assert pruned
+    assert taken.shape[1] == 40
+    assert find_paths(problem.scores, 4, 30.0, 4000)[0][0] >= score[0]

@@ -17,7 +17,7 @@ from rwa_monitor.switching.carried_state import (
     SystemState,
     Tracked,
     follow,
-    next_state,
+    next_systems,
     probability_before,
 )
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
@@ -161,14 +161,5 @@ def _next(carried: CarriedState, *, wheel: Wheel | None = None) -> CarriedState:
         fss_friction=(np.array([0.0, 0.45, 0.0]), np.array([0.5])),
         fss_friction_std=(np.full(3, 0.01), np.full(1, 0.01)),
     )
-    return next_state(
-        carried,
-        wheel or built_in_wheel(),
-        assignment=assignment,
-        components=components,
-        tracked=(None, None),
-        noise_std=0.024,
-        probability={"dry": 0.1},
-        base_known=True,
-        adequate=True,
-    )
+    systems = next_systems(carried, wheel or built_in_wheel(), assignment, components, learn=True)
+    return carried.model_copy(update={"fss": systems})

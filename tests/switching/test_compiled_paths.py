@@ -27,7 +27,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     assert nodes.tolist() == [0, 1, 3, 4, 5]
     borders = np.array([0, 90, 330, 450, 600])
     chain = found.pairs[:, nodes[:-1], nodes[1:]]
-    assert chain == pytest.approx(sums.between(borders[:-1], borders[1:]).table)
+    assert chain == pytest.approx(sums.between(borders[:-1], borders[1:]))
     own = np.zeros((used.sum(), 5))
     own[np.arange(used.sum()), np.searchsorted(borders, np.flatnonzero(used), side="right") - 1] = 1.0
     own[:, 4] = x[used]

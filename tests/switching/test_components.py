@@ -92,9 +92,9 @@ def test_evidence_is_that_of_the_whole_gaussian():
     def densities(path: SwitchingPath, borders: np.ndarray) -> tuple[float, float]:
         sums = sums_of(x, z)
         moments = sums.between(borders[:-1], borders[1:])
-        closed = solve(path, borders, moments.table, priors, std**2, scatter).log_evidence
+        closed = solve(path, borders, moments, priors, std**2, scatter).log_evidence
         table, cases = prior_tables(priors)
-        alone = evidence_of_cases(path, borders, table, moments.table, cases, std**2, scatter)
+        alone = evidence_of_cases(path, borders, table, moments, cases, std**2, scatter)
         assert alone == pytest.approx(closed, abs=1e-9)
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []
@@ -146,7 +146,7 @@ def test_what_the_samples_alone_show_is_the_integral_over_flat_priors():
     def log_measured(configurations: tuple[int, ...], starts: tuple[int, ...], borders: np.ndarray) -> float:
         path = SwitchingPath.of((rest, np.array(configurations)), (rest, np.array(starts)), none)
         segments = sums_of(x, z).between(borders[:-1], borders[1:])
-        return measure(path, borders, segments.table, priors, std**2, 1e-12).log_evidence
+        return measure(path, borders, segments, priors, std**2, 1e-12).log_evidence
 
     base, first = np.meshgrid(grid, grid, indexing="ij")
     borders = np.array([0, 20, 60])
