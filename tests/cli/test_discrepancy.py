@@ -48,6 +48,17 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(tmp_path: Path) -> None:
     assert "nominal friction on the median; wrong unit?" in line
 
 
+def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
+    """A torque sensor at its end stop: what it shows is its range, not a friction law."""
+    table = columns()
+    limit = 0.5 * float(np.median(np.abs(table["friction_torque_Nm"])))
+    table["friction_torque_Nm"] = np.clip(table["friction_torque_Nm"], -limit, limit)
+    done = run("discrepancy", write(tmp_path / "t.csv", table), "--json")
+    assert done.exit_code == 2
+    assert "friction_torque_Nm" in done.stderr
+    assert "saturated" in done.stderr
+
+
 def test_a_current_at_its_end_stop_now_and_then_is_left_out_and_reported(tmp_path: Path) -> None:
     table = with_current(columns())
     limit = float(np.quantile(np.abs(table["motor_current_A"]), 0.95))

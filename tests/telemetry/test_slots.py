@@ -1,17 +1,72 @@
-"""The bearing's temperature in every slot: held between its readings, with an error that grows."""
+"""Slots: the ring buffer against a dictionary that keeps everything; temperature held between its readings."""
 
+from itertools import pairwise
+
+import hypothesis.strategies as st
 import numpy as np
+from hypothesis import given
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.telemetry.slots import DRIFT_K_S, LARGEST_ERROR_K, STUCK_S, held_temperature
+from rwa_monitor.telemetry.slots import DRIFT_K_S, LARGEST_ERROR_K, STUCK_S, RingBuffer, held_temperature
+
+CAPACITY = 13
+
+
+@given(
+    steps=st.lists(st.lists(st.booleans(), min_size=1, max_size=CAPACITY), max_size=12),
+    begin=st.integers(0, 30),
+)
+def test_it_holds_the_last_slots(steps: list[list[bool]], begin: int) -> None:
+    ring = RingBuffer(CAPACITY, (), CAPACITY)
+    ring.clear(begin)
+    reference: dict[int, float] = {}
+    value = 0.0
+    for filled in steps:
+        slots = ring.end + np.flatnonzero(filled)
+        values = value + np.arange(slots.size, dtype=np.float64)
+        value += slots.size
+        reference.update(zip(slots.tolist(), values.tolist(), strict=True))
+        ring.extend(ring.end + len(filled), slots, {"speed_rad_s": values, "torque_Nm": -values})
+    low, high = ring.begin - 5, ring.end + 5
+    asked = np.arange(low, high)
+    held = (asked >= ring.begin) & (asked < ring.end)
+    assert ring.begin == max(begin, ring.end - CAPACITY)
+    expected = np.array([reference.get(slot, np.nan) if ok else np.nan for slot, ok in zip(asked, held, strict=True)])
+    np.testing.assert_array_equal(ring.read("speed_rad_s", low, high), expected)
+    np.testing.assert_array_equal(ring.read("torque_Nm", low, high), -expected)
+    np.testing.assert_array_equal(ring.is_filled(asked), ~np.isnan(expected))
+
+
+def test_values_are_kept_for_fewer_slots_than_the_fact_that_they_came() -> None:
+    ring = RingBuffer(CAPACITY, (), 4)
+    for start in range(0, 18, 3):
+        slots = np.arange(start, start + 3)
+        ring.extend(start + 3, slots[1:], dict.fromkeys(ring.channels, slots[1:] + 0.5))
+    asked = np.arange(18)
+    np.testing.assert_array_equal(ring.is_filled(asked), (asked >= 18 - CAPACITY) & (asked % 3 > 0))
+    values = ring.read("torque_Nm", 0, 18)
+    np.testing.assert_array_equal(values, np.where((asked >= 14) & (asked % 3 > 0), asked + 0.5, np.nan))
+    again = RingBuffer(CAPACITY, (), 4)
+    again.restore(ring.begin, ring.is_filled(np.arange(ring.begin, 18)), dict.fromkeys(ring.channels, values[8:]))
+    np.testing.assert_array_equal(again.read("torque_Nm", 0, 18), values)
+    np.testing.assert_array_equal(again.is_filled(asked), ring.is_filled(asked))
+
+
+# ---- the bearing's temperature between its readings ------------------------------------------------------------------
+
 
 PERIOD_S = 0.125
 SLOTS = 8000
 
 
-def held(measured: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return temperature and error of a record."""
-    return held_temperature(measured, PERIOD_S, 20.0, None)[:2]
+def held(measured: FloatArray, cuts: list[int] | None = None) -> tuple[FloatArray, FloatArray]:
+    """Return temperature and error of a record that comes in pieces."""
+    memory, found = None, []
+    for start, stop in pairwise([0, *sorted(cuts or []), measured.size]):
+        temperature, error, memory = held_temperature(measured[start:stop], PERIOD_S, 20.0, memory)
+        found.append((temperature, error))
+    temperature, error = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return temperature, error
 
 
 def swinging(digits_K: float = 0.0) -> FloatArray:
@@ -19,6 +74,18 @@ def swinging(digits_K: float = 0.0) -> FloatArray:
     true = 20.0 + 3.0 * np.sin(2.0 * np.pi * np.arange(SLOTS) * PERIOD_S / 5700.0)
     noisy = true + 0.02 * np.random.default_rng(3).standard_normal(SLOTS)
     return digits_K * np.rint(noisy / digits_K) if digits_K else noisy
+
+
+@given(
+    values=st.lists(st.sampled_from([np.nan, 20.0, 20.5, 21.0, -273.15]), min_size=1, max_size=60),
+    repeated=st.integers(1, 60),
+    cuts=st.lists(st.integers(0, 3600), max_size=8),
+)
+def test_it_is_the_same_in_any_pieces(values: list[float], repeated: int, cuts: list[int]) -> None:
+    measured = np.repeat(values, repeated)
+    whole, pieces = held(measured), held(measured, [min(cut, measured.size) for cut in cuts])
+    np.testing.assert_array_equal(whole[0], pieces[0])
+    np.testing.assert_array_equal(whole[1], pieces[1])
 
 
 def test_a_gap_is_held_and_its_error_grows() -> None:
