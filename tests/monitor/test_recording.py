@@ -11,6 +11,7 @@ from rwa_monitor.messages import EncodedMessage
 from rwa_monitor.monitor import recording as recording_module
 from rwa_monitor.monitor.recorder import RecordingWriter
 from rwa_monitor.monitor.recording import (
+    Recording,
     read_recording,
     recordings_of,
 )
@@ -62,6 +63,21 @@ def test_read_in_small_pieces_a_recording_is_the_same_also_cut_and_damaged(
                 patched.setattr(recording_module, "PIECE_BYTES", piece_bytes)
                 again = read_recording(path)
                 assert (again.messages, again.problems) == (expected.messages, expected.problems)
+
+
+def test_telemetry_that_is_packed_well_is_read_again_where_it_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fleet at rest: its recording was refused after a restart, for what it unpacks to."""
+    path = tmp_path / "rest.mcap"
+    writer = RecordingWriter(path, (), lambda: 7)
+    for number in range(1_000):
+        writer.write(EncodedMessage(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") * 50, number))
+    writer.close()
+    monkeypatch.setattr(recording_module, "MAX_WORK_BYTES", 0)  # so that the share of the size counts
+    with pytest.raises(InputError, match="asks for more than"):
+        read_recording(path)
+    assert sum(isinstance(part, EncodedMessage) for part in Recording(path).parts()) == 1_000
 
 
 def test_a_damaged_attachment_is_not_believed(whole: tuple[Path, list[bytes]]) -> None:
