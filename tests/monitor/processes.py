@@ -75,9 +75,11 @@ class Driven:
         self.monitor.begin(past)
 
 
-def put_pieces(publisher: SamplesPublisher, samples: Samples, size: int) -> SamplesPublisher:
+def put_pieces(
+    publisher: SamplesPublisher, samples: Samples, size: int, *, backwards: bool = False
+) -> SamplesPublisher:
     """Publish samples in messages of a size."""
-    for start in range(0, len(samples), size):
+    for start in range(0, len(samples), size)[:: -1 if backwards else 1]:
         publisher.put(samples[start : start + size])
     return publisher
 
