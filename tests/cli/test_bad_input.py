@@ -46,7 +46,7 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         "diagnose {good} --wheel {file}",
         "w.toml: nominal.dry_torque: no key has this name; did you mean 'dry_torque_Nm'?",
     ),
-    "wheel in Latin-1": ("w.toml", b"# caf\xe9\n", "diagnose {good} --wheel {file}", "row 1: is no UTF-8 text"),
+    "wheel in Latin-1": ("w.toml", b"\n# caf\xe9\n", "diagnose {good} --wheel {file}", "row 2: is no UTF-8 text"),
     "model is no JSON": ("m.json", b"{", "diagnose {good} --model {file}", "m.json: is no model"),
     "unknown method": ("t.csv", HEAD, "diagnose {file} --method best", "'best' is not one of 'joint', 'paper'"),
     "no file named": ("t.csv", HEAD, "diagnose", "Missing argument 'FILE...'"),

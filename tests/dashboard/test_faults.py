@@ -1,10 +1,8 @@
 """What can go wrong around the page, for real: it shows what, recovers by itself, and nothing acknowledged is lost."""
 
+import json
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +18,8 @@ from tests.dashboard.support import START_S, ask, expect, opened, reporting, sen
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
-from tests.monitor.processes import Listener, wait_for
+from tests.monitor.processes import ROUTER, Listener, process, script, wait_for
 from tests.monitor.support import free_port
-from tests.program import command
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes]
 
@@ -33,41 +30,6 @@ connection.execute("BEGIN IMMEDIATE")
 print("locked", flush=True)
 sys.stdin.read()
 """
-ROUTER = """
-import json, sys, zenoh
-config = zenoh.Config()
-config.insert_json5("mode", '"router"')
-config.insert_json5("listen/endpoints", json.dumps([sys.argv[1]]))
-config.insert_json5("scouting/multicast/enabled", "false")
-with zenoh.open(config):
-    print("listening", flush=True)
-    sys.stdin.read()
-"""
-
-
-@contextmanager
-def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a script in another process until it is ended, once it has printed its first line."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", text, argument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert process.stdout.readline()
-        yield process
-    finally:
-        process.communicate("")
-
-
-@contextmanager
-def monitor(port: int) -> Iterator[subprocess.Popen[str]]:
-    """Run a real monitor that connects to a port."""
-    words = command("run", "-e", f"tcp/127.0.0.1:{port}")
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
 
 
 def acknowledge(page: Any, name: str = "Ann") -> None:
@@ -76,12 +38,11 @@ def acknowledge(page: Any, name: str = "Ann") -> None:
 
 
 def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_back(page: Any, tmp_path: Path) -> None:
-    port = free_port()
-    bus = BusOptions(listen=(f"tcp/127.0.0.1:{port}",))
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     options = DashboardOptions(free_port(), tmp_path, token="right", silent_s=8.0)
     batch = samples_json(with_friction(40), "satellite", 0)
     with ExitStack() as stack:
-        session = stack.enter_context(open_session(bus))
+        session = stack.enter_context(open_session(BusOptions(listen=(endpoint,))))
 
         listener = Listener(session)
 
@@ -101,7 +62,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
             return found[0] if found else None
 
-        process = stack.enter_context(monitor(port))
+        child = stack.enter_context(process("run", "-e", endpoint))
         wait_for(reports, "the monitor", START_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
@@ -109,7 +70,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             page.locator(".wheel").click()
             expect(page.get_by_text("✓ reporting")).to_be_visible()
             assert monitor_alarm(running.address) is None
-            process.send_signal(signal.SIGKILL)
+            child.send_signal(signal.SIGKILL)
             expect(page.locator(".stale-note")).to_contain_text("stale: monitor reported")
             expect(page.get_by_text("✓ reporting")).to_have_count(0)
             page.goto(f"{running.address}#/")
@@ -125,7 +86,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             alarm = monitor_alarm(running.address)
             assert (alarm["phase"], alarm["closed_ns"]) == ("acknowledged", None)
             page.goto(f"{running.address}#/")
-            with monitor(port):
+            with process("run", "-e", endpoint):
                 send_until_reported()
                 expect(page.locator(".wheel")).not_to_contain_text("stale")
                 expect(page.locator(".wheel")).not_to_contain_text("warning")
@@ -179,8 +140,10 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
 @pytest.mark.parametrize("complaint", [""])
 def test_a_bus_that_is_gone_is_reported_until_it_is_back(page: Any, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
+    alone = {"multicast": {"enabled": False}}
+    router = json.dumps({"mode": "router", "listen": {"endpoints": [endpoint]}, "scouting": alone})
     with ExitStack() as stack:
-        first = stack.enter_context(script(ROUTER, endpoint))
+        first = stack.enter_context(script(ROUTER, router))
         bus = BusOptions(mode="client", connect=(endpoint,))
         session = stack.enter_context(open_session(bus))
         running = stack.enter_context(serve(DashboardOptions(0, tmp_path, bus=bus), session))
@@ -189,7 +152,7 @@ def test_a_bus_that_is_gone_is_reported_until_it_is_back(page: Any, tmp_path: Pa
         expect(page.locator("#banner")).to_be_hidden()
         first.kill()
         expect(page.locator("#banner")).to_contain_text(f"The bus is gone: there is no connection to {endpoint}")
-        with script(ROUTER, endpoint):
+        with script(ROUTER, router):
             expect(page.locator("#banner")).to_be_hidden()
 
 

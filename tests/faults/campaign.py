@@ -21,29 +21,6 @@ from tests.faults.trial import Outcome, losing, run_trial
 
 PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 DEVELOPMENT_SEED = 6
-ABOUT = {
-    "kill_monitor": "the monitor is killed (SIGKILL) at any moment and started again",
-    "restart_monitor": "the monitor is stopped in order (SIGTERM) and started again",
-    "pause_monitor": "the monitor stands still (SIGSTOP) for up to 1.6 s, longer than the lease of its connection",
-    "kill_router": "the router is killed and started again",
-    "cut_link": "the connection between monitor and router is cut, messages flow on, it heals",
-    "freeze_link": "nothing passes on that connection for a while, and it stays open",
-    "restart_publisher": "the publisher, all of whose samples are on the disk, is killed, and another takes its place",
-    "rotation": "recordings end as soon as they may, one after the other",
-    "duplicate": "messages are sent twice",
-    "reorder": "messages overtake each other",
-    "corrupt": "damaged messages that cannot be read",
-    "second_publisher": "a second publisher publishes on the same wheel while the first one lives",
-    "disk_full": "the disk of the recordings is full to the last byte, then free again",
-    "disk_fails": "writing to the recording fails (RLIMIT_FSIZE), then works again",
-    "clock_step": "the wheel's clock steps by more than a window, forwards or back",
-    "wild_times": "single samples with a wild time",
-    "bad_data": "a sensor that hangs, spikes, a wrong unit, dropouts, values not measured, flipped bits of values",
-    "second_wheel": "a second wheel appears and vanishes",
-    "outage_beyond_history": "an outage that lasts longer than the publisher's history (loses samples)",
-    "publisher_dies_in_outage": "the publisher and its history die during an outage (loses samples)",
-    "flipped_recording": "the monitor is killed; a bit of its recording flips before it starts again (loses samples)",
-}
 
 
 def main() -> int:
@@ -100,7 +77,7 @@ def report(outcomes: list[Outcome], seed: int, took_s: float) -> str:
         ("from SIGTERM to the end, median and largest [s]", f"{median(stops_s):.2f}, {max(stops_s):.2f}"),
     ]
     of = f"seed {seed}, histories {outcomes[0].number} to {outcomes[-1].number}, {took_s:.0f} s"
-    faults = [(kind, str(kinds[kind]), ABOUT[kind]) for kind in (*RECOVERABLE, *LOSING)]
+    faults = [(kind, str(kinds[kind]), about) for kind, about in (RECOVERABLE | LOSING).items()]
     broken = [f"- history {one.number} ({', '.join(one.kinds)}): {one.problems[0][:200]}" for one in failed]
     before = PAGE.read_text(encoding="utf-8")
     limits = re.split(r"\n- history |\n\n\*Made by ", before[before.index("## Limits") :])[0]

@@ -2,46 +2,50 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import cache
 from typing import Final
 
 import numpy as np
 
-from benchmarks.references import reference_wheel
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import spoiled
+from tests.monitor.support import wheel as wheel_of
 
 WINDOW: Final = 2_000
 PERIOD_NS: Final = 125_000_000
 HISTORY_MESSAGES: Final = 8_192
 SHORT_HISTORY: Final = 4  # messages that a publisher keeps where an outage is to outlast it
 
-# What can happen while messages flow, and whether a recovery can get everything afterwards.
-RECOVERABLE: Final = (
-    "kill_monitor",
-    "restart_monitor",
-    "pause_monitor",
-    "kill_router",
-    "cut_link",
-    "freeze_link",
-    "restart_publisher",
-    "rotation",
-    "duplicate",
-    "reorder",
-    "corrupt",
-    "second_publisher",
-    "disk_full",
-    "disk_fails",
-    "clock_step",
-    "wild_times",
-    "bad_data",
-    "second_wheel",
-)
-LOSING: Final = ("outage_beyond_history", "publisher_dies_in_outage", "flipped_recording")
+# What can happen while messages flow, and what it is; after these a recovery can get everything.
+RECOVERABLE: Final = {
+    "kill_monitor": "the monitor is killed (SIGKILL) at any moment and started again",
+    "restart_monitor": "the monitor is stopped in order (SIGTERM) and started again",
+    "pause_monitor": "the monitor stands still (SIGSTOP) for up to 1.6 s, longer than the lease of its connection",
+    "kill_router": "the router is killed and started again",
+    "cut_link": "the connection between monitor and router is cut, messages flow on, it heals",
+    "freeze_link": "nothing passes on that connection for a while, and it stays open",
+    "restart_publisher": "the publisher, all of whose samples are on the disk, is killed, and another takes its place",
+    "rotation": "recordings end as soon as they may, one after the other",
+    "duplicate": "messages are sent twice",
+    "reorder": "messages overtake each other",
+    "corrupt": "damaged messages that cannot be read",
+    "second_publisher": "a second publisher publishes on the same wheel while the first one lives",
+    "disk_full": "the disk of the recordings is full to the last byte, then free again",
+    "disk_fails": "writing to the recording fails (RLIMIT_FSIZE), then works again",
+    "clock_step": "the wheel's clock steps by more than a window, forwards or back",
+    "wild_times": "single samples with a wild time",
+    "bad_data": "a sensor that hangs, spikes, a wrong unit, dropouts, values not measured, flipped bits of values",
+    "second_wheel": "a second wheel appears and vanishes",
+}
+# After these it cannot.
+LOSING: Final = {
+    "outage_beyond_history": "an outage that lasts longer than the publisher's history (loses samples)",
+    "publisher_dies_in_outage": "the publisher and its history die during an outage (loses samples)",
+    "flipped_recording": "the monitor is killed; a bit of its recording flips before it starts again (loses samples)",
+}
 LOSING_SHARE: Final = 0.16  # of all histories
 # Faults that take something away for a while, one after the other; the others lie in the messages or in the settings.
 TAKING: Final = frozenset(
@@ -129,12 +133,9 @@ class History:
         return bool(set(self.kinds) & {"disk_full", "disk_fails", "flipped_recording"})
 
 
-@cache
 def wheel() -> Wheel:
     """Return the reference wheel with a window of 2,000 slots."""
-    tables = reference_wheel().to_tables()
-    tables["window"].update(samples=WINDOW, hop=WINDOW)
-    return Wheel.from_tables(tables, "wheel of the fault campaign")
+    return wheel_of(WINDOW)
 
 
 def make_history(seed: int, number: int, *, root: bool) -> History:
@@ -153,7 +154,7 @@ def make_history(seed: int, number: int, *, root: bool) -> History:
     chosen = [names[number % len(names)], *rng.choice(names, size=int(rng.integers(0, 4))).tolist()]
     if rng.random() < LOSING_SHARE:
         # A publisher that restarts is waited for until all of it has arrived: with these it never has.
-        chosen = [str(rng.choice(LOSING)), *(name for name in chosen[:1] if name != "restart_publisher")]
+        chosen = [str(rng.choice(list(LOSING))), *(name for name in chosen[:1] if name != "restart_publisher")]
     return _Maker(seed, number, rng, tuple(dict.fromkeys(chosen))).make()
 
 

@@ -4,13 +4,14 @@ import json
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any
+from typing import Any, Final
 
 import zenoh
 
@@ -74,9 +75,11 @@ class Driven:
         self.monitor.begin(past)
 
 
-def put_pieces(publisher: SamplesPublisher, samples: Samples, size: int) -> SamplesPublisher:
+def put_pieces(
+    publisher: SamplesPublisher, samples: Samples, size: int, *, backwards: bool = False
+) -> SamplesPublisher:
     """Publish samples in messages of a size."""
-    for start in range(0, len(samples), size):
+    for start in range(0, len(samples), size)[:: -1 if backwards else 1]:
         publisher.put(samples[start : start + size])
     return publisher
 
@@ -107,6 +110,29 @@ def process(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
         finally:
             if child.poll() is None:
                 child.kill()
+
+
+# A router by itself, of the configuration in its argument.
+ROUTER: Final = """
+import sys, zenoh
+zenoh.init_log_from_env_or("off")
+with zenoh.open(zenoh.Config.from_json5(sys.argv[1])):
+    print("the router is up", flush=True)
+    sys.stdin.read()
+"""
+
+
+@contextmanager
+def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a script in another process until it is ended, once it has printed its first line."""
+    with subprocess.Popen(
+        [sys.executable, "-c", text, argument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as child:
+        assert child.stdout.readline()
+        try:
+            yield child
+        finally:
+            child.communicate("")
 
 
 def wait_until_it_monitors(child: subprocess.Popen[str]) -> None:

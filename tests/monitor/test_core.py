@@ -31,7 +31,7 @@ def test_what_is_carried_after_any_window_is_what_its_file_holds() -> None:
 
 
 ENDLESS = b64encode(np.array([np.inf]).tobytes()).decode()
-GATHERED = r"open.*x|does not fit"
+GATHERED, STORED = r"open.*x|does not fit", r"does not fit|stored"
 # Where a checkpoint is changed, to what, and why it is refused then.
 DAMAGED = [
     *((("open", 0, 1, "x"), value, GATHERED) for value in ("AAAA", ENDLESS, "0.5", [0.1], {}, None)),
@@ -40,6 +40,11 @@ DAMAGED = [
     (("sequencer", "expected"), -(2**64), "expected"),
     (("slots", "begin"), 2**64, "begin"),
     *(((name,), 2**64, name) for name in ("done", "origin_ns", "frontier")),
+    (("stored", "windows"), {str(2**50): {"values": {}}}, STORED),
+    (("stored", "windows"), {"0": {"values": {"speed_rad_s": ENDLESS, "torque_Nm": ENDLESS}}}, STORED),
+    (("stored", "waiting"), {"time_ns": "AAAAAAAAAAA=", "values": {}}, STORED),
+    (("stored", "newest"), 2**52, STORED),
+    (("stored", "period_ns"), 1, STORED),
 ]
 
 
@@ -47,6 +52,7 @@ DAMAGED = [
 def test_a_damaged_checkpoint_is_refused(place: tuple[str | int, ...], value: object, reason: str) -> None:
     core = WheelCore(wheel(), model())
     core.feed(telemetry(1_500))
+    core.feed(telemetry(3_000)[1_500:2_100], data="stored")
     content = within = json.loads(core.checkpoint().to_json())
     for step in place[:-1]:
         within = within[step]

@@ -115,14 +115,6 @@ def test_a_recording_too_large_to_be_read_whole_is_replayed_and_recovered(
     assert replay(tmp_path / "saved.mcap").messages == expected.messages
 
 
-def test_recover_leaves_nothing_behind_of_what_is_no_recording(tmp_path: Path) -> None:
-    source, target = tmp_path / "table.csv", tmp_path / "saved.mcap"
-    source.write_text("time_s,speed_rad_s\n")
-    with pytest.raises(InputError, match="no MCAP"):
-        recover(source, target)
-    assert not target.exists()
-
-
 def test_recover_overwrites_nothing(whole: tuple[Path, list[bytes]]) -> None:
     path, _ = whole
     before = path.read_bytes()

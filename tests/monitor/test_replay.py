@@ -75,18 +75,6 @@ def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
     assert len(report.long().splitlines()) == 4
 
 
-def test_a_missing_input_is_found(copy: Path) -> None:
-    inputs = 0
-
-    def change(message: EncodedMessage) -> bytes | None:
-        nonlocal inputs
-        inputs += message.schema == "rwa.Samples"
-        return None if message.schema == "rwa.Samples" and inputs == 15 else message.payload
-
-    rewrite(copy, copy, change)
-    assert not replay(copy).equal
-
-
 def test_a_recording_without_a_window_is_no_success(copy: Path) -> None:
     rewrite(copy, copy, lambda message: None)
     report = replay(copy)

@@ -18,7 +18,7 @@ from rwa_monitor.monitor.replay import replay, replay_to_bus
 from rwa_monitor.monitor.service import Clock, Monitor
 from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
-from tests.monitor.processes import Listener, monitor, options, wait_for
+from tests.monitor.processes import Listener, monitor, options, put_pieces, wait_for
 from tests.monitor.support import KEY, WINDOW, adds_up, batch_diagnoses, publish, recorded, telemetry, wheel
 
 PERIOD_NS = 125_000_000
@@ -34,14 +34,6 @@ def of(listener: Listener, key: str, data: str | None = None) -> list[dict[str, 
     return [one for one in found if one.get("data") == data]
 
 
-def send(session: zenoh.Session, samples: Samples, data: Any, *, backwards: bool = False) -> SamplesPublisher:
-    publisher = SamplesPublisher(session, KEY, data)
-    starts = range(0, len(samples), 250)
-    for start in reversed(starts) if backwards else starts:
-        publisher.put(samples[start : start + 250])
-    return publisher
-
-
 def test_a_dump_beside_live_telemetry_is_diagnosed_recorded_and_replays_and_leaves_the_live_windows(
     session: zenoh.Session, listener: Listener, tmp_path: Path
 ) -> None:
@@ -49,12 +41,12 @@ def test_a_dump_beside_live_telemetry_is_diagnosed_recorded_and_replays_and_leav
         return of(listener, "rwa/sat/wheel_1/diagnosis", "stored")
 
     with monitor(session, options(record=tmp_path)) as log_lines:
-        live = send(session, LIVE, "live")
+        live = put_pieces(SamplesPublisher(session, KEY, "live"), LIVE, 250)
         wait_for(lambda: of(listener, "rwa/sat/wheel_1/diagnosis"), "the live window")
-        dump = send(session, DUMP[:-700], "stored", backwards=True)
+        dump = put_pieces(SamplesPublisher(session, KEY, "stored"), DUMP[:-700], 250, backwards=True)
         wait_for(lambda: len({one["window_start_ns"] for one in stored()}) >= 2, "two windows of the dump")
     with monitor(session, options(record=tmp_path)):  # it goes on with what waits for the rest of the dump
-        rest = send(session, DUMP[-700:], "stored")
+        rest = put_pieces(SamplesPublisher(session, KEY, "stored"), DUMP[-700:], 250)
 
         wait_for(lambda: {0, WINDOW, 2 * WINDOW} <= {one["window_start_ns"] // PERIOD_NS for one in stored()}, "all")
         received = len(LIVE) + len(DUMP)
@@ -90,7 +82,7 @@ def test_a_replay_is_kept_apart_from_the_wheel_and_is_no_alarm(
         wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
     first = listener.kind("diagnosis")
     with monitor(session, options(record=now)) as log_lines:
-        live = send(session, DAY[4 * WINDOW : 4 * WINDOW + 200], None)
+        live = put_pieces(SamplesPublisher(session, KEY, None), DAY[4 * WINDOW : 4 * WINDOW + 200], 250)
         key = REPLAY_KEY.format("diagnosis")
         for windows in (2, 4):  # twice: each begins with nothing known of the wheel
             assert replay_to_bus(before, session, speed=math.inf) == math.ceil(len(samples) / 256)
@@ -178,9 +170,9 @@ def test_a_replay_that_is_stated_on_the_wheels_own_key_is_kept_apart_too(
     samples = telemetry(WINDOW + 100)
     key = REPLAY_KEY.format("diagnosis")
     with monitor(session, options(record=tmp_path)):
-        live = send(session, DAY[4 * WINDOW : 4 * WINDOW + 200], None)
+        live = put_pieces(SamplesPublisher(session, KEY, None), DAY[4 * WINDOW : 4 * WINDOW + 200], 250)
         wait_for(lambda: of(listener, "rwa/sat/wheel_1/status", "live"), "the live wheel")
-        replayed = send(session, samples, "replay")
+        replayed = put_pieces(SamplesPublisher(session, KEY, "replay"), samples, 250)
         wait_for(lambda: of(listener, key), "the window")
         for publisher in (live, replayed):
             publisher.close()

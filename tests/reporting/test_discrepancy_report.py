@@ -25,7 +25,9 @@ from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.table import table_writer
+from rwa_monitor.wheel.effects.base import Effect
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.effects.formula import FORMULAS
 from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
 from tests.program import run
 
@@ -134,9 +136,9 @@ def test_without_matplotlib_the_page_has_no_pictures_and_names_what_is_missing(
     assert CATALOGUE["stribeck"].formula[:4] in page
 
 
-@pytest.mark.parametrize("name", CATALOGUE)
-def test_every_formula_of_the_catalogue_can_be_drawn(name: str) -> None:
-    drawn = figures.svg(figures.formula(CATALOGUE[name].formula), tight=True)
+@pytest.mark.parametrize("effect", [*CATALOGUE.values(), *FORMULAS.values()], ids=lambda effect: effect.title)
+def test_every_formula_can_be_drawn(effect: type[Effect]) -> None:
+    drawn = figures.svg(figures.formula(effect.formula), tight=True)
     assert drawn.count("<use ") > 3
 
 

@@ -48,4 +48,5 @@ def test_diagnoses_in_any_order_give_the_same() -> None:
     forth, back = rwa.wheel_trends(diagnoses), rwa.wheel_trends(diagnoses[::-1])
     assert list(forth) == list(diagnoses[0].anomalies)
     assert [t.sentence() for t in forth.values()] == [back[name].sentence() for name in forth]
+    assert rwa.wheel_trends(diagnoses, {"viscous": 1.0})["viscous"].limit == 1.0
     assert rwa.wheel_trends([]) == {}

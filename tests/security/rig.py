@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,21 +10,13 @@ from typing import Final
 import trustme
 
 from rwa_monitor.monitor.bus import BusOptions
+from tests.monitor.processes import ROUTER, script
 from tests.monitor.support import free_port
 
 DOCKER: Final = Path(__file__).parents[2] / "docker"
 TLS_FOLDER: Final = "/etc/rwa-monitor/tls"  # where the shipped files look for certificates
 PLACEHOLDER: Final = "0.0.0.0:7447"  # where the shipped router listens
 NAMES: Final = ("monitor", "monitor_2", "dashboard", "simulated.wheel_1", "simulated.wheel_2", "somebody")
-
-# What stands in for the router's image: the same library in router mode.
-ROUTER_PY: Final = """
-import sys, zenoh
-zenoh.init_log_from_env_or("off")
-with zenoh.open(zenoh.Config.from_file(sys.argv[1])):
-    print("router is up", flush=True)
-    sys.stdin.read()
-"""
 
 
 def make_certificates(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
@@ -57,14 +48,8 @@ def router(own: Path, scratch: Path) -> Iterator[int]:
     """Run the shipped router on a free port of loopback; gives the port."""
     port = free_port()
     config = configured("router.json5", own, scratch / f"router-{port}.json5", **{PLACEHOLDER: f"127.0.0.1:{port}"})
-    process = subprocess.Popen(
-        [sys.executable, "-c", ROUTER_PY, str(config)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    try:
-        assert process.stdout.readline() == "router is up\n"
+    with script(ROUTER, config.read_text(encoding="utf-8")):
         yield port
-    finally:
-        process.communicate(timeout=30)
 
 
 def leaf(own: Path, port: int, scratch: Path, **changes: str) -> BusOptions:

@@ -4,7 +4,6 @@ import ast
 import json
 import os
 import re
-import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,29 +19,21 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.bus import BusOptions, open_session, session_config
 from rwa_monitor.telemetry.files import MAX_DEPTH
 from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES
-from tests.monitor.processes import wait_for
-from tests.program import command
+from tests.monitor.processes import process, wait_for
+from tests.monitor.test_bus import setting
 
 PACKAGE = Path(rwa_monitor.__file__).parent
-
-
-def setting(options: BusOptions, key: str) -> object:
-    return json.loads(session_config(options).get_json(key))
 
 
 # ---- the network -----------------------------------------------------------------------------------------------------
 
 
 @contextmanager
-def program(folder: Path, *words: str, until: str) -> Iterator[psutil.Process]:
-    """Run the program in a process of its own until it has printed something."""
-    process = subprocess.Popen(command(*words), stderr=subprocess.PIPE, text=True, cwd=folder)
-    try:
-        assert any(until in line for line in process.stderr), "it ended"
-        yield psutil.Process(process.pid)
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=60)
+def program(*words: str, until: str) -> Iterator[psutil.Process]:
+    """Run the program in a process of its own once it has printed something."""
+    with process(*words) as child:
+        assert any(until in line for line in child.stderr), "it ended"
+        yield psutil.Process(child.pid)
 
 
 def listening(process: psutil.Process) -> list[str]:
@@ -55,16 +46,18 @@ def listening(process: psutil.Process) -> list[str]:
 
 
 @pytest.mark.processes
-def test_run_listens_nowhere_and_searches_for_nobody(tmp_path: Path) -> None:
-    with program(tmp_path, "run", until="monitoring") as process:
-        assert listening(process) == []
+def test_run_listens_nowhere_and_searches_for_nobody() -> None:
+    with program("run", until="monitoring") as child:
+        assert listening(child) == []
 
 
 @pytest.mark.processes
 def test_the_dashboard_listens_on_loopback_only(tmp_path: Path) -> None:
-    with program(tmp_path, "dashboard", "--no-browser", "--port", "0", until="the page is at") as process:
-        wait_for(lambda: bool(listening(process)), "the page")
-        assert set(listening(process)) == {"127.0.0.1"}
+    with program(
+        "dashboard", "--no-browser", "--port", "0", "--record", str(tmp_path), until="the page is at"
+    ) as child:
+        wait_for(lambda: bool(listening(child)), "the page")
+        assert set(listening(child)) == {"127.0.0.1"}
 
 
 @pytest.mark.parametrize(

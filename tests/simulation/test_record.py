@@ -189,14 +189,6 @@ def test_wheel_without_motor_constants():
             run(wheel=WHEEL.model_copy(update={constant: None}), friction_given=False)
 
 
-@pytest.mark.parametrize("count", [0, 1, 3])
-def test_any_number_of_switching_systems(count):
-    systems = tuple(WHEEL.fss[0].model_copy(update={"name": f"fss_{k}"}) for k in range(count))
-    truth = run(wheel=WHEEL.model_copy(update={"fss": systems}), duration_s=10_000.0).truth
-    assert len(truth.configuration) == count
-    assert (len(truth.changepoints) > 0) == (count > 0)
-
-
 @pytest.mark.parametrize("name", MEAN_EFFECTS)
 def test_every_mean_effect_reaches_every_channel(name):
     """y, current and truth hold the same torque; the loop friction → motor torque has settled."""

@@ -15,7 +15,6 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.files import MAX_CHUNK_BYTES
 from rwa_monitor.telemetry.reader import Decoding, joined, only_wheel
 from rwa_monitor.telemetry.ros2_bag import read_bag
-from rwa_monitor.telemetry.table import file_format
 from tests.monitor.recordings import chunk, record
 from tests.monitor.support import telemetry
 from tests.telemetry import bags
@@ -43,16 +42,6 @@ def damaged(data: bytes, place: int) -> bytes:
 
 
 # ---- what is read ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("compression", list(CompressionType))
-def test_every_compression_is_read(tmp_path: Path, compression: CompressionType) -> None:
-    samples = telemetry(500)
-    path = bags.write_bag(samples, tmp_path / "b.mcap", compression)
-    assert file_format(path) == "ros2"
-    found = read(path, bags.map_of(samples))
-    np.testing.assert_array_equal(found.time_ns, samples.time_ns)
-    np.testing.assert_array_equal(found.speed_rad_s, samples.speed_rad_s)
 
 
 def test_a_state_without_the_joint_is_no_sample_and_an_empty_array_not_measured(tmp_path: Path) -> None:

@@ -1,20 +1,12 @@
-"""Files are read within a limit and written whole or not at all; wheel files and labels come back as written."""
+"""Files are read within a limit and written whole or not at all; labels come back as written."""
 
-import os
 from pathlib import Path
 
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.telemetry.files import atomic_write, display_name, read_bytes, read_text
+from rwa_monitor.telemetry.files import atomic_write, read_bytes
 from rwa_monitor.telemetry.labels import read_labels, write_labels
-
-
-def test_text_must_be_utf8(tmp_path: Path) -> None:
-    path = tmp_path / "file"
-    path.write_bytes(b"one\ntw\xffo\n")
-    with pytest.raises(InputError, match="row 2: is no UTF-8 text"):
-        read_text(path, 100)
 
 
 def test_writing_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -72,10 +64,6 @@ def test_bad_labels_are_refused(tmp_path: Path, text: str, message: str) -> None
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_labels(path)
-
-
-def test_a_file_name_that_is_no_utf8_can_still_be_shown() -> None:
-    assert display_name(Path(os.fsdecode(b"caf\xe9.csv"))) == "caf\ufffd.csv"
 
 
 def test_a_small_file_takes_no_memory_for_a_large_limit(tmp_path: Path) -> None:

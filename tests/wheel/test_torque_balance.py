@@ -103,15 +103,6 @@ def test_noise_variance_is_that_of_simulated_noise(derivative):
     assert np.nanmean(noise**2) == pytest.approx(expected, rel=5.0 * np.sqrt(2.0 / (0.09 * n)))
 
 
-def test_central_difference_makes_the_noise_of_errata_17():
-    """σ of 0.4 in normalised units at 8 Hz and 0.01 rad/s, correlated −0.5 at lag 2."""
-    wheel = built_in_wheel().model_copy(update={"friction": FrictionFilter(derivative=CENTRAL)})
-    std = np.sqrt(tb.derived_noise_variance(wheel, 0.01))
-    assert std / wheel.nominal.dry_torque_Nm == pytest.approx(0.41, abs=0.01)
-    taps = tb.derivative_taps(CENTRAL, PERIOD)
-    assert np.correlate(taps, taps, "full") / (taps @ taps) == pytest.approx([-0.5, 0.0, 1.0, 0.0, -0.5])
-
-
 def test_what_the_wheel_lacks_is_named():
     wheel = built_in_wheel().model_copy(update={"inertia_kg_m2": None, "torque_constant_Nm_A": None})
     with pytest.raises(InputError, match="inertia_kg_m2"):

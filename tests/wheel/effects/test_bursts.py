@@ -92,4 +92,6 @@ def test_drag_and_noise_beside_rest_are_fitted_with_a_band_that_a_cage_may_have(
     near = np.abs(channels.speed_rad_s) < 3.0
     residual = SIGMA_NM * rng.normal(size=SLOTS) * np.where(near, 4.0, 1.0) + 4.0 * SIGMA_NM * near * channels.direction
     channels = replace(channels, speed_rad_s=scale * channels.speed_rad_s)
-    CageInstability(**CageInstability.fit(residual, channels, channels.good).values)
+    fit = CageInstability.fit(residual, channels, channels.good)
+    assert fit.log_likelihood_gain > 0.0
+    assert CageInstability(**fit.values).values == fit.values

@@ -19,7 +19,6 @@ from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.setup import read_wheel
-from rwa_monitor.reporting import figures
 from rwa_monitor.wheel.effects.base import Channels
 from rwa_monitor.wheel.effects.catalogue import build, effect_class
 from rwa_monitor.wheel.effects.formula import FORMULAS, Formula, parse
@@ -87,13 +86,6 @@ def test_its_id_gives_the_structure_back(law: type[Formula], spaces: list[int]) 
     for at in spaces:
         words = f"{words[:at]} {words[at:]}"
     assert parse(words) is law
-
-
-@pytest.mark.parametrize(
-    "law", [next(iter(FORMULAS)), "dry*bump(temperature)", "viscous*decay(slew)", "even*wave(angle)"]
-)
-def test_its_formula_can_be_drawn(law: str) -> None:
-    assert figures.svg(figures.formula(FORMULAS[law].formula), tight=True)
 
 
 @pytest.mark.parametrize(
