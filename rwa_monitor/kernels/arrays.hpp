@@ -27,6 +27,7 @@
 #include <limits>
 #include <memory>
 #include <numeric>
+#include <ranges>
 #include <string>
 #include <string_view>
 #include <tuple>
@@ -81,20 +82,8 @@ using std::vector;
 #endif
 
 // The whole numbers from `first` up to `last`, without it.
-struct range {
-    struct iterator {
-        int64_t at;
-        constexpr int64_t operator*() const { return at; }
-        constexpr void operator++() { ++at; }
-        constexpr bool operator!=(iterator end) const { return at < end.at; }
-    };
-    int64_t first, last;
-
-    constexpr explicit range(int64_t count) : range(0, count) {}
-    constexpr range(int64_t from, int64_t end) : first(from), last(end) {}
-    constexpr iterator begin() const { return {first}; }
-    constexpr iterator end() const { return {last}; }
-};
+constexpr auto range(int64_t first, int64_t last) { return std::views::iota(first, max(first, last)); }
+constexpr auto range(int64_t count) { return range(0, count); }
 
 template <typename T, size_t N>
 struct Array {
