@@ -25,7 +25,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
-#include <memory>
+#include <map>
 #include <numeric>
 #include <ranges>
 #include <string>
@@ -56,13 +56,13 @@
 #define FIELDS(...) \
     auto fields() { return tie(__VA_ARGS__); }
 
-// The functions and numbers of a stage, by their own names.
+// A stage: its functions and numbers, by their own names.
 #ifdef RWA_ONBOARD
 #define STAGE(stage, ...)
 #else
 #define EXPORT(...) define(module, #__VA_ARGS__, __VA_ARGS__)
 #define STAGE(stage, ...) \
-    void bind_##stage(nanobind::module_& module) { EXPORT(__VA_ARGS__); }
+    const Stage stage_##stage(#stage, [](nanobind::module_& module) { EXPORT(__VA_ARGS__); });
 #endif
 
 namespace rwa {
@@ -168,6 +168,12 @@ inline double median_in_place(vector<double>& values) {
 }
 
 #ifndef RWA_ONBOARD
+// The name of each stage, and what binds it.
+inline std::map<std::string, void (*)(nanobind::module_&)> stages;
+struct Stage {
+    Stage(const char* name, void (*bind)(nanobind::module_&)) { stages[name] = bind; }
+};
+
 // Bind functions and numbers under their names, which stand in one text with ", " between them.
 template <typename... Values>
 void define(nanobind::module_& module, std::string_view names, Values... values) {
