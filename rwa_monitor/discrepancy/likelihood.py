@@ -285,9 +285,8 @@ class Whitening:
         """Make the filter of a law."""
         spread = series.spread(law) if law.growth != 0.0 or law.slew > 0.0 else None
         level = series.sign if spread is None else series.sign / spread  # friction, not noise: the same at every speed
-        drift = np.where(series.gap == 0, law.level_spread, 0.0)
-        gains, parts = np.empty((series.size, 4)), (law.white, 1.0 - law.white, law.correlation)
-        return cls(series, spread, level, gains, filter_gains(level, drift, series.gap, series.jumps, parts, gains))
+        gains, parts = np.empty((series.size, 4)), (law.white, 1.0 - law.white, law.correlation, law.level_spread)
+        return cls(series, spread, level, gains, filter_gains(level, series.gap, series.jumps, parts, gains))
 
     def innovations(self, rows: FloatArray) -> FloatArray:
         """Return the innovations of rows, float64 (p, n), over their standard deviations; in place."""

@@ -89,7 +89,7 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
             correlation = flips * law.memory ** np.diff(slot[kept], prepend=slot[kept[0]] - 1)
             fresh = variance[kept] * np.append(1.0, 1.0 - correlation[1:] ** 2)
             price = JUMP_PENALTY * problem.log_size
-            jumps.append(kept[segment_correlated(along[kept], correlation, fresh, 0.0, price)])
+            jumps.append(kept[segment_correlated(along[kept], correlation, fresh, price)])
     exact = _placed(problem, along, np.concatenate(jumps))
     if np.array_equal(exact, model.fit.jumps):
         return model

@@ -1,4 +1,4 @@
-"""The compiled loops: C++ with one file for each stage, in the order of the flow; `module.cpp` lists them.
+"""The compiled loops: C++ with one file for each stage.
 
 Arrays in, arrays out; no state, clock, file or network. A stage NAME is imported as `rwa_monitor.kernels.NAME`; types
 and units stand in NAME.pyi. `CMakeLists.txt` builds them when the package is installed.

@@ -25,8 +25,9 @@
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
-#include <memory>
+#include <map>
 #include <numeric>
+#include <ranges>
 #include <string>
 #include <string_view>
 #include <tuple>
@@ -55,13 +56,13 @@
 #define FIELDS(...) \
     auto fields() { return tie(__VA_ARGS__); }
 
-// The functions and numbers of a stage, by their own names.
+// A stage: its functions and numbers, by their own names.
 #ifdef RWA_ONBOARD
 #define STAGE(stage, ...)
 #else
 #define EXPORT(...) define(module, #__VA_ARGS__, __VA_ARGS__)
 #define STAGE(stage, ...) \
-    void bind_##stage(nanobind::module_& module) { EXPORT(__VA_ARGS__); }
+    const Stage stage_##stage(#stage, [](nanobind::module_& module) { EXPORT(__VA_ARGS__); });
 #endif
 
 namespace rwa {
@@ -81,20 +82,8 @@ using std::vector;
 #endif
 
 // The whole numbers from `first` up to `last`, without it.
-struct range {
-    struct iterator {
-        int64_t at;
-        constexpr int64_t operator*() const { return at; }
-        constexpr void operator++() { ++at; }
-        constexpr bool operator!=(iterator end) const { return at < end.at; }
-    };
-    int64_t first, last;
-
-    constexpr explicit range(int64_t count) : range(0, count) {}
-    constexpr range(int64_t from, int64_t end) : first(from), last(end) {}
-    constexpr iterator begin() const { return {first}; }
-    constexpr iterator end() const { return {last}; }
-};
+constexpr auto range(int64_t first, int64_t last) { return std::views::iota(first, max(first, last)); }
+constexpr auto range(int64_t count) { return range(0, count); }
 
 template <typename T, size_t N>
 struct Array {
@@ -179,6 +168,12 @@ inline double median_in_place(vector<double>& values) {
 }
 
 #ifndef RWA_ONBOARD
+// The name of each stage, and what binds it.
+inline std::map<std::string, void (*)(nanobind::module_&)> stages;
+struct Stage {
+    Stage(const char* name, void (*bind)(nanobind::module_&)) { stages[name] = bind; }
+};
+
 // Bind functions and numbers under their names, which stand in one text with ", " between them.
 template <typename... Values>
 void define(nanobind::module_& module, std::string_view names, Values... values) {

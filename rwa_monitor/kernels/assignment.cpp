@@ -693,11 +693,7 @@ double add_up_laws(const Scores& scores, Integers start, Integers taken) {
     return total + staying;
 }
 
-// A path of the search as a switching path, see stage_results.SwitchingPath.
-struct NewPath {
-    NewIntegers configurations, starts, sojourns, unattributed;
-    FIELDS(configurations, starts, sojourns, unattributed)
-};
+using NewPath = PathOf<NewIntegers>;
 
 // A path as sojourns; the accepted candidates as nodes, and both ends of the window; who jumped at each candidate and
 // which way, (m, 2): REJECTED or UNATTRIBUTED alone, REJECTED in second place.

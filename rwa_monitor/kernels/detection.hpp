@@ -198,10 +198,12 @@ NewIntegers kept_apart(const vector<Peak>& peaks);
 // ---- a switching path as a linear model with a Gaussian prior (friction.cpp) ----------------------------------------
 
 // See stage_results.SwitchingPath.
-struct SwitchingPath {
-    Integers configurations, starts, sojourns, unattributed;
+template <typename Slots>
+struct PathOf {
+    Slots configurations, starts, sojourns, unattributed;
     FIELDS(configurations, starts, sojourns, unattributed)
 };
+using SwitchingPath = PathOf<Integers>;
 
 // See friction_model.Cases.
 struct Cases {

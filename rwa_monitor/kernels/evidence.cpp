@@ -282,7 +282,7 @@ struct Window {
 }  // namespace
 
 #ifndef RWA_ONBOARD
-void bind_evidence(nanobind::module_& module) {
+const Stage stage_evidence("evidence", [](nanobind::module_& module) {
     EXPORT(KEPT_STATISTIC, SMALLEST_WEIGHT, SPEED_NOISES);
     nanobind::class_<Window>(module, "Window")
         .def(nanobind::init<WindowArrays, WindowSettings, Integers>(), nanobind::keep_alive<1, 2>())
@@ -295,7 +295,7 @@ void bind_evidence(nanobind::module_& module) {
         .def_prop_ro("variances", [](const Window& window) { return window.variances; })
         .def_prop_ro("quantiles", [](const Window& window) { return window.quantiles; })
         .def_prop_ro("reported", [](const Window& window) { return window.reported; });
-}
+});
 #endif
 
 }  // namespace rwa

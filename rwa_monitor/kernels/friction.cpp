@@ -150,26 +150,25 @@ Prior prior_of_states(const Cases& cases, const Model& model) {
     return prior;
 }
 
-// What the segments were seen to be: statistics, variance of the noise, and of levels about the model.
-struct Seen {
-    FloatMatrix statistics;
-    double variance, scatter;
-};
-
-// One case, conditioned on the segments as far as the precision and the change of the mean times it.
+// One case after the other, conditioned on the segments as far as the precision and the change of the mean times it.
 struct Conditioned {
+    Model model;
+    Prior prior;
     NewFloats mean, response, log_variance;
     NewMatrix precision;  // the lower triangle
     NewIntegers block;
     double squares = 0.0, log_determinant = 0.0;  // the squared misses of the prior's mean; of prior and segments
 
-    explicit Conditioned(int64_t unknowns)
-        : mean(unknowns), response(unknowns), log_variance(unknowns), precision({unknowns, unknowns}), block(unknowns) {}
+    Conditioned(const SwitchingPath& path, Integers borders, FloatCube table, const Cases& cases)
+        : model(lay_out(path, borders, table)), prior(prior_of_states(cases, model)), mean(model.unknowns()),
+          response(mean.size()), log_variance(mean.size()), precision({model.unknowns(), model.unknowns()}),
+          block(mean.size()) {}
 
-    // Take mean, precision and covariance's log-determinant of one case.
-    void choose(const Prior& prior, Integers choice) {
+    // Take mean, precision and covariance's log-determinant of one case, and add the segments to it.
+    void condition(Integers choice, FloatMatrix statistics, double variance, double scatter) {
+        const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
         log_determinant = 0.0;
-        for (int64_t i : range(mean.size())) {
+        for (int64_t i : range(unknowns)) {
             const int64_t state = choice[prior.part[i]], begin = prior.block[i];
             const double* source = prior.precision.row(state).row(i).data;
             double* row = precision.row(i).data;
@@ -178,18 +177,12 @@ struct Conditioned {
             copy(source + begin, source + i + 1, row + begin);
             log_determinant += prior.log_variance(state, i);
         }
-    }
-
-    // Add the segments to it.
-    void add(const Seen& seen, FloatMatrix levels) {
-        const auto [statistics, variance, scatter] = seen;
-        const int64_t unknowns = mean.size(), slope_at = unknowns - 1;
         fill(response, 0.0);
         NewFloats row(unknowns);  // what is not zero in a segment's row
         NewIntegers column(unknowns);
         const double slope = mean[slope_at];
         squares = 0.0;
-        for (int64_t i : range(levels.shape[0])) {
+        for (int64_t i : range(statistics.shape[1])) {
             const double n = statistics(0, i);
             if (n == 0.0) continue;
             const double x_mean = statistics(1, i) / n, z_mean = statistics(2, i) / n;
@@ -204,7 +197,7 @@ struct Conditioned {
             const double mean_variance = variance / n + scatter;
             int64_t held = 0;
             for (int64_t a : range(unknowns)) {
-                const double value = a < slope_at ? levels(i, a) : x_mean;
+                const double value = a < slope_at ? model.levels(i, a) : x_mean;
                 if (value != 0.0) row[held] = value, column[held++] = a;
             }
             double rest = z_mean;
@@ -234,16 +227,13 @@ double normalise(NewFloats& scores) {
 tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
     const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
-    const Model model = lay_out(path, borders, table);
-    const int64_t count = cases.choice.shape[0], unknowns = model.unknowns();
-    const Prior prior = prior_of_states(cases, model);
-    Conditioned one(unknowns);
+    Conditioned one(path, borders, table, cases);
+    const int64_t count = cases.choice.shape[0], unknowns = one.mean.size();
     NewMatrix means({count, unknowns}), covariance({unknowns, unknowns});
     NewCube covariances({count, unknowns, unknowns});
     NewFloats weights(count), mean(unknowns), std(unknowns);
     for (int64_t c : range(count)) {
-        one.choose(prior, cases.choice.row(c));
-        one.add({statistics, variance, scatter}, model.levels);
+        one.condition(cases.choice.row(c), statistics, variance, scatter);
         one.log_determinant += invert(one.precision, one.block, covariances.row(c), one.log_variance);
         double explained = 0.0;
         for (int64_t a : range(unknowns)) {
@@ -267,23 +257,20 @@ tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
         }
     }
     for (int64_t a : range(unknowns)) std[a] = sqrt(max(covariance(a, a), 0.0));
-    return {log_evidence, mean, std, covariance, model.column};
+    return {log_evidence, mean, std, covariance, one.model.column};
 }
 }  // namespace
 
 double evidence_of_cases(
     const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
     const Cases& cases, double variance, double scatter) {
-    const Model model = lay_out(path, borders, table);
-    const Prior prior = prior_of_states(cases, model);
-    Conditioned one(model.unknowns());
+    Conditioned one(path, borders, table, cases);
     NewFloats scores(cases.choice.shape[0]);
     for (int64_t c : range(scores.size())) {
-        one.choose(prior, cases.choice.row(c));
-        one.add({statistics, variance, scatter}, model.levels);
+        one.condition(cases.choice.row(c), statistics, variance, scatter);
         one.log_determinant += factorise(one.precision, one.block, one.log_variance);
         double explained = 0.0;
-        for (int64_t i : range(model.unknowns())) {  // by forward substitution, in the posterior's deviations
+        for (int64_t i : range(one.mean.size())) {  // by forward substitution, in the posterior's deviations
             const double* row = one.precision.row(i).data;
             double value = one.response[i];
             for (int64_t j : range(i)) value -= row[j] * one.response[j];

@@ -17,14 +17,6 @@ constexpr double STEPS_TO_JUDGE = 16;    // before roughness is known well enoug
 // Python's // for whole numbers: rounded down, also below zero.
 int64_t floor_divide(int64_t a, int64_t b) { return a / b - (a % b != 0 && (a < 0) != (b < 0)); }
 
-// Whether low ≤ value ≤ high for all; NaN is not.
-template <typename T>
-bool all_between(Vector<const T> values, T low, T high) {
-    int64_t count = 0;
-    for (const T value : values) count += (value >= low) & (value <= high);
-    return count == values.size();
-}
-
 // Give samples their slots, as SlotGrid.slot_of, up to a clock step or beyond slot `furthest`; mark which are ahead of
 // all before. Returns how many samples belong to the piece, how many of them are ahead, and how many of those are good.
 tuple<int64_t, int64_t, int64_t> assign_slots(
@@ -108,10 +100,6 @@ bool judge(
 
 }  // namespace
 
-void bind_ingest(nanobind::module_& module) {
-    module.def("all_between", &all_between<double>);
-    module.def("all_between", &all_between<int64_t>);
-    EXPORT(assign_slots, judge, HANGING_SLOTS, OUTSTANDING_SLOTS, HANGS, STANDS_OUT);
-}
+STAGE(ingest, assign_slots, judge, HANGING_SLOTS, OUTSTANDING_SLOTS, HANGS, STANDS_OUT)
 
 }  // namespace rwa

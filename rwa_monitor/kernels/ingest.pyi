@@ -1,4 +1,4 @@
-from typing import Final, overload
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,6 @@ OUTSTANDING_SLOTS: Final[int]
 HANGS: Final[int]
 STANDS_OUT: Final[int]
 
-@overload
-def all_between(values: FloatArray, low: float, high: float) -> bool:
-    """Return whether low ≤ value ≤ high for all values; NaN is not."""
-
-@overload
-def all_between(values: IntArray, low: int, high: int) -> bool: ...
 def assign_slots(
     time_ns: IntArray,
     good: BoolArray,

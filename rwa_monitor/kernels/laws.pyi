@@ -4,7 +4,6 @@ from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.duration_likelihoods import Chain, FirstSojourn
 
 SOFT_SHARE: Final[float]
-OTHER_SIZE: Final[float]
 LEVEL_NUMBERS: Final[int]
 
 def tabulate(

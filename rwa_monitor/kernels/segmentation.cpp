@@ -34,72 +34,48 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
     put(constant, right, to);
 }
 
-// The mean of each block of samples of the sum of rows, and how many samples it has.
-VECTORISED void block_means(
-    const FloatMatrix& running, const Floats& factors, int64_t block, NewFloats& means,
-    NewFloats& weights) {
-    const int64_t size = running.shape[1] - 1, count = (size + block - 1) / block;
+// The mean of each block of samples, from their running sums, and how many samples it has.
+VECTORISED void block_means(Floats running, int64_t block, NewFloats& means, NewFloats& weights) {
+    const int64_t size = running.size() - 1, count = (size + block - 1) / block;
     means.assign(count, 0.0);
     weights.assign(count, block);
     weights[count - 1] = size - (count - 1) * block;
+    const double* __restrict sums = running.data;
     double* __restrict mean = means.data();
-    for (int64_t row : range(factors.size())) {
-        const double* __restrict sums = &running(row, 0);
-        const double factor = factors[row];
-        for (int64_t i : range(count - 1)) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
-        mean[count - 1] += factor * (sums[size] - sums[(count - 1) * block]);
-    }
-    for (int64_t i : range(count)) mean[i] /= weights[i];
+    for (int64_t i : range(count - 1)) mean[i] = (sums[(i + 1) * block] - sums[i * block]) / weights[i];
+    mean[count - 1] = (sums[size] - sums[(count - 1) * block]) / weights[count - 1];
 }
 
-// Jumps between the ends of the sequence, and the running sum of the sum of rows at each of both.
-struct Edges {
-    NewIntegers at;
-    NewFloats sums;
-    int64_t count() const { return static_cast<int64_t>(at.size()) - 2; }
-};
-
-double sum_until(const FloatMatrix& running, const Floats& factors, int64_t index) {
-    double total = 0.0;
-    for (int64_t row : range(factors.size())) total += factors[row] * running(row, index);
-    return total;
-}
-
-// Move each jump, in order, to the best sample around it.
-void move_jumps(const FloatMatrix& running, const Floats& factors, Edges& edges) {
-    auto& [at, sums] = edges;
-    for (int64_t i : range(1, edges.count() + 1)) {
-        const int64_t before = at[i - 1], after = at[i + 1];
-        const int64_t last = min(at[i] + REFINE, after - 1);
-        double best = -INFINITY, at_best = sums[i];
-        int64_t place = at[i];
-        for (int64_t k = max(at[i] - REFINE, before + 1); k <= last; ++k) {
-            const double until = sum_until(running, factors, k);
-            const double left = until - sums[i - 1], right = sums[i + 1] - until;
+// Move each jump, in order, to the best sample around it; the first and the last edge are the ends of the sequence.
+void move_jumps(Floats running, NewIntegers& edges) {
+    for (int64_t i : range(1, edges.size() - 1)) {
+        const int64_t before = edges[i - 1], after = edges[i + 1];
+        const int64_t last = min(edges[i] + REFINE, after - 1);
+        double best = -INFINITY;
+        int64_t place = edges[i];
+        for (int64_t k = max(edges[i] - REFINE, before + 1); k <= last; ++k) {
+            const double left = running[k] - running[before], right = running[after] - running[k];
             const double explained =
                 left * left / (k - before) + right * right / (after - k);
-            if (explained > best) best = explained, place = k, at_best = until;
+            if (explained > best) best = explained, place = k;
         }
-        at[i] = place;
-        sums[i] = at_best;
+        edges[i] = place;
     }
 }
 
 // Drop, weakest first, the jumps that are not worth the penalty; returns whether there was one.
-bool drop_jumps(Edges& edges, double penalty) {
-    auto& [at, sums] = edges;
+bool drop_jumps(Floats running, NewIntegers& edges, double penalty) {
     for (bool dropped = false;; dropped = true) {
         int64_t weakest = 0;
         double least = penalty;
-        for (int64_t i : range(1, edges.count() + 1)) {
-            const double n1 = at[i] - at[i - 1], n2 = at[i + 1] - at[i];
-            const double step = (sums[i + 1] - sums[i]) / n2 - (sums[i] - sums[i - 1]) / n1;
+        for (int64_t i : range(1, edges.size() - 1)) {
+            const double n1 = edges[i] - edges[i - 1], n2 = edges[i + 1] - edges[i], until = running[edges[i]];
+            const double step = (running[edges[i + 1]] - until) / n2 - (until - running[edges[i - 1]]) / n1;
             const double worth = step * step * n1 * n2 / (n1 + n2);
             if (worth < least) weakest = i, least = worth;
         }
         if (weakest == 0) return dropped;
-        at.erase(at.begin() + weakest);
-        sums.erase(sums.begin() + weakest);
+        edges.erase(edges.begin() + weakest);
     }
 }
 
@@ -109,10 +85,9 @@ struct Jump {
 };
 enum : int64_t { UNKNOWN = -2, NO_JUMP };
 
-// The step from sample k - 1 to k: μ' and μ cost (value + φ μ' - μ)² / v, value = z_k - φ z_{k-1}, beside
-// min((μ - μ')² / q, penalty).
+// The step from sample k - 1 to k: μ' and μ cost (value + φ μ' - μ)² / v, value = z_k - φ z_{k-1}.
 struct Step {
-    double value, phi, v, q;
+    double value, phi, v;
 };
 
 // The least over μ' of p(μ') + (value + φ μ' - μ)² / v, as a function of μ, and the penalty: the level jumps.
@@ -121,19 +96,11 @@ Parabola jumped(const Parabola& p, const Step& step, double penalty) {
     return {bend, step.value + step.phi * p.centre, p.least + penalty, 0.0, p.history};
 }
 
-// The least over μ' of p(μ') + (value + φ μ' - μ)² / v + (μ - μ')² / q, as a function of μ: the level walks. In μ', the
-// two added squares are (value - (1 - φ) μ)² / w and (μ' - slope μ + shift)² / (q v / w), with w = v + φ² q.
-double slope_of(const Step& step) {
-    return (step.v + step.phi * step.q) / (step.v + step.phi * step.phi * step.q);
-}
-Parabola walked(const Parabola& p, const Step& step) {
-    const double w = step.v + step.phi * step.phi * step.q, slope = slope_of(step), rest = 1.0 - step.phi;
-    const double a = p.bend / (1.0 + p.bend * step.q * step.v / w);
-    const double centre = p.centre + step.phi * step.value * step.q / w;  // the sum: a (slope μ - centre)² +
-    const double bend = a * slope * slope + rest * rest / w;              // (rest μ - value)² / w
-    const double apart = rest * centre - slope * step.value;
-    return {bend, (a * slope * centre + rest * step.value / w) / bend, p.least + a / w * apart * apart / bend, 0.0,
-            p.history};
+// p(μ) + (value - (1 - φ) μ)² / v: the level stays.
+Parabola stayed(const Parabola& p, const Step& step) {
+    const double rest = 1.0 - step.phi, bend = p.bend + rest * rest / step.v, apart = rest * p.centre - step.value;
+    const double centre = (p.bend * p.centre + rest * step.value / step.v) / bend;
+    return {bend, centre, p.least + p.bend / step.v * apart * apart / bend, p.edge, p.history};
 }
 
 // Where q - p falls through 0 and where it rises. If q bends at least as p does, q < p from there to here; else, q < p
@@ -172,18 +139,16 @@ void lay(Parabolas& envelope, Parabola next, double low, double high) {
     envelope.push_back(next);
 }
 
-// The lower envelope of parabolas in order, exact wherever it is below the constant.
+// The lower envelope of parabolas in order, each with its least below a constant, exact wherever it is below that.
 void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabolas& out) {
     double low = INFINITY, high = -INFINITY;
     for (const Parabola& p : parabolas) {
-        const double half = sqrt(max(constant.least - p.least, 0.0) / p.bend);
+        const double half = sqrt((constant.least - p.least) / p.bend);
         low = min(low, p.centre - half);
         high = max(high, p.centre + half);
     }
     out.clear();
-    for (const Parabola& p : parabolas) {
-        if (p.least < constant.least) lay(out, p, low, high);
-    }
+    for (const Parabola& p : parabolas) lay(out, p, low, high);
     if (out.empty()) out.push_back(constant);
 }
 
@@ -218,23 +183,21 @@ const Parabola& least_in(const Parabolas& parts) {
 // `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
 // is found costs no more than the best, so it is the best where its own history is known.
 std::optional<NewIntegers> decafs_within(
-    const Floats& z, const Floats& phi, const Floats& v, double q, double penalty, double room) {
+    const Floats& z, const Floats& phi, const Floats& v, double penalty, double room) {
     vector<Jump> jumps;
-    Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITY, NO_JUMP}}, moved, walk, jump;
+    Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITY, NO_JUMP}}, stay, moved, jump;
     const auto history = [&](int64_t at, int64_t before) {
         jumps.push_back({at, before});
         return static_cast<int64_t>(jumps.size()) - 1;
     };
     for (int64_t k : range(1, z.size())) {
-        const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k], q};
+        const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k]};
         const Parabola best = least_in(cost);
-        if (slope_of(step) < 0.0) reverse(cost);
-        moved.clear();
-        for (const Parabola& p : cost) moved.push_back(walked(p, step));
-        const double top = min(least_in(moved).least, best.least + penalty) + room;
+        stay.clear();
+        for (const Parabola& p : cost) stay.push_back(stayed(p, step));
+        const double top = min(least_in(stay).least, best.least + penalty) + room;
         const Parabola constant{0.0, 0.0, top, -INFINITY, history(k, UNKNOWN)};
-        envelope_below(constant, moved, walk);
-        if (slope_of(step) * step.phi < 0.0) reverse(cost);
+        if (step.phi < 0.0) reverse(cost);
         if (step.phi * step.phi == 0.0) cost = {best};  // all are alike
         moved.clear();
         for (const Parabola& p : cost) {
@@ -242,7 +205,7 @@ std::optional<NewIntegers> decafs_within(
         }
         envelope_below(constant, moved, jump);
         for (Parabola& p : jump) p.history = history(k, p.history);
-        least_of(walk, jump, constant, cost);
+        least_of(stay, jump, constant, cost);
     }
     NewIntegers found;
     int64_t last = least_in(cost).history;
@@ -285,32 +248,31 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
     return found;
 }
 
-// The jumps of a level that walks at random and jumps, in autoregressive noise: DeCAFS (Romano et al., J. Am. Stat.
-// Assoc. 117, 2022). Each history's cost is one parabola in μ, so that both of a step's minima over μ' are exact.
-NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, double walk_variance, double penalty) {
+// The jumps of a level in autoregressive noise: DeCAFS (Romano et al., J. Am. Stat. Assoc. 117, 2022), without a walk of
+// the level. Each history's cost is one parabola in μ, so that the minimum over μ' is exact.
+NewIntegers decafs(Floats z, Floats correlation, Floats innovation_variance, double penalty) {
     for (double room = ROOM_TO_JUMPS * penalty;; room *= 2.0) {
-        auto found = decafs_within(z, correlation, innovation_variance, walk_variance, penalty, room);
+        auto found = decafs_within(z, correlation, innovation_variance, penalty, room);
         if (found) return *found;
     }
 }
 
-// The jumps of a sum of rows, each times its factor, from the rows' running sums; long ones between blocks, each jump
-// then moved to its best sample, and the second dropped of two that framed one block with a jump in it.
-NewIntegers segment_sums(FloatMatrix running, Floats factors, double penalty) {
-    const int64_t n = running.shape[1] - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
+// The jumps of a sequence, from its running sums; in a long one between blocks, each jump then moved to its best sample,
+// and the second dropped of two that framed one block with a jump in it.
+NewIntegers segment_sums(Floats running, double penalty) {
+    const int64_t n = running.size() - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
     NewFloats means, weights;
-    block_means(running, factors, block, means, weights);
+    block_means(running, block, means, weights);
     auto jumps = fpop(means, weights, penalty);
     if (block == 1) return jumps;
-    Edges edges{{0}, {}};
-    for (auto jump : jumps) edges.at.push_back(jump * block);
-    edges.at.push_back(n);
-    for (auto edge : edges.at) edges.sums.push_back(sum_until(running, factors, edge));
+    NewIntegers edges{0};
+    for (auto jump : jumps) edges.push_back(jump * block);
+    edges.push_back(n);
     for (int round = 0; round < 3; ++round) {
-        move_jumps(running, factors, edges);
-        if (!drop_jumps(edges, penalty)) break;
+        move_jumps(running, edges);
+        if (!drop_jumps(running, edges, penalty)) break;
     }
-    return {edges.at.begin() + 1, edges.at.end() - 1};
+    return {edges.begin() + 1, edges.end() - 1};
 }
 
 // What a segment's samples sum up to, x relative to the segment's first block; `scale` brings the next block's there.

@@ -7,7 +7,8 @@ struct NoiseLaw {
     double white;        // of the measurement noise of each sample
     double coloured;     // stationary variance of the AR(1) part
     double correlation;  // its φ from slot to slot
-    FIELDS(white, coloured, correlation)
+    double level;        // of a recording's level about the common one
+    FIELDS(white, coloured, correlation, level)
 };
 
 // What a sample shows: the variance of its innovation, and the gains of level and coloured noise.
@@ -20,10 +21,9 @@ struct Covariance {
     double ll = 0.0, la = 0.0, aa = 0.0;
 
     bool operator==(const Covariance&) const = default;
-    void predict(double power, double coloured, double drift) {
+    void predict(double power, double coloured) {
         la *= power;
         aa = power * power * aa + coloured * (1.0 - power * power);
-        ll += drift;
     }
     // A level of which nothing is known: the sample only sets it.
     void reset(double s, double white) {
@@ -42,28 +42,26 @@ struct Covariance {
 
 // The Kalman filter of
 //
-//   y_k = s_k l_k + a_k + w_k,   l_k = l_{k-1} + N(0, drift_k),   a_k = φ^gap a_{k-1} + N(0, ·)
+//   y_k = s_k l_k + a_k + w_k,   l_k = l_{k-1},   a_k = φ^gap a_{k-1} + N(0, ·)
 //
 // whose gains are the same for friction and all regressors (de Jong 1991, "The diffuse Kalman filter"; Harvey 1989,
-// section 3.4). `gap` counts the slots since the sample before, 0 where a recording begins: there all begins anew, and
-// drift_k is the variance of the recording's level about the common one. At a jump nothing is known of the level. Row k
-// of `gains` (n, 4) becomes 1/√S_k, 0 at a jump, the gains of l and a, and φ^gap. Returns Σ log S_k of the same samples
-// without jumps: that of the covariance.
-double filter_gains(
-    Floats sign, Floats drift, Integers gap, Integers jumps, const NoiseLaw& law, Matrix<double> gains) {
+// section 3.4). `gap` counts the slots since the sample before, 0 where a recording begins: there all begins anew. At a
+// jump nothing is known of the level. Row k of `gains` (n, 4) becomes 1/√S_k, 0 at a jump, the gains of l and a, and
+// φ^gap. Returns Σ log S_k of the same samples without jumps: that of the covariance.
+double filter_gains(Floats sign, Integers gap, Integers jumps, const NoiseLaw& law, Matrix<double> gains) {
     Covariance jumping, smooth;
     double log_determinant = 0.0, power = law.correlation;
     int64_t last_gap = 1, next = 0;
     for (int64_t k : range(gap.size())) {
         if (gap[k] == 0) {
-            jumping = smooth = {drift[k], 0.0, law.coloured};
+            jumping = smooth = {law.level, 0.0, law.coloured};
         } else {
             if (gap[k] != last_gap) {
                 power = gap[k] == 1 ? law.correlation : pow(law.correlation, gap[k]);
                 last_gap = gap[k];
             }
-            jumping.predict(power, law.coloured, drift[k]);
-            smooth.predict(power, law.coloured, drift[k]);
+            jumping.predict(power, law.coloured);
+            smooth.predict(power, law.coloured);
         }
         const bool alike = jumping == smooth;  // far from jumps, to the last bit
         const Gains without_jumps = smooth.update(sign[k], law.white);

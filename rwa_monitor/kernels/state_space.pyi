@@ -1,12 +1,7 @@
 from rwa_monitor.samples import FloatArray, IntArray
 
 def filter_gains(
-    sign: FloatArray,
-    drift: FloatArray,
-    gap: IntArray,
-    jumps: IntArray,
-    law: tuple[float, float, float],
-    gains: FloatArray,
+    sign: FloatArray, gap: IntArray, jumps: IntArray, law: tuple[float, float, float, float], gains: FloatArray
 ) -> float:
     """Work out the gains of the Kalman filter of the noise; return the log-determinant of the covariance without jumps.
 
@@ -14,15 +9,13 @@ def filter_gains(
     ----------
     sign
         float64 (n,), direction of rotation: the level adds sign · level to the friction.
-    drift
-        float64 (n,), variance of the level's step before each sample; where a recording begins, of its level about the
-        common one.
     gap
         int64 (n,), slots since the sample before; 0 where a recording begins.
     jumps
         int64 (j,), samples, in order, that set a level of which nothing is known: their innovations are 0.
     law
-        Variances of the white and the coloured noise, and φ of the coloured one.
+        Variances of the white and the coloured noise, φ of the coloured one, variance of a recording's level about the
+        common one.
     gains
         float64 (n, 4), overwritten: 1 / standard deviation of the innovation, 0 at a jump; gains of the level and of
         the coloured noise; φ to the power of the gap.

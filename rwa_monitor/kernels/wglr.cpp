@@ -244,12 +244,12 @@ tuple<NewFloats, NewFloats> wglr(Floats x, Floats z, Flags used, int64_t scale, 
 }
 
 #ifndef RWA_ONBOARD
-void bind_wglr(nanobind::module_& module) {
+const Stage stage_wglr("wglr", [](nanobind::module_& module) {
     EXPORT(CHUNK, MAX_SCALE, MOST_PEAKS, BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, wglr);
     nanobind::class_<Detector>(module, "Detector")
         .def(nanobind::init<Integers>())
         .def("scan", &Detector::scan);
-}
+});
 #endif
 
 }  // namespace rwa

@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 
-from rwa_monitor.kernels.ingest import all_between, assign_slots
+from rwa_monitor.kernels.ingest import assign_slots
 from rwa_monitor.messages import ClockNs, Count
 from rwa_monitor.samples import (
     CHANNELS,
@@ -393,17 +393,14 @@ class SlotAssignment:
 
         None where every value is there and all can be, as nearly always.
         """
-        channels = [
-            (values, limit)
-            for values, limit in zip(_channels_of(samples), self._limits, strict=True)
-            if values is not None
-        ]
-        clean = all(all_between(values, -limit, limit) for values, limit in channels)
-        if clean and all_between(samples.time_ns, MIN_TIME_NS, MAX_TIME_NS):
-            return None
         wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
-        for values, limit in channels:
-            wrong |= (np.abs(values) > limit) & np.isfinite(values)
+        clean = not wrong.any()
+        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
+            if values is not None and not (within := np.abs(values) <= limit).all():
+                clean = False
+                wrong |= ~within & np.isfinite(values)
+        if clean:
+            return None
         count = int(np.count_nonzero(wrong))
         self.counts.rejected += count
         self.counts.queued -= count

@@ -17,28 +17,26 @@ from tests.discrepancy.smooth import remembering
 
 COUNT = 120
 FREE = np.full(2, np.inf)
-Parts = tuple[float, float, float]
+Parts = tuple[float, float, float, float]
 
 
-def dense(sign: FloatArray, drift: FloatArray, gap: IntArray, parts: Parts) -> FloatArray:
+def dense(sign: FloatArray, gap: IntArray, parts: Parts) -> FloatArray:
     """Return the covariance of all samples, entry by entry."""
-    white, coloured, correlation = parts
+    white, coloured, correlation, level_spread = parts
     recording, slot = np.cumsum(gap == 0), np.cumsum(gap)
     together = recording[:, None] == recording
     apart = np.abs(slot[:, None] - slot)
-    drifted = np.cumsum(drift)
-    known = np.minimum(drifted[:, None], drifted) - (drifted - drift)[gap == 0][recording - 1]
-    out = np.outer(sign, sign) * known + coloured * correlation**apart
+    out = np.outer(sign, sign) * level_spread + coloured * correlation**apart
     out += white * (apart == 0)
     return np.asarray(np.where(together, out, 0.0))
 
 
 def whitened(
-    columns: FloatArray, sign: FloatArray, drift: FloatArray, gap: IntArray, jumps: IntArray, parts: Parts
+    columns: FloatArray, sign: FloatArray, gap: IntArray, jumps: IntArray, parts: Parts
 ) -> tuple[FloatArray, float]:
     """Return the innovations of columns, and the log-determinant."""
     rows, gains = columns.copy(), np.empty((sign.size, 4))
-    log_determinant = filter_gains(sign, drift, gap, jumps, parts, gains)
+    log_determinant = filter_gains(sign, gap, jumps, parts, gains)
     whiten(rows, sign, gap, gains)
     return rows, log_determinant
 
@@ -52,47 +50,46 @@ def assert_whitened(rows: FloatArray, log_determinant: float, expected: FloatArr
 
 
 @st.composite
-def layouts(draw: st.DrawFn) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Draw signs that change, drifts, and gaps, those of zero beginning a recording."""
+def layouts(draw: st.DrawFn) -> tuple[FloatArray, IntArray]:
+    """Draw signs that change, and gaps, those of zero beginning a recording."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     sign = np.where(np.cumsum(rng.random(COUNT) < draw(st.sampled_from([0.0, 0.1]))) % 2, -1.0, 1.0)
-    drift = rng.exponential(size=COUNT) * (rng.random(COUNT) < draw(st.sampled_from([0.0, 0.2, 1.0])))
     gap = rng.choice([1, 2, 7], COUNT, p=draw(st.sampled_from([(1.0, 0.0, 0.0), (0.8, 0.1, 0.1)])))
     gap[rng.choice(COUNT, draw(st.integers(0, 4)), replace=False)] = 0
     gap[0] = 0
-    return sign, drift, gap
+    return sign, gap
 
 
 variances = st.sampled_from([0.0, 0.3, 2.0])
-noises = st.tuples(st.sampled_from([0.1, 1.0]), variances, st.sampled_from([0.0, 0.6, 0.999]))
+noises = st.tuples(st.sampled_from([0.1, 1.0]), variances, st.sampled_from([0.0, 0.6, 0.999]), variances)
 
 
 @settings(max_examples=40)
 @given(layouts(), noises, st.integers(0, 99))
 def test_whitening_is_that_of_the_dense_covariance(
-    layout: tuple[FloatArray, FloatArray, IntArray], parts: Parts, seed: int
+    layout: tuple[FloatArray, IntArray], parts: Parts, seed: int
 ) -> None:
-    sign, drift, gap = layout
+    sign, gap = layout
     columns = np.random.default_rng(seed).normal(size=(3, COUNT))
     none = np.zeros(0, dtype=np.int64)
-    assert_whitened(*whitened(columns, sign, drift, gap, none, parts), columns, dense(sign, drift, gap, parts))
+    assert_whitened(*whitened(columns, sign, gap, none, parts), columns, dense(sign, gap, parts))
 
 
 @settings(max_examples=40)
 @given(layouts(), noises, st.integers(0, 99))
 def test_a_jump_is_a_level_of_which_nothing_is_known(
-    layout: tuple[FloatArray, FloatArray, IntArray], parts: Parts, seed: int
+    layout: tuple[FloatArray, IntArray], parts: Parts, seed: int
 ) -> None:
-    sign, drift, gap = layout
+    sign, gap = layout
     rng = np.random.default_rng(seed)
     columns = rng.normal(size=(3, COUNT))
     jumps = np.sort(rng.choice(np.arange(1, COUNT), 5, replace=False))
     jumps = jumps[gap[jumps] > 0]
-    rows, log_determinant = whitened(columns, sign, drift, gap, jumps, parts)
-    assert log_determinant == whitened(columns, sign, drift, gap, jumps[:0], parts)[1]
+    rows, log_determinant = whitened(columns, sign, gap, jumps, parts)
+    assert log_determinant == whitened(columns, sign, gap, jumps[:0], parts)[1]
     recording, at = np.cumsum(gap == 0), np.arange(COUNT)
     steps = np.array([sign * ((at >= jump) & (recording == recording[jump])) for jump in jumps]).reshape(-1, COUNT)
-    factor = linalg.cholesky(dense(sign, drift, gap, parts), lower=True)
+    factor = linalg.cholesky(dense(sign, gap, parts), lower=True)
     white_columns, white_steps = (linalg.solve_triangular(factor, one.T, lower=True) for one in (columns, steps))
     left = white_columns - white_steps @ linalg.lstsq(white_steps, white_columns)[0] if jumps.size else white_columns
     # Steps of any size are least squares' coefficients: only the products of what they leave are the same.
@@ -121,8 +118,8 @@ def test_noise_that_grows_with_speed_and_slews_and_levels_of_recordings(
     spread = 1.0 + (np.exp(growth) - 1.0) * np.abs(record.speed) / ends
     spread += (np.exp(slew) - 1.0) * record.slew
     spread /= np.exp(np.log(spread).mean())
-    noise = dense(record.sign, np.zeros(COUNT), record.gap, (0.3, 0.7, 0.9))
-    levels = dense(record.sign, np.where(record.gap == 0, level_spread, 0.0), record.gap, (0.0, 0.0, 0.0))
+    noise = dense(record.sign, record.gap, (0.3, 0.7, 0.9, 0.0))
+    levels = dense(record.sign, record.gap, (0.0, 0.0, 0.0, level_spread))
     # The level's draw is friction, not noise: it does not grow with the speed.
     assert_whitened(rows, log_determinant, columns, spread[:, None] * noise * spread + levels)
 
