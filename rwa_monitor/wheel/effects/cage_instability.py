@@ -227,7 +227,6 @@ FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet an
 LEAST_FREEDOM: Final = 2.05  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
 MOST_EVALUATIONS: Final = 800
-BAND_EDGES: Final = 60  # speeds at which either edge of the band is tried once bursts are known
 FIRST_EVALUATIONS: Final = 120  # of each width: enough to find which is best
 
 
@@ -343,7 +342,7 @@ def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low
     """Return parameters with either edge of their band where it does best: the likelihood has steps and ridges there."""
     for side in (1.0, -1.0):
         fixed = best[6] - side * abs(best[7])
-        tried = low + span * np.linspace(0.0, 1.0, BAND_EDGES)
+        tried = low + span * np.linspace(0.0, 1.0, 2 * BINS + 1)
         tried = tried[side * (tried - fixed) > 0.0]
         bands = (np.array([*best[:6], 0.5 * (fixed + edge), 0.5 * abs(edge - fixed)]) for edge in tried.tolist())
         best = min((best, *bands), key=loss)
