@@ -4,13 +4,11 @@ Every room of the program passes telemetry on in this form. Time is int64 nanose
 other channels are float64 with NaN where a value was not measured. A channel that was not measured at all is None.
 """
 
-from __future__ import annotations
-
 from base64 import b64decode, b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Annotated, Any, Final, Literal, get_args, overload
+from typing import Annotated, Any, Final, Literal, Self, get_args, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +93,7 @@ class Samples:
         """Count the samples."""
         return self.time_ns.size
 
-    def __getitem__(self, selection: slice | IntArray | BoolArray) -> Samples:
+    def __getitem__(self, selection: slice | IntArray | BoolArray) -> Self:
         """Select samples by slice, index array or mask; all channels alike."""
         selected: dict[str, Any] = {name: values[selection] for name, values in self.channels()}
         return replace(self, **selected)

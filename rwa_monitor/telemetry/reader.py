@@ -30,8 +30,6 @@ motor_current_A = { topic = "/wheel_1/current", field = "data", time = "log" }
 Units are checked: what is not known to measure a channel's quantity is refused, what is known is converted.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -39,7 +37,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from math import pi
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Final, Literal, NamedTuple, Self, TypeVar
 
 import numpy as np
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
@@ -134,7 +132,7 @@ class Decoding(NamedTuple):
     motor_off: bool = False
     pulses_per_turn: int | None = None
 
-    def of_wheel(self, wheel: Wheel | None) -> Decoding:
+    def of_wheel(self, wheel: Wheel | None) -> Self:
         """Return what telemetry of a wheel is read with."""
         if wheel is None:
             return self
@@ -273,7 +271,7 @@ class WheelMap(Strict):
         return key_of(SamplesMessage, self.spacecraft, self.wheel)
 
     @model_validator(mode="after")
-    def _complete(self) -> WheelMap:
+    def _complete(self) -> Self:
         try:
             split_key(self.key)
         except InputError as error:
@@ -303,7 +301,7 @@ class TopicWheel(WheelMap):
     channels: Mapping[ChannelName, TopicChannel]
 
     @model_validator(mode="after")
-    def _hold_where_needed(self) -> TopicWheel:
+    def _hold_where_needed(self) -> Self:
         if self.hold_s is None and len({channel.topic for channel in self.channels.values()}) > 1:
             raise ValueError("more than one topic: hold_s must give how old a value beside a speed may be")
         return self

@@ -9,15 +9,13 @@ arXiv:2406.17826 (alarming precision; timing), with the correction of precision 
 arXiv:2308.13068; A. Huet et al., Local Evaluation of Time Series Anomaly Detection Algorithms, KDD 2022 (affiliation).
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from operator import itemgetter
-from typing import Final, NamedTuple, TypeVar
+from typing import Final, NamedTuple, Self, TypeVar
 
 import numpy as np
 
@@ -46,12 +44,12 @@ class Timeline(NamedTuple):
     alarms: Sequence[Interval] = ()
 
     @property
-    def always(self) -> Timeline:
+    def always(self) -> Self:
         """The same time and events with an alarm all the time."""
         return self._replace(alarms=[(self.start_ns, self.end_ns)])
 
     @property
-    def never(self) -> Timeline:
+    def never(self) -> Self:
         """The same time and events without an alarm."""
         return self._replace(alarms=())
 

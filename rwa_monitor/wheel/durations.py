@@ -5,10 +5,8 @@ and the mass below 1 is put on 1. Every law gives what the assignment needs: log
 Σ_{r ≥ e} P(τ ≥ r) for sojourns that are cut at both ends (errata 9).
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
-from typing import Annotated, Final, Literal
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from numpy.random import Generator
@@ -74,7 +72,7 @@ class Uniform(_PiecewiseLinear):
     high: Annotated[int, Field(ge=1, le=LONGEST)]
 
     @model_validator(mode="after")
-    def _ordered(self) -> Uniform:
+    def _ordered(self) -> Self:
         if self.high < self.low:
             raise ValueError(f"high ({self.high}) is below low ({self.low})")
         return self
@@ -196,7 +194,7 @@ class Histogram(_PiecewiseLinear):
     weights: Annotated[tuple[float, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
-    def _consistent(self) -> Histogram:
+    def _consistent(self) -> Self:
         if len(self.edges) != len(self.weights) + 1:
             raise ValueError(f"{len(self.edges)} edges need {len(self.edges) - 1} weights, not {len(self.weights)}")
         if self.edges[0] < 1 or any(b <= a for a, b in zip(self.edges, self.edges[1:], strict=False)):

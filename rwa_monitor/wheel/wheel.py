@@ -4,9 +4,7 @@ A wheel is immutable and loads the same everywhere: simulator, estimator, detect
 `sample_period_s` are required; what else is missing disables what needs it (see `Wheel.missing`).
 """
 
-from __future__ import annotations
-
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -94,7 +92,7 @@ class TemperatureRange(Strict):
     high_degC: float
 
     @model_validator(mode="after")
-    def _ordered(self) -> TemperatureRange:
+    def _ordered(self) -> Self:
         if self.high_degC < self.low_degC:
             raise ValueError(f"high_degC ({self.high_degC}) is below low_degC ({self.low_degC})")
         return self
@@ -121,7 +119,7 @@ class SwitchingSystem(Strict):
     up: tuple[Fraction, ...] | None = None
 
     @model_validator(mode="after")
-    def _consistent(self) -> SwitchingSystem:
+    def _consistent(self) -> Self:
         count = len(self.durations)
         for field, values in (("friction", self.friction), ("up", self.up)):
             if values is not None and len(values) != count:
@@ -191,7 +189,7 @@ class Wheel(TomlFile):
     effect: Annotated[tuple[EffectBlock, ...], Field(max_length=32)] = ()
 
     @model_validator(mode="after")
-    def _consistent(self) -> Wheel:
+    def _consistent(self) -> Self:
         if period_ns(self.sample_period_s) < MIN_PERIOD_NS:
             raise ValueError(f"sample_period_s = {self.sample_period_s} is below one microsecond")
         if self.gear_efficiency is not None and self.gear_ratio is None:
