@@ -17,7 +17,7 @@ from collections import defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent / "rwa_monitor"
-MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 188, 29_193, 318_898, 825
+MOST_FILES, MOST_LINES, MOST_TOKENS, MOST_CONSTANTS = 188, 28_992, 317_588, 825
 LAYOUT = {
     tokenize.COMMENT,
     tokenize.NL,

@@ -339,7 +339,7 @@ def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations
 
 
 def _with_other_edges(loss: Callable[[FloatArray], float], best: FloatArray, low: float, span: float) -> FloatArray:
-    """Return parameters with either edge of their band where it does best: the likelihood has steps and ridges there."""
+    """Return parameters with either edge of their band where it does best: the likelihood has steps there."""
     for side in (1.0, -1.0):
         fixed = best[6] - side * abs(best[7])
         tried = low + span * np.linspace(0.0, 1.0, 2 * BINS + 1)

@@ -8,7 +8,7 @@ import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
-from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC, SENSOR_LAG, lagged_temperature
+from rwa_monitor.wheel.effects.drag_laws import SENSOR_LAG, ORIGIN_degC, lagged_temperature
 
 
 class InertiaError(MeanEffect):
@@ -96,8 +96,8 @@ class TorqueConstantTemperature(MeanEffect):
     """A torque constant that changes with temperature.
 
     Permanent magnets lose flux as they warm up, so that the true torque constant is below the assumed one and the
-    difference reads as friction: k > 0. The bearing's temperature stands for the magnets', which follow it with a lag of the
-    first order; 0 is none.
+    difference reads as friction: k > 0. The bearing's temperature stands for the magnets', which follow it with a lag
+    of the first order; 0 is none.
 
     What shows it
     -------------
