@@ -117,8 +117,8 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
         return _Axis(parameter.name, tuple(sorted({*points, *usual})), True, False)
     if parameter.choices:
         if reach > 0.0 and len(parameter.choices) == 1:  # what is far off may have no slope from there to follow
-            (usual,) = parameter.choices
-            return _Axis(parameter.name, tuple(sorted({usual, min(usual + reach, high)})), False, False)
+            (known,) = parameter.choices
+            return _Axis(parameter.name, tuple(sorted({known, min(known + reach, high)})), False, False)
         keep = around is not None and len(parameter.choices) > FEW_CHOICES
         shown = tuple(choice for choice in parameter.choices if low <= choice <= high) or (high,)
         choices = (around.shape[parameter.name],) if around is not None and keep else shown
