@@ -10,7 +10,6 @@ positive speed. None of the data is part of the project: some of it has no licen
 from __future__ import annotations
 
 import io
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.signal import butter, filtfilt, find_peaks
 from benchmarks.recordings.fifth_validation import amplitudes, loss
 from benchmarks.recordings.second_validation import fetch
 from benchmarks.recordings.third_validation import half_swings
-from benchmarks.recordings.validation import means, save, slope
+from benchmarks.recordings.validation import convert, means, save, slope
 
 RPM, DEGREE = np.pi / 30, np.pi / 180
 TRACKER = "data_sorting/pendulum_data_from_tracker"
@@ -266,6 +265,4 @@ def generator(mirrors: Path, out: Path) -> None:
 ALL = (chain_flywheel, rolling_pendulum, two_arms, water_rower, threads, bench_pendulum, generator)
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import re
-import sys
 import zipfile
 from pathlib import Path
 
@@ -22,7 +21,7 @@ from scipy.signal import butter, filtfilt, find_peaks
 from benchmarks.recordings.fifth_validation import amplitudes, loss
 from benchmarks.recordings.ninth_validation import RPM
 from benchmarks.recordings.second_validation import fetch, git_table
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 LAB, COMMIT = "brucecui97/mech467", "36dde457"
 
@@ -275,6 +274,4 @@ def cogging_motor(mirrors: Path, out: Path) -> None:
 ALL = (ball_screw, thruster, torsion_wheel, stand, tribometer, rods, robot_motors, torque_rig, foucault, cogging_motor)
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

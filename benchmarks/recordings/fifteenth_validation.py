@@ -12,7 +12,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from benchmarks.recordings.fifth_validation import amplitudes, loss
 from benchmarks.recordings.ninth_validation import RPM
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.third_validation import half_swings
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 
 def even(rate: float, time: np.ndarray, *columns: np.ndarray) -> list[np.ndarray]:
@@ -302,6 +301,4 @@ ALL = (
 )
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from scipy.io import loadmat
 
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.third_validation import half_swings
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 AK80 = "neurobionics/TMotorCANControl"
 
@@ -305,6 +304,4 @@ def ripple_bench(mirrors: Path, out: Path) -> None:
 ALL = (shooter, thrust_stand, pendulum, water, panda, kr300, electric_arm, hsm, mill, ak80, ripple_bench)
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

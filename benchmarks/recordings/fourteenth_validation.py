@@ -9,7 +9,6 @@ positive speed. None of the data is part of the project: most of it has no licen
 
 from __future__ import annotations
 
-import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,7 +18,7 @@ from scipy.signal import butter, filtfilt, medfilt
 from benchmarks.recordings.fifth_validation import loss
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.third_validation import half_swings
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 
 def motor_map(mirrors: Path, out: Path) -> None:
@@ -143,6 +142,4 @@ def kicked_pendulum(mirrors: Path, out: Path) -> None:
 ALL = (motor_map, muds, motor_levels, bobs, kicked_pendulum)
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

@@ -9,13 +9,12 @@ positive speed. None of the data is part of the project: most of it has no licen
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.recordings.second_validation import git_table
-from benchmarks.recordings.validation import means, save, slope
+from benchmarks.recordings.validation import convert, means, save, slope
 
 ROWING = "JaapvanEkris/openrowingmonitor"
 COGGING = "heitor-andrade/laas_anti_cogging"
@@ -276,6 +275,4 @@ ALL = (
 )
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

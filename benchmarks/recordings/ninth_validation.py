@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import re
-import sys
 import zipfile
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +22,7 @@ from scipy.signal import butter, filtfilt
 from benchmarks.recordings.fifth_validation import amplitudes, loss
 from benchmarks.recordings.second_validation import fetch
 from benchmarks.recordings.third_validation import half_swings
-from benchmarks.recordings.validation import means, save, slope
+from benchmarks.recordings.validation import convert, means, save, slope
 
 RPM = np.pi / 30
 CYLINDER = "ingxfm/find-the-viscous-friction-value-from-a-bunch-of-.mat-data-files"
@@ -276,6 +275,4 @@ ALL = (
 )
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

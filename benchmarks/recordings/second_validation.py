@@ -12,7 +12,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,7 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.signal import butter, filtfilt
 
-from benchmarks.recordings.validation import git_show, means, save, swings
+from benchmarks.recordings.validation import convert, git_show, means, save, swings
 
 
 def fetch(mirrors: Path, repository: str, path: str, revision: str = "HEAD") -> bytes:
@@ -516,6 +515,4 @@ ALL = (
 )
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

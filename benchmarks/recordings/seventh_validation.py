@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import io
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from scipy.io import loadmat
 
 from benchmarks.recordings.fifth_validation import amplitudes, loss, numbers
 from benchmarks.recordings.second_validation import fetch, git_table
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 RPM = np.pi / 30
 SERVO = "giuliosavian/Control-Lab---0-Inertia-and-Friction-Estimation"
@@ -229,6 +228,4 @@ def pendulums(mirrors: Path, out: Path) -> None:
 ALL = (eco_car, reaction_wheel, surgical_arm, slide, cobot, youbot, servo_ladder, dyno, propellers, pendulums)
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from scipy.io import loadmat
 
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.third_validation import half_swings
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 ARMS = "SedkiLmm/dynamic-identification"
 WINCHES = "eliasoa/TTK4900_CDPR"
@@ -287,6 +286,4 @@ def coasting_car(mirrors: Path, out: Path) -> None:
 ALL = (rowing, spinner, ur5, kinova, seals, wheel_motors, winches, pendulums, seven_joints, coasting_car)
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

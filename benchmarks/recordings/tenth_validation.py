@@ -12,7 +12,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import sys
 import zipfile
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from benchmarks.recordings.fifth_validation import amplitudes, loss
 from benchmarks.recordings.ninth_validation import RPM, rows_of
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.third_validation import half_swings
-from benchmarks.recordings.validation import means, save, slope
+from benchmarks.recordings.validation import convert, means, save, slope
 
 STEFFEN, UNITS = "Jared-Steffen/ASEN-3801", "Jkillelea/ASEN3200-AttitudeLab1"
 WHEEL, BASE = "Lab 3/2023_10_13_002_RWHEEL_INERTIA_", "Data Files/2026_02_10_002_04_RW_"
@@ -272,6 +271,4 @@ ALL = (
 )
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

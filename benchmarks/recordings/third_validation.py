@@ -10,7 +10,6 @@ positive speed. None of the data is part of the project: most of it has no licen
 from __future__ import annotations
 
 import io
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from scipy.io import loadmat
 from scipy.signal import find_peaks
 
 from benchmarks.recordings.second_validation import fetch, git_table
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 DUKE = "DukeElectricVehicles/DEV_data"
 
@@ -234,6 +233,4 @@ def schunk(mirrors: Path, out: Path) -> None:
 ALL = (wheels, hub_motor, car, pendulums, direct_drive, schunk)
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

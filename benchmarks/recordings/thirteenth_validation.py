@@ -10,7 +10,6 @@ positive speed. None of the data is part of the project: most of it has no licen
 from __future__ import annotations
 
 import io
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.signal import butter, filtfilt
 from benchmarks.recordings.fifth_validation import loss
 from benchmarks.recordings.ninth_validation import RPM
 from benchmarks.recordings.second_validation import fetch, git_table
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 
 def driven(out: Path, name: str, rate: float, cut: float, torque: np.ndarray, speed: np.ndarray, count: int) -> None:
@@ -237,6 +236,4 @@ ALL = (
 )
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

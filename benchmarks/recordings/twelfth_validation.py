@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.signal import butter, filtfilt, find_peaks
 from benchmarks.recordings.eleventh_validation import half_swings, of_two
 from benchmarks.recordings.ninth_validation import RPM, sheet
 from benchmarks.recordings.second_validation import fetch, git_table
-from benchmarks.recordings.validation import means, save
+from benchmarks.recordings.validation import convert, means, save
 
 
 def home_rowers(mirrors: Path, out: Path) -> None:
@@ -269,6 +268,4 @@ ALL = (
 )
 
 if __name__ == "__main__":
-    for one in ALL:
-        if len(sys.argv) == 3 or one.__name__ in sys.argv[3:]:
-            one(Path(sys.argv[1]), Path(sys.argv[2]))
+    convert(ALL)

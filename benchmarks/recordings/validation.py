@@ -13,6 +13,7 @@ import csv
 import io
 import subprocess
 import sys
+from collections.abc import Callable, Iterable
 from datetime import datetime
 from pathlib import Path
 
@@ -57,6 +58,14 @@ def save(
         text += f"\n[window]\nsamples = {len(table)}\nhop = {len(table)}\ndead_band_rad_s = {dead_band}\n"
     (out / f"{name}.toml").write_text(text)
     print(f"{name}: {len(table)} rows")
+
+
+def convert(recordings: Iterable[Callable[[Path, Path], None]]) -> None:
+    """Run conversions as the command line asks for: MIRRORS OUT, and names of functions, all where none is given."""
+    mirrors, out, *names = sys.argv[1:]
+    for one in recordings:
+        if not names or one.__name__ in names:
+            one(Path(mirrors), Path(out))
 
 
 def slope(time: np.ndarray, value: np.ndarray, half: int) -> tuple[np.ndarray, np.ndarray]:
