@@ -59,6 +59,7 @@ def dashboard(
         from rwa_monitor.dashboard.server import DashboardOptions, serve
     from rwa_monitor.dashboard.recordings import import_recordings
     from rwa_monitor.history.store import History
+    from rwa_monitor.messages import PERIOD_S
     from rwa_monitor.monitor.bus import open_session
     from rwa_monitor.monitor.setup import read_wheel
 
@@ -82,7 +83,8 @@ def dashboard(
         cli.log(f"there is no folder {record} yet; it is made for the history")
     with cli.stop_on_signals() as stop, open_session(bus) as session, serve(options, session, cli.log) as running:
         show_page(running.address_with_token, no_browser=no_browser)
-        stop.wait()
+        while not stop.wait(PERIOD_S):  # a signal just before a wait is seen after it
+            pass
 
 
 def show_page(address: str, *, no_browser: bool) -> None:

@@ -181,7 +181,6 @@ def look_at_bus(bus: cli.BusOptions) -> str:
         If it shall connect, and nobody answers.
     """
     import time
-    from threading import Event
 
     from rwa_monitor.monitor.bus import BusWatch, open_session
     from rwa_monitor.words import counted, first_few
@@ -190,7 +189,7 @@ def look_at_bus(bus: cli.BusOptions) -> str:
         watch = BusWatch(session, bus)
         patient_until_s = time.monotonic() + ANSWER_S
         while watch.trouble() and time.monotonic() < patient_until_s:
-            Event().wait(0.1)
+            time.sleep(0.1)
         if watch.trouble():
             raise RwaMonitorError(
                 f"nothing answers at {', '.join(bus.connect) or bus.config}; is a router or peer there?"

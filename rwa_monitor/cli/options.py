@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import functools
 import ipaddress
 import math
@@ -10,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
-from types import FrameType
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
@@ -77,9 +77,9 @@ def stop_on_signals() -> Iterator[Event]:
     """Give an event that SIGINT or SIGTERM sets; a second SIGINT interrupts at once, as it does elsewhere."""
     stop = Event()
 
-    def stop_cleanly(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        stop.set()
+    def stop_cleanly(*_: object) -> None:
+        # Not here: where the signal interrupts `stop.wait`, this thread may hold the very lock that `set` waits for.
+        _thread.start_new_thread(stop.set, ())
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
     before = {number: signal.signal(number, stop_cleanly) for number in (signal.SIGINT, signal.SIGTERM)}

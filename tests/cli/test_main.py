@@ -217,3 +217,23 @@ def test_bash_completes_commands_and_options() -> None:
 
     assert {"diagnose", "discrepancy"} <= completed("rwa-monitor di", 1)
     assert completed("rwa-monitor diagnose --met", 2) == {"--method"}
+
+
+# Signals at any moment of waits: SIGALRM goes to the handler of SIGTERM.
+SIGNALLED = """
+import random, signal
+from rwa_monitor.cli.options import stop_on_signals
+
+rng = random.Random(1)
+with stop_on_signals() as stop:
+    signal.signal(signal.SIGALRM, signal.getsignal(signal.SIGTERM))
+    for _ in range(20_000):
+        signal.setitimer(signal.ITIMER_REAL, rng.uniform(1e-6, 5e-5))
+        while not stop.wait(0.01):  # a signal just before a wait is seen after it
+            pass
+        stop.clear()
+"""
+
+
+def test_a_signal_stops_a_wait_whenever_it_comes() -> None:
+    subprocess.run([sys.executable, "-c", SIGNALLED], check=True, timeout=60)
