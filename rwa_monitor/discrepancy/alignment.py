@@ -18,7 +18,7 @@ from scipy import stats
 from scipy.ndimage import binary_dilation, correlate1d
 
 from rwa_monitor.discrepancy.derived_friction import Steps, spread_of_differences
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.tachometer import ReadZone
 from rwa_monitor.wheel.wheel import Wheel
@@ -215,9 +215,15 @@ def _at_turns(motion: Motion, wheel: Wheel, slots: int) -> float:
     if moved.torque_Nm is None:
         return 0.0
     sign = np.sign(moved.speed_rad_s)
-    turning = binary_dilation(np.diff(sign, append=sign[-1]) != 0, iterations=2)
-    rise = _rise(sign * (moved.torque_Nm - _accelerating(moved, wheel)[0]), 1)[turning]
+    rise = _rise(sign * (moved.torque_Nm - _accelerating(moved, wheel)[0]), 1)[_turns(moved, 1)]
     return float(np.nansum(rise**2))
+
+
+def _turns(motion: Motion, lag: int) -> BoolArray:
+    """Return the slots whose differences over a lag meet a change of the direction, bool (n,)."""
+    sign = np.sign(motion.speed_rad_s)
+    turns: BoolArray = binary_dilation(np.diff(sign, append=sign[-1]) != 0, iterations=lag + 1)
+    return turns
 
 
 def _accelerating(motion: Motion, wheel: Wheel) -> tuple[FloatArray, int]:
@@ -251,7 +257,8 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     near = binary_dilation(stepped, iterations=int(halves[-1]) // 2 + lag)
     moved = [_moved(held if half % 2 else torque, (int(half) + 1) // 2) for half in halves]
     differences = np.stack([_rise(late - accelerating, lag) for late in moved])
-    near &= np.isfinite(differences).all(axis=0)
+    # Friction steps where the direction changes, and a slew's own step often lies as far from there as the last one's.
+    near &= np.isfinite(differences).all(axis=0) & ~_turns(motion, lag)
     squares = (differences[:, near] / std) ** 2 / lag
     if squares.shape[1] == 0:
         return None

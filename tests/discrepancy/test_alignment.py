@@ -76,6 +76,19 @@ def test_a_ripple_that_samples_alias_is_no_delay(seed: int) -> None:
     assert found(motion(0.0, seed, ripple_Nm=2e-3)) is None
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_direction_that_changes_shortly_before_each_slew_ends_is_no_delay(seed: int) -> None:
+    def slew(rng: np.random.Generator) -> Motion:
+        slots = np.arange(400)
+        accelerating = 2.0 * DRY_NM * np.interp(slots, [100, 108, 160, 168], [0.0, 1.0, 1.0, 0.0])
+        speed = np.cumsum(accelerating) / INERTIA * PERIOD_S
+        speed -= speed[146]  # a delay of as many slots takes the friction's step there away from the slew's end
+        friction = DRY_NM * np.sign(speed) + NOISE_NM * rng.standard_normal(speed.size)
+        return Motion(speed, accelerating + friction, friction)
+
+    assert found(*(slew(np.random.default_rng([seed, n])) for n in range(4))) is None
+
+
 def test_recordings_of_one_wheel_show_one_delay() -> None:
     one = found(motion(0.5, 0))
     both = found(motion(0.5, 0), motion(0.5, 1))
