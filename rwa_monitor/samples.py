@@ -8,7 +8,7 @@ from base64 import b64decode, b64encode
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Annotated, Any, Final, Literal, Self, get_args, overload
+from typing import Annotated, Any, Final, Literal, Self, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ def _decoded(kind: str, value: object) -> NDArray[Any]:
 FloatArray = Annotated[NDArray[np.float64], PlainValidator(partial(_decoded, "f8")), PlainSerializer(_encoded)]
 IntArray = Annotated[NDArray[np.int64], PlainValidator(partial(_decoded, "i8")), PlainSerializer(_encoded)]
 BoolArray = NDArray[np.bool_]
+Time = TypeVar("Time", int, IntArray)  # one, or many [ns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,11 +168,7 @@ class SlotGrid:
     origin_ns: int
     period_ns: int
 
-    @overload
-    def slot_of(self, time_ns: int) -> int: ...
-    @overload
-    def slot_of(self, time_ns: IntArray) -> IntArray: ...
-    def slot_of(self, time_ns: int | IntArray) -> int | IntArray:
+    def slot_of(self, time_ns: Time) -> Time:
         """Return the slot of each time, int64 (n,), or of one; the nearest, the later when exactly between two."""
         return (2 * (time_ns - self.origin_ns) + self.period_ns) // (2 * self.period_ns)
 

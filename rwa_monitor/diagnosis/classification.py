@@ -459,7 +459,7 @@ def _shown_before(
 
 def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
     """Return whether anything is known of an anomaly's friction, learned or stated by the wheel file."""
-    return model is not None and model.knows_friction
+    return model is not None and any(levels is not None for levels in model.levels)
 
 
 def _quality(features: Features, model: AnomalyModel, a: int) -> tuple[bool, bool]:

@@ -155,11 +155,6 @@ class AnomalyModel(Strict):
         unknown = np.full(LEVEL_NUMBERS, np.nan)
         return np.stack([unknown if levels is None else levels.numbers for levels in self.levels])
 
-    @cached_property
-    def knows_friction(self) -> bool:
-        """Whether any value was learned."""
-        return any(levels is not None for levels in self.levels)
-
     def serves(self, system: SwitchingSystem) -> bool:
         """Return whether what was learned is about this system: same configurations, and friction where stated."""
         if len(self.levels) != system.configurations:

@@ -26,8 +26,6 @@ from rwa_monitor.samples import FloatArray
 SIGNIFICANCE: Final = 1e-3  # p-value below which a trend is announced: it is tested anew at every window
 MIN_WINDOWS: Final = 8  # for a line, its beginning, and the scatter around it
 MAX_WINDOWS: Final = 300  # the newest are used; at 2.2 hours each that is four weeks
-ONSETS: Final = 48  # beginnings that are tried, evenly over the time
-LAST_TESTED: Final = 5  # windows after a beginning that may announce a trend: fewer may be gross errors in a row
 DEGREES_OF_FREEDOM: Final = 2.0  # of Student's t: gross errors of dry friction, a whole jump, are 50 deviations
 ROUNDS: Final = 12  # of reweighting
 SCATTERS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # beside the median standard deviation of the estimates
@@ -116,7 +114,7 @@ class Trend(NamedTuple):
         Change per second since the beginning.
     onset_s
         Beginning [s]: 2.5 %, 50 % and 97.5 % quantile, resolved to windows.
-    value, value_std
+    value
         Of the line at the last window.
     lines
         The distribution that all of this comes from; `lines.at(time_s)` is the line to draw.
@@ -128,7 +126,6 @@ class Trend(NamedTuple):
     slope_std: float
     onset_s: tuple[float, float, float]
     value: float
-    value_std: float
     lines: Lines
 
     @property
@@ -183,11 +180,12 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     # Inside, time is a share of the span and values are in median standard deviations: nothing over- or underflows.
     span_s, middle, scale = float(time_s[-1] - time_s[0]), float(np.median(value)), float(np.median(std))
     at, y = (time_s - time_s[0]) / span_s, (value - middle) / scale
-    onsets = np.linspace(0.0, at[-2], ONSETS)  # a window at least after each
+    onsets = np.linspace(0.0, at[-2], 48)  # those that are tried, evenly over the time, a window at least after each
     hinges = np.maximum(at - onsets[:, None], 0.0)
     variance = _tone_down(at, hinges, y, (std / scale) ** 2)
     cells = [(0.0, 0.0), *((scatter, memory) for scatter in SCATTERS[1:] for memory in MEMORIES)]
-    tested = int(np.count_nonzero(onsets <= at[-1 - LAST_TESTED]))
+    # Fewer windows after a beginning may be gross errors in a row: they announce no trend.
+    tested = int(np.count_nonzero(onsets <= at[-6]))
     fits = [_fit(at, hinges, tested, y, variance, scatter, memory) for scatter, memory in cells]
     log_likelihood = np.array([fit.log_likelihood for fit in fits])
     weight = np.exp(log_likelihood - log_likelihood.max())
@@ -201,7 +199,7 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
         mean=np.concatenate([fit.mean for fit in fits]) * units + [middle, 0.0],
         covariance=np.concatenate([fit.covariance for fit in fits]) * np.outer(units, units),
     )
-    now, now_std = lines.at(time_s[-1:])
+    now, _ = lines.at(time_s[-1:])
     slope = float(lines.weight @ lines.mean[:, 1])
     of_cell = weight.sum(axis=1)
     return Trend(
@@ -211,7 +209,6 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
         slope_std=float(np.sqrt(lines.weight @ (lines.covariance[:, 1, 1] + (lines.mean[:, 1] - slope) ** 2))),
         onset_s=_quantiles(time_s[0] + span_s * onsets, weight.sum(axis=0)),
         value=float(now[0]),
-        value_std=float(now_std[0]),
         lines=lines,
     )
 

@@ -69,17 +69,6 @@ class Tracked(Strict):
         """Return the value in another unit."""
         return self.changed(mean=self.mean * factor, std=self.std * abs(factor))
 
-    def updated(self, value: float, std: float) -> Tracked:
-        """Return the value after a window that measured `value` ± `std`."""
-        before = self.drifted()
-        total = before.std**2 + std**2
-        gain = before.std**2 / total if total > 0 else 1.0
-        return Tracked(
-            mean=before.mean + gain * (value - before.mean),
-            std=math.sqrt(max(1.0 - gain, 0.0)) * before.std,
-            windows=self.windows + 1,
-        )
-
 
 class FrictionMemory(Strict):
     """Friction that a configuration showed lately, each window's share forgotten by `REMEMBERED` per window.
@@ -202,11 +191,18 @@ def probability_before(probability: float, rate: float) -> float:
 
 def follow(before: Tracked | None, value: float, std: float, *, known: bool) -> Tracked | None:
     """Follow a value of which nothing was learned; where the window does not show it, only its uncertainty grows."""
+    drifted = None if before is None else before.drifted()
     if not (known and math.isfinite(value) and math.isfinite(std)):
-        return None if before is None else before.drifted()
-    if before is None:
+        return drifted
+    if drifted is None:
         return Tracked(mean=value, std=std, windows=1)
-    return before.updated(value, std)
+    total = drifted.std**2 + std**2
+    gain = drifted.std**2 / total if total > 0 else 1.0
+    return Tracked(
+        mean=drifted.mean + gain * (value - drifted.mean),
+        std=math.sqrt(max(1.0 - gain, 0.0)) * drifted.std,
+        windows=drifted.windows + 1,
+    )
 
 
 def _next_system(

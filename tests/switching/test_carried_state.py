@@ -85,7 +85,7 @@ def test_filter_of_a_constant_shrinks_to_the_steady_state_of_its_drift() -> None
     measured_std, drift = 0.05, 0.01
     value = Tracked(mean=1.02, std=measured_std, windows=1)
     for _ in range(400):
-        value = value.updated(1.0 + measured_std * rng.standard_normal(), measured_std)
+        value = follow(value, 1.0 + measured_std * rng.standard_normal(), measured_std, known=True)
     # Steady state of the scalar Riccati equation p = (p + q) r / (p + q + r).
     q, r = drift**2, measured_std**2
     steady = math.sqrt(0.5 * (-q + math.sqrt(q * q + 4.0 * q * r)))
