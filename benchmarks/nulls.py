@@ -22,14 +22,15 @@ import numpy as np
 from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-from rwa_monitor.discrepancy.noise_effects import largest_burst_gain, largest_noise_gain
+from rwa_monitor.discrepancy.noise_effects import CAGE, QUANTISED, fit_bursts_of, fit_noise, views_of
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
-from rwa_monitor.discrepancy.switching_effects import largest_switching_gain
+from rwa_monitor.discrepancy.switching_effects import fits_of_jumps
 from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import FrictionNoise, Scenario
 from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 SEED: Final = 20_261_121
@@ -79,9 +80,13 @@ def null_gains(count: int, motion: ProfileKind, noise: str, number: int) -> dict
     # Nothing is accepted, so that the best candidate is always the best rejected one.
     found = search(Fitting(problem, jumps=True), CANDIDATES, asked=lambda _: np.inf)
     base = found.nested[0]
-    gains = {"mean": found.best_rejected, "switching": largest_switching_gain(problem, base, wheel)}
+    of_jumps = [sum(fit.penalised_gain for fit in of) for of in fits_of_jumps(problem, base, wheel).values()]
+    gains = {"mean": found.best_rejected, "switching": max(of_jumps)}
     if noise == "white":
-        gains["noise"] = max(largest_noise_gain(problem, base), largest_burst_gain(problem, base))
+        views, bursts = views_of(problem, base, turns=False), fit_bursts_of(problem, base)
+        names = [name for name in NOISE_EFFECTS if name not in (CAGE, QUANTISED)]
+        of_noise = [sum(fit_noise(problem, view, name).penalised_gain for view in views) for name in names]
+        gains["noise"] = max(*of_noise, sum(fitted.penalised_gain for fitted, _ in bursts))
     return {"log_size": problem.log_size, **{name: gain + problem.log_size for name, gain in gains.items()}}
 
 

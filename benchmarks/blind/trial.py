@@ -23,7 +23,6 @@ from rwa_monitor.discrepancy.terms import Model, Term, make_term
 from rwa_monitor.monitor.setup import read_wheel
 from rwa_monitor.telemetry.table import read_table, write_csv
 from rwa_monitor.wheel.effects.base import MeanEffect, NoiseEffect
-from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.wheel.effects.jumps import SpeedTriggeredJumps
 from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEvidence
@@ -217,10 +216,7 @@ def _noise_gain(problem: Problem, hidden: Hidden, name: str) -> float:
     channels = problem.records[0].channels
     if name == "tachometer_quantisation":
         return float("inf")  # the lattice stands in the table
-    steady = effect.fit(hidden.residual, channels, channels.good).penalised_gain
-    if name != CageInstability.name:
-        return steady
-    return max(steady, CageInstability.fit_bursts(hidden.residual, channels, channels.good)[0].penalised_gain)
+    return effect.fit(hidden.residual, channels, channels.good).penalised_gain
 
 
 def _switching_gain(search: Search, hidden: Hidden, name: str) -> float:

@@ -192,8 +192,7 @@ def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) ->
     in_band = cage.in_band if cage else ()
     if with_noise:
         by_law = not explained.jumps and not problem.friction_is_derived
-        unnamed = explained.leftover is None
-        others += noise_effects(problem, complete, explained=unnamed, in_band=in_band, by_law=by_law)
+        others += noise_effects(problem, complete, in_band=in_band, by_law=by_law)
         wanders = wandering(problem, complete)
     if explained.leftover is None and wanders is None and explained.jumps:
         others += switching_effects(problem, complete, wheel, in_band)

@@ -31,7 +31,6 @@ COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"
 CAGE: Final = CageInstability.name
 SPEED: Final = "speed_dependent_noise"
-CAGE_PREFERRED: Final = 0.5  # of the best gain
 LATER_SHARE: Final = 0.05  # of an accepted gain that the next must reach: no law of noise is exact
 MIN_WHITTLE: Final = 500  # samples
 EM_ROUNDS: Final = 5  # weights and spread in turn; the first two bring nearly all
@@ -45,7 +44,6 @@ def noise_effects(
     problem: Problem,
     model: Model,
     *,
-    explained: bool = True,
     in_band: Sequence[BoolArray] = (),
     by_law: bool = False,
 ) -> list[FoundEffect]:
@@ -58,36 +56,30 @@ def noise_effects(
     ----------
     problem, model
         The data and a fit.
-    explained
-        Whether nothing is left unexplained: else a cage that drags without a pause passes for that, and is not looked
-        for.
     in_band
         For each record bool (slots,), the band of a cage whose bursts were found before: what is in it is not judged.
     by_law
         Whether what the law of the model's noise holds is judged by the score, and the rest on its innovations.
     """
-    views = _views(problem, model, turns=False)
+    views = views_of(problem, model, turns=False)
     found: list[FoundEffect] = []
     if any(_is_quantised(view) for view in views):
         # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
-        return accepted(problem, {QUANTISED: [_fit_noise(problem, view, QUANTISED) for view in views]})
+        return accepted(problem, {QUANTISED: [fit_noise(problem, view, QUANTISED) for view in views]})
     if in_band:
         views = [replace(view, good=view.good & ~band) for view, band in zip(views, in_band, strict=True)]
     if by_law:
         found, views = _of_law(problem, model), _whitened(problem, model, views)
     wall = ACCEPT_GAIN
     with_tails: Sequence[_View] = ()  # from the moment that heavy tails are named: the residual with them
-    looks_for_cage = explained and not in_band
-    judged = {QUANTISED, *([COLOURED] if by_law else []), *(effect.name for effect in found)}
-    left = [name for name in NOISE_EFFECTS if name not in judged and (looks_for_cage or name != CAGE)]
+    judged = {QUANTISED, CAGE, *([COLOURED] if by_law else []), *(effect.name for effect in found)}
+    left = [name for name in NOISE_EFFECTS if name not in judged]
     while left:
-        fits = {name: [_fit_noise(problem, view, name) for view in views] for name in left}
+        fits = {name: [fit_noise(problem, view, name) for view in views] for name in left}
         if SPEED in left and with_tails:
             fits[SPEED] = [_speed_beside_tails(view) for view in with_tails]
         gains = {name: sum(fit.penalised_gain for fit in of) for name, of in fits.items()}
         name = max(gains, key=lambda n: gains[n])
-        if name != COLOURED and CAGE in gains and gains[CAGE] > CAGE_PREFERRED * gains[name]:
-            name = CAGE  # a band of noise alone explains the noise of a burst, but not its drag
         if gains[name] < (ACCEPT_GAIN if name == SPEED and with_tails else wall):
             break
         found += accepted(problem, {name: fits[name]})
@@ -97,7 +89,7 @@ def noise_effects(
         if name == HEAVY:
             with_tails = views
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
-        left = [other for other in left if other != name and not (name == CAGE and other == HEAVY)]
+        left.remove(name)
     return sorted(found, key=lambda entry: -entry.delta_deviance)
 
 
@@ -167,7 +159,7 @@ def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
     return [np.where(record.used, values, np.nan) for record, values in spread]
 
 
-def _views(problem: Problem, model: Model, *, turns: bool = True) -> list[_View]:
+def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_View]:
     """Return each record's residual along the rotation on its slots [N m], and which slots count.
 
     `turns`: those beside a change of direction, too. What stands out there alone is friction that no law has exactly.
@@ -202,7 +194,8 @@ def _is_quantised(view: _View) -> bool:
     return NOISE_EFFECTS[QUANTISED].fit(view.residual, view.channels, view.good).penalised_gain >= ACCEPT_GAIN
 
 
-def _fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
+def fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
+    """Fit a noise effect to a record's residual, averaged over the derivative's window where that colours it."""
     if name == COLOURED and view.averaged is not None:
         return coloured_beyond_filter(view.averaged, view.good, problem.averaging_taps)
     if name == HEAVY and view.averaged is not None:
@@ -276,18 +269,15 @@ def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
     """Return the residual with a noise effect taken out, as far as its likelihood determines it."""
     good, values = view.good, fit.values
-    speed = np.abs(view.channels.speed_rad_s)
     if name == COLOURED:
         good = good & np.concatenate([[False], good[:-1]])
-    elif name == CAGE:
-        good = good & ~(np.abs(speed - values["band_speed_rad_s"]) < 1.5 * values["band_half_width_rad_s"])
 
     def left(residual: FloatArray) -> FloatArray:
         if name == COLOURED:
             return residual - values["ar_coefficient"] * np.concatenate([[0.0], residual[:-1]])
         if name == HEAVY:
             return residual * _tail_weight(residual, view.good & np.isfinite(residual), fit)
-        return residual / spread_factor(speed, values) if name == SPEED else residual
+        return residual / spread_factor(np.abs(view.channels.speed_rad_s), values) if name == SPEED else residual
 
     averaged = None if view.averaged is None else left(view.averaged)
     return replace(view, residual=left(view.residual), averaged=averaged, good=good)
@@ -369,13 +359,6 @@ def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArra
     return np.asarray(both * share * np.cos(2 * np.pi * np.outer(frequency, lags)))
 
 
-def largest_noise_gain(problem: Problem, model: Model) -> float:
-    """Return the largest penalised gain of all noise effects on the residual of a model, whether accepted or not."""
-    views = _views(problem, model, turns=False)
-    names = [name for name in NOISE_EFFECTS if name != QUANTISED or views[0].friction_is_derived]
-    return max(sum(_fit_noise(problem, view, name).penalised_gain for view in views) for name in names)
-
-
 def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
     """Return the effects whose gain over all records is worth a name, strongest first."""
     found = []
@@ -429,10 +412,10 @@ class CageBursts:
 
 def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
     """Return the bursts of a cage that a model's residual shows, or None."""
-    if any(_is_quantised(view) for view in _views(problem, model)):
+    if any(_is_quantised(view) for view in views_of(problem, model)):
         return None  # rounding errors come and go with the acceleration
     fits, bursts, bands = [], [], []
-    for record, (fitted, on) in zip(problem.records, _fit_bursts(problem, model), strict=True):
+    for record, (fitted, on) in zip(problem.records, fit_bursts_of(problem, model), strict=True):
         off_centre = np.abs(np.abs(record.channels.speed_rad_s) - fitted.values["band_speed_rad_s"])
         inside = off_centre < BAND_MARGIN * fitted.values["band_half_width_rad_s"]
         shown = fitted.penalised_gain > 0.0
@@ -443,13 +426,8 @@ def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
     return CageBursts(found[0], tuple(bursts), tuple(bands)) if found else None
 
 
-def largest_burst_gain(problem: Problem, model: Model) -> float:
-    """Return the penalised gain of bursts over all records, whether accepted or not."""
-    return sum(fitted.penalised_gain for fitted, _ in _fit_bursts(problem, model))
-
-
-def _fit_bursts(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
+def fit_bursts_of(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
     """Fit bursts to what each record holds beside slope and effects: levels stay in, since they may be bursts."""
     left = model.fit.level + model.fit.residual + problem.z_measured - problem.z
-    views = zip(on_slots(problem, left * problem.sign), _views(problem, model), strict=True)
+    views = zip(on_slots(problem, left * problem.sign), views_of(problem, model), strict=True)
     return [CageInstability.fit_bursts(along, view.channels, view.good) for along, view in views]

@@ -84,19 +84,14 @@ def switching_effects(
     `in_band`: for each record bool (slots,), the band of a cage. There the drag comes and goes with its bursts, and a
     sojourn that ends there unseen looks too long: nothing is judged but whether there is one system more.
     """
-    found = accepted(problem, _fits(problem, model, wheel, in_band))
+    found = accepted(problem, fits_of_jumps(problem, model, wheel, in_band))
     if not found:
         return []
     near = found[0].delta_deviance - EQUIVALENT_WITHIN
     return [replace(found[0], equivalent=tuple(effect.name for effect in found[1:] if effect.delta_deviance > near))]
 
 
-def largest_switching_gain(problem: Problem, model: Model, wheel: Wheel) -> float:
-    """Return the largest penalised gain of all switching effects on the jumps of a model, whether accepted or not."""
-    return max(sum(fit.penalised_gain for fit in of) for of in _fits(problem, model, wheel).values())
-
-
-def _fits(
+def fits_of_jumps(
     problem: Problem, model: Model, wheel: Wheel, in_band: Sequence[BoolArray] = ()
 ) -> dict[str, list[LikelihoodFit]]:
     """Fit each switching effect to each record."""

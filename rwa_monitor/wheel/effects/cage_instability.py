@@ -12,11 +12,6 @@ from rwa_monitor.kernels.effects import forward, smooth
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
 
-BAND_CENTRES: Final = 48  # tried over the speed range
-BAND_SHARES: Final = (0.02, 0.04, 0.08, 0.16)  # half widths tried, as shares of the speed range
-FEWEST_IN_BAND: Final = 50  # samples, for a mean and a variance
-EACH_RAISED_BY: Final = 12.5  # log-likelihood that mean and variance must each gain: half the search's threshold of 25
-REFINEMENTS: Final = 6  # halvings of the scan's grid around the best band
 FEWEST_BURSTS: Final = 5  # fewer are chance, or what was seen once
 BESIDE_BURST: Final = 32  # slots to each side with which a burst's drag is compared
 FEWEST_BESIDE: Final = 4  # slots in a burst and beside it, for a mean
@@ -112,35 +107,8 @@ class CageInstability(NoiseEffect):
     def fitted(
         cls, residual_Nm: FloatArray, channels: Channels, usable: BoolArray, variance_inflation: float
     ) -> LikelihoodFit:
-        """Scan bands of |ω| for another mean (along the motion) and another variance inside than outside.
-
-        What is fitted is the average over bursts and pauses in the band, so drag and noise are those of the average.
-        """
-        usable = usable & (channels.direction != 0)
-        count = int(usable.sum())
-        speed = np.abs(channels.speed_rad_s[usable])
-        if count < 4 * FEWEST_IN_BAND or speed.max() == speed.min():
-            return cls.nothing_found(count)
-        order = np.argsort(speed, kind="stable")
-        drag = (residual_Nm * channels.direction)[usable][order]
-        sums = np.concatenate([[0.0], np.cumsum(drag)]), np.concatenate([[0.0], np.cumsum(drag**2)])
-        speed = speed[order]
-        span = float(speed[-1] - speed[0])
-        step = span / (BAND_CENTRES - 1)
-        bands = [
-            (float(at), share * span) for at in np.linspace(speed[0], speed[-1], BAND_CENTRES) for share in BAND_SHARES
-        ]
-        best = cls.nothing_found(count)
-        for _ in range(REFINEMENTS + 1):
-            for centre, half_width in bands:
-                edges = np.searchsorted(speed, [centre - half_width, centre + half_width])
-                found = _fit_of_band(sums, int(edges[0]), int(edges[1]), centre, half_width)
-                if found is not None and found.log_likelihood_gain > best.log_likelihood_gain:
-                    best = found
-            at, width = best.values["band_speed_rad_s"], best.values["band_half_width_rad_s"]
-            step *= 0.5
-            bands = [(at + i * step, max(width + j * step, step)) for i in (-1, 0, 1) for j in (-1, 0, 1)]
-        return best
+        """Fit bursts, see `fit_bursts`: a band that drags without a pause is a law of the speed."""
+        return cls.fit_bursts(residual_Nm, channels, usable)[0]
 
 
 def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
@@ -168,44 +136,6 @@ def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np
         on[int(np.ceil(begin_s / period_s)) : int(np.ceil(end_s / period_s))] = active
         begin_s, active = end_s, not active
     return on
-
-
-def _fit_of_band(
-    sums: tuple[FloatArray, FloatArray], start: int, stop: int, centre: float, half_width: float
-) -> LikelihoodFit | None:
-    """Return the fit of another mean and variance inside of a band than outside; None where it is no burst.
-
-    No burst: too few samples, mean or variance not clearly raised, or a band that no cage has. What raises one of the
-    two alone is another effect.
-    """
-    count, inside = sums[0].size - 1, stop - start
-    outside = count - inside
-    if inside < FEWEST_IN_BAND or outside < FEWEST_IN_BAND:
-        return None
-    mean = float(sums[0][stop] - sums[0][start]) / inside
-    square_in = float(sums[1][stop] - sums[1][start]) / inside
-    square_out = float(sums[1][-1] - (sums[1][stop] - sums[1][start])) / outside
-    square_all = float(sums[1][-1]) / count
-    variance_in = square_in - mean**2
-    if mean <= 0.0 or variance_in <= square_out or square_out <= 0.0:
-        return None
-    by_variance = 0.5 * (count * np.log(square_all) - inside * np.log(square_in) - outside * np.log(square_out))
-    by_mean = 0.5 * inside * np.log(square_in / variance_in)
-    if min(by_variance, by_mean) < EACH_RAISED_BY:
-        return None
-    std_in = float(np.sqrt(variance_in))
-    ratio = std_in / float(np.sqrt(square_out))
-    band = {"band_speed_rad_s": centre, "band_half_width_rad_s": half_width}
-    values = {"strength_Nm": mean, "noise_strength": ratio - 1.0, **band, "burst_s": 30.0, "quiet_s": 0.0}
-    if not all(one.low <= values[one.name] <= one.high for one in CageInstability.parameters):
-        return None
-    std = dict.fromkeys(values, float("nan")) | {
-        "strength_Nm": std_in / float(np.sqrt(inside)),
-        "noise_strength": ratio / float(np.sqrt(2.0 * inside)),
-    }
-    return LikelihoodFit(
-        values, std, float(by_variance + by_mean), 4, count, undetermined=frozenset({"burst_s", "quiet_s"})
-    )
 
 
 # ---- bursts of noise in a band of speeds: a hidden Markov chain of two states, quiet and shaking ---------------------

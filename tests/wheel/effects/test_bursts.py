@@ -1,6 +1,5 @@
 """Bursts of a cage: found in noise that comes and goes, and in nothing else."""
 
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -83,15 +82,3 @@ def test_one_speed_has_no_band() -> None:
     rng = np.random.default_rng(5)
     fit, _ = CageInstability.fit_bursts(CAGE.apply(rng.normal(size=SLOTS), channels, rng), channels, channels.good)
     assert fit.log_likelihood_gain == 0.0
-
-
-@pytest.mark.parametrize("scale", [1e-4, 1.0, 30.0])
-def test_drag_and_noise_beside_rest_are_fitted_with_a_band_that_a_cage_may_have(scale: float) -> None:
-    """However slow or fast the motion: the fit reports no value that the effect refuses."""
-    rng, channels = np.random.default_rng(7), rich_motion(SLOTS)
-    near = np.abs(channels.speed_rad_s) < 3.0
-    residual = SIGMA_NM * rng.normal(size=SLOTS) * np.where(near, 4.0, 1.0) + 4.0 * SIGMA_NM * near * channels.direction
-    channels = replace(channels, speed_rad_s=scale * channels.speed_rad_s)
-    fit = CageInstability.fit(residual, channels, channels.good)
-    assert fit.log_likelihood_gain > 0.0
-    assert CageInstability(**fit.values).values == fit.values
