@@ -17,10 +17,9 @@ import numpy as np
 from scipy import stats
 from scipy.ndimage import binary_dilation, correlate1d
 
-from rwa_monitor.discrepancy.derived_friction import Steps, spread_of_differences
+from rwa_monitor.discrepancy.derived_friction import Motion, spread_of_differences
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel import torque_balance
-from rwa_monitor.wheel.effects.tachometer import ReadZone
 from rwa_monitor.wheel.wheel import Wheel
 
 LONGEST_S: Final = 5.0  # of a delay (wheel/effects/current_delay.py)
@@ -63,26 +62,6 @@ class Delay:
     late_slots: float
     std_slots: float
     gain: float
-
-
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
-
-    The torque is None where it is not measured, friction where it is to be derived; `steps` are those of the channel
-    that friction comes from. In the `zone` where its reading rests the speed is not known.
-    """
-
-    speed_rad_s: FloatArray
-    torque_Nm: FloatArray | None
-    friction_Nm: FloatArray | None
-    steps: Steps | None = None
-    zone: ReadZone | None = None
-
-    @property
-    def torque_step_Nm(self) -> float:
-        """Return the step in which the torque was read that friction comes from [N m], 0 where there is none."""
-        return 0.0 if self.steps is None else self.steps.torque_Nm
 
 
 def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
@@ -220,9 +199,9 @@ def _at_turns(motion: Motion, wheel: Wheel, slots: int) -> float:
 
 
 def _turns(motion: Motion, lag: int) -> BoolArray:
-    """Return the slots whose differences over a lag meet a change of the direction, bool (n,)."""
+    """Return the slots whose differences over a lag, of means over as many to each side, meet a turn; bool (n,)."""
     sign = np.sign(motion.speed_rad_s)
-    turns: BoolArray = binary_dilation(np.diff(sign, append=sign[-1]) != 0, iterations=lag + 1)
+    turns: BoolArray = binary_dilation(np.diff(sign, append=sign[-1]) != 0, iterations=2 * lag)
     return turns
 
 

@@ -21,7 +21,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
-from rwa_monitor.wheel.torque_balance import friction_torque, inertia_of, without_motor
+from rwa_monitor.wheel.torque_balance import friction_torque, inertia_of, with_window, without_motor
 from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted
 
@@ -115,9 +115,7 @@ def _with_short_window(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) 
     most_s = min(WINDOW_SHARE * longest_s, STRETCH_SHARE * whole_s)
     if "window_s" in derivative.model_fields_set or derivative.window_s <= most_s:
         return wheel
-    derivative = derivative.model_copy(update={"window_s": most_s})
-    friction = wheel.friction.model_copy(update={"derivative": derivative})
-    return wheel.model_copy(update={"friction": friction})
+    return with_window(wheel, most_s)
 
 
 def _longest_stretch_s(samples: Samples) -> float:

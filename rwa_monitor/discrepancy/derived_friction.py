@@ -6,6 +6,7 @@ by how much the filter is off; a corner is none, and friction is not known there
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,7 +15,7 @@ from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.wheel import torque_balance
-from rwa_monitor.wheel.effects.tachometer import quantisation_step
+from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step
 from rwa_monitor.wheel.wheel import Wheel
 
 # Of a step: of the difference of two errors, each uniform over it (Widrow & Kollár, Quantization Noise, 2008).
@@ -194,3 +195,74 @@ def steps_of(samples: Samples, wheel: Wheel, name: torque_balance.Source) -> Ste
     if name == "motor_current_A":
         return Steps("current", step, "A", step * (wheel.torque_per_ampere_Nm_A or 0.0))
     return Steps("friction" if name == "friction_torque_Nm" else "motor torque", step, "N m", step)
+
+
+# ---- the window that dω/dt is estimated over -------------------------------------------------------------------------
+
+
+NARROWEST: Final = 2  # slots to each side, of a window for dω/dt
+WINDOWS: Final = 12  # so many are tried, each the same factor wider
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
+
+    The torque is None where it is not measured, friction where it is to be derived; `steps` are those of the channel
+    that friction comes from. In the `zone` where its reading rests the speed is not known.
+    """
+
+    speed_rad_s: FloatArray
+    torque_Nm: FloatArray | None
+    friction_Nm: FloatArray | None
+    steps: Steps | None = None
+    zone: ReadZone | None = None
+
+    @property
+    def torque_step_Nm(self) -> float:
+        """Return the step in which the torque was read that friction comes from [N m], 0 where there is none."""
+        return 0.0 if self.steps is None else self.steps.torque_Nm
+
+
+def with_fitting_window(motions: Sequence[Motion], wheel: Wheel) -> Wheel:
+    """Return the wheel with the widest window for dω/dt, up to its own, whose error is not seen beside other errors.
+
+    What a window averages away of the acceleration it averages away of the motor's torque, too, and the two have noises
+    of their own: the mean product of both is the square of the error. What else the slope varies by is noise of the
+    speed, which falls with Σ j² over the window (see `torque_balance.derivative_taps`). No harm is what the noise of
+    the torque hides, or a small part of the friction.
+    """
+    period_s, most = wheel.sample_period_s, torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s)
+    derived = [motion for motion in motions if motion.torque_Nm is not None and motion.friction_Nm is None]
+    if most <= NARROWEST or not derived:
+        return wheel
+    halves = np.unique(np.rint(np.geomspace(NARROWEST, most, WINDOWS)))
+    wheels = [*(torque_balance.with_window(wheel, 2.0 * half * period_s) for half in halves[:-1].tolist()), wheel]
+    missed = [_missed(motion, wheels) for motion in derived]
+    error, spread, harmless = (np.concatenate(parts, axis=-1) for parts in zip(*missed, strict=True))
+    if not harmless.size:
+        return wheel
+    square, narrow = error.mean(axis=1), halves * (halves + 1.0) * (2.0 * halves + 1.0)
+    noise = max(float(spread.mean() - square[-1]), 0.0) * narrow[0] / narrow
+    risk = np.maximum(square, 0.0) + noise
+    return wheels[int(np.flatnonzero(risk <= risk.min() + harmless.mean())[-1])]
+
+
+def _missed(motion: Motion, wheels: Sequence[Wheel]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the square of what each window averages away, of the widest one's slope alone, and of what is no harm.
+
+    float64 (windows, n), (n,) and (n,) at the slots where all are known [N² m²], against the first window.
+    """
+    assert motion.torque_Nm is not None
+    torque = motion.torque_Nm
+    speed, inertia = motion.speed_rad_s, torque_balance.inertia_of(wheels[0])
+    filters = [(wheel.friction.derivative, wheel.sample_period_s) for wheel in wheels]
+    inertial = inertia * np.stack([torque_balance.differentiate(speed, *one) for one in filters])
+    kernels = (torque_balance.averaging_taps(wheel) for wheel in wheels)
+    averaged = np.stack([correlate1d(torque, taps, mode="constant", cval=np.nan) for taps in kernels])
+    slope, motor = inertial[0] - inertial, averaged[0] - averaged
+    known = np.isfinite(slope * motor).all(axis=0)
+    noise = spread_of_differences(np.diff(torque), 1, motion.torque_step_Nm) / np.sqrt(6.0)  # of 1, -2, 1
+    size = float(np.median(np.abs((averaged[-1] - inertial[-1])[known]))) if known.any() else 0.0
+    harmless = np.full(np.count_nonzero(known), max(noise, torque_balance.LEAST_ERROR * size) ** 2)
+    return (slope * motor)[:, known], slope[-1, known] ** 2, harmless

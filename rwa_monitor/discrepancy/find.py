@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.alignment import Delay
+from rwa_monitor.discrepancy.alignment import Delay, find_delay
 from rwa_monitor.discrepancy.base_fit import fit
-from rwa_monitor.discrepancy.bench import EVEN_CLOCK, Bench, as_measured, not_shown_without_motor
+from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, not_shown_without_motor
+from rwa_monitor.discrepancy.derived_friction import Motion, with_fitting_window
 from rwa_monitor.discrepancy.explanation import FEWEST_FOR_JUMPS, Explained, explain, prepare
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.fitting import Progress
@@ -21,7 +22,7 @@ from rwa_monitor.discrepancy.jump_terms import DelayTerm
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.problem import Mapper, Problem, in_turn
 from rwa_monitor.discrepancy.quantisation import without_rounding, without_steps
-from rwa_monitor.discrepancy.record import Record, delay_of, make_record, without_known_effects
+from rwa_monitor.discrepancy.record import Record, make_record, motions_of, without_known_effects
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Search, Verdict
 from rwa_monitor.discrepancy.score import BLOCKS, HeldOut, held_out, on_other_recordings, scored
 from rwa_monitor.discrepancy.switching_effects import switching_effects
@@ -65,7 +66,10 @@ def find_discrepancy(
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
     bench = as_measured(recordings, wheel, held_out_recordings)
-    wheel, delay = bench.wheel, _delay(bench)
+    motions = motions_of(bench.recordings, bench.wheel)
+    is_stated = "window_s" in wheel.friction.derivative.model_fields_set
+    wheel = bench.wheel if is_stated else with_fitting_window(motions, bench.wheel)
+    delay = _delay(motions, wheel)
     problem = prepare(_records_of(bench.recordings, wheel, delay), wheel, each)
     aside = prepare(_records_of(bench.held_out, wheel, delay), wheel) if bench.held_out else None
     # A sample's place within its slot passes for a delay; of one of whole slots that is taken out, a part may be left.
@@ -167,12 +171,12 @@ def _known_delays(wheel: Wheel) -> list[float]:
     return [block.parameters["strength_s"] for block in wheel.effect if block.name == DelayTerm.name]
 
 
-def _delay(bench: Bench) -> Delay | None:
+def _delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     """Return the delay of the current in whole slots, as the wheel file has it or as the recordings show it."""
-    known = _known_delays(bench.wheel)
+    known = _known_delays(wheel)
     if not known:
-        return delay_of(bench.recordings, bench.wheel)
-    slots = -round(sum(known) / bench.wheel.sample_period_s)
+        return find_delay(motions, wheel)
+    slots = -round(sum(known) / wheel.sample_period_s)
     return Delay(slots, 0.0, slots, 0.0, 0.0) if slots else None
 
 

@@ -21,7 +21,7 @@ from scipy.ndimage import correlate1d
 
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
-from rwa_monitor.discrepancy.derived_friction import Steps, derived_friction, steps_of
+from rwa_monitor.discrepancy.derived_friction import Motion, Steps, derived_friction, steps_of
 from rwa_monitor.discrepancy.plausible import (
     ShownConstant,
     check_inertia,
@@ -248,7 +248,7 @@ def temperature_range(records: Sequence[Record]) -> TemperatureRange | None:
 
 
 def _channels(
-    samples: Samples, motion: alignment.Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, hole: int
+    samples: Samples, motion: Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, hole: int
 ) -> Channels:
     """Return the motion as effects see it, from neighbours `hole` slots away."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
@@ -330,8 +330,8 @@ def _count(samples: BoolArray) -> int:
     return int(np.count_nonzero(samples))
 
 
-def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignment.Delay | None:
-    """Return the delay of the current, in slots, that recordings of a wheel show; None where they show none.
+def motions_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[Motion]:
+    """Return what is measured of each recording of a wheel, on its slots.
 
     Raises
     ------
@@ -343,10 +343,10 @@ def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignme
         check_plausible(samples, wheel, source)
         kept = without_end_stops(samples, source)
         motions.append(_motion(kept, wheel, _slots_of(kept, wheel, source), source_of(kept, wheel, source)))
-    return alignment.find_delay(motions, wheel)
+    return motions
 
 
-def _motion(samples: Samples, wheel: Wheel, slot: IntArray, read: Source) -> alignment.Motion:
+def _motion(samples: Samples, wheel: Wheel, slot: IntArray, read: Source) -> Motion:
     """Return speed, motor torque and given friction on the slots; no speed where its reading rests in a dead zone."""
     speed = _on_grid(samples.speed_rad_s, slot)
     assert speed is not None
@@ -355,7 +355,7 @@ def _motion(samples: Samples, wheel: Wheel, slot: IntArray, read: Source) -> ali
         speed = np.where(zone.inside, np.nan, speed)
     torque = _on_grid(motor_torque(samples, wheel), slot)
     steps = steps_of(samples, wheel, read)
-    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps, zone)
+    return Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps, zone)
 
 
 def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:

@@ -170,13 +170,18 @@ def term_rows(series: Series, term: Term) -> FloatArray:
 def regressors(series: Series, terms: Sequence[Term]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the rows of a law and the bounds of their coefficients.
 
-    Dry and viscous friction are not negative, and the viscous part is not larger than all friction is.
+    Dry and viscous friction are not negative, and the viscous part is not larger than all friction is, unless it is
+    that at another temperature.
     """
     rows = np.vstack([series.base, *(term_rows(series, term) for term in terms)])
     low = np.concatenate([np.zeros(2), *(term.low for term in terms)])
     steepest = float(np.abs(series.friction).max() / max(np.abs(series.speed).max(), TINY))
-    high = np.concatenate([[np.inf, steepest], *(term.high for term in terms)])
+    high = np.concatenate([[np.inf, _steepest(steepest, terms)], *(term.high for term in terms)])
     return rows, low, high
+
+
+def _steepest(seen: float, terms: Sequence[Term]) -> float:
+    return np.inf if any(term.effect.is_part_of_viscous for term in terms) else seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +243,7 @@ class Background:
         products = np.block([[self.products, across], [across.T, columns @ columns.T]])
         low = np.concatenate([self.low, *(term.low for term in terms)])
         high = np.concatenate([self.high, *(term.high for term in terms)])
+        high[1] = _steepest(high[1], terms)
         return self._equations(products, low, high)
 
     def _equations(self, products: FloatArray, low: FloatArray, high: FloatArray) -> Equations:

@@ -90,8 +90,9 @@ def make_term(
         if keep and not depends_on_level(effect):
             problem.columns.put(key, columns)
     low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
-    if not issubclass(effect, UnnamedEffect):
-        # No part of the friction is larger than all of it: parts that cancel each other fit anything.
+    if not (issubclass(effect, UnnamedEffect) or effect.is_part_of_viscous):
+        # No part of the friction is larger than all of it: parts that cancel each other fit anything. But at another
+        # temperature than those of the record it may be.
         share = max(effect.largest_share(record.channels) for record in problem.records)
         largest = np.abs(columns.T, order="C").max(axis=1, initial=0.0)
         most = share * problem.largest_friction_Nm / np.maximum(largest, TINY)
@@ -281,6 +282,8 @@ class Model:
     def is_minor(self, index: int, sign: FloatArray) -> bool:
         """Return whether a term's torque is, where it acts, within what the largest of the others is not exact by.
 
+        A law that flips with the direction, however inexact, makes nothing that does not, and the other way round.
+
         Parameters
         ----------
         index
@@ -288,9 +291,11 @@ class Model:
         sign
             float64 (n,), direction of rotation. A torque that is constant has no form that could be inexact.
         """
-        torques = [sign * (term.columns @ self.strengths(i)) for i, term in enumerate(self.terms)]
-        own = torques.pop(index) ** 2
-        largest = max((float(own @ (other - other.mean()) ** 2) for other in torques), default=0.0)
+        opposite = {"odd": "even", "even": "odd"}.get(self.terms[index].effect.parity) if np.ptp(sign) else None
+        torques = [(term, sign * (term.columns @ self.strengths(i))) for i, term in enumerate(self.terms)]
+        own = torques.pop(index)[1] ** 2
+        others = [torque - torque.mean() for term, torque in torques if term.effect.parity != opposite]
+        largest = max((float(own @ other**2) for other in others), default=0.0)
         return float(own @ own) < INEXACT**2 * largest
 
 

@@ -101,6 +101,12 @@ def half_width(derivative: Derivative, period_s: float) -> int:
     return half
 
 
+def with_window(wheel: Wheel, window_s: float) -> Wheel:
+    """Return the wheel with dω/dt estimated over another window [s]."""
+    derivative = wheel.friction.derivative.model_copy(update={"window_s": window_s})
+    return wheel.model_copy(update={"friction": wheel.friction.model_copy(update={"derivative": derivative})})
+
+
 def derivative_taps(derivative: Derivative, period_s: float) -> FloatArray:
     """Return the taps c of dω/dt_k = Σ_j c[j + h]·ω_{k+j}, j = −h … h.
 

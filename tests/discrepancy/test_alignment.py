@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import shift, uniform_filter1d
 
-from rwa_monitor.discrepancy.alignment import Delay, Motion, aligned, find_delay
+from rwa_monitor.discrepancy.alignment import Delay, aligned, find_delay
+from rwa_monitor.discrepancy.derived_friction import Motion
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.torque_balance import inertia_of
 from tests.discrepancy.simple import PERIOD_S, WHEEL
 
 FINE = 40  # steps a sample
@@ -27,12 +29,14 @@ def motion(late_slots: float, seed: int, ripple_Nm: float = 0.0, slews: int = 20
     angle = np.cumsum(speed) * PERIOD_S / FINE
     friction = (DRY_NM + ripple_Nm * np.cos(angle)) * np.sign(speed) + VISCOUS * speed
 
-    def sampled(values: FloatArray) -> FloatArray:
-        return np.asarray(uniform_filter1d(values, FINE, mode="nearest")[FINE // 2 :: FINE])
-
     torque = shift(accelerating + friction, late_slots * FINE, order=1, mode="nearest")
     read = sampled(torque) + noise_Nm * rng.standard_normal(COUNT)
     return Motion(sampled(speed), read, read - sampled(accelerating))
+
+
+def sampled(values: FloatArray) -> FloatArray:
+    """Return the mean of each slot."""
+    return np.asarray(uniform_filter1d(values, FINE, mode="nearest")[FINE // 2 :: FINE])
 
 
 def found(*motions: Motion) -> Delay | None:
@@ -76,17 +80,23 @@ def test_a_ripple_that_samples_alias_is_no_delay(seed: int) -> None:
     assert found(motion(0.0, seed, ripple_Nm=2e-3)) is None
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_direction_that_changes_shortly_before_each_slew_ends_is_no_delay(seed: int) -> None:
-    def slew(rng: np.random.Generator) -> Motion:
-        slots = np.arange(400)
-        accelerating = 2.0 * DRY_NM * np.interp(slots, [100, 108, 160, 168], [0.0, 1.0, 1.0, 0.0])
-        speed = np.cumsum(accelerating) / INERTIA * PERIOD_S
-        speed -= speed[146]  # a delay of as many slots takes the friction's step there away from the slew's end
-        friction = DRY_NM * np.sign(speed) + NOISE_NM * rng.standard_normal(speed.size)
-        return Motion(speed, accelerating + friction, friction)
+@pytest.mark.parametrize("given", [True, False])
+@pytest.mark.parametrize("slots_before", [5, 8, 14])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_direction_that_changes_shortly_before_each_slew_ends_is_no_delay(
+    given: bool, slots_before: int, seed: int
+) -> None:
+    inertia, slots = inertia_of(WHEEL), np.arange(400 * FINE) / FINE
 
-    assert found(*(slew(np.random.default_rng([seed, n])) for n in range(4))) is None
+    def slew(rng: np.random.Generator) -> Motion:
+        accelerating = DRY_NM * np.interp(slots, [100, 106, 160, 166], [0.0, 1.0, 1.0, 0.0])
+        speed = np.cumsum(accelerating) / inertia * PERIOD_S / FINE
+        speed -= np.interp(160 - slots_before, slots, speed)  # friction steps there, twice as far as the slew's torque
+        of_slots, inertial, dry = (sampled(values) for values in (speed, accelerating, DRY_NM * np.sign(speed)))
+        friction = dry + NOISE_NM * rng.standard_normal(dry.size)
+        return Motion(of_slots, inertial + friction, friction if given else None)
+
+    assert found(*(slew(np.random.default_rng([seed, n])) for n in range(5))) is None
 
 
 def test_recordings_of_one_wheel_show_one_delay() -> None:

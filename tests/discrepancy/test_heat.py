@@ -79,3 +79,16 @@ def test_a_bearing_that_follows_its_housing_late_shows_by_how_much(seed: int) ->
     lag = found.result.effects[0].parameters["sensor_lag_s"]
     assert lag.std is not None
     assert lag.value == pytest.approx(lag_s, abs=max(3.0 * lag.std, 0.05 * lag_s))
+
+
+@pytest.mark.parametrize("seed", [53026, 53027])
+def test_an_oil_that_is_never_as_cold_as_20_degC_shows_its_viscosity_there(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    speed, warm = motion(rng), 57.5 - 22.5 * np.cos(np.arange(COUNT) * PERIOD_S / 300.0)
+    viscosity = np.exp(4000.0 * (1.0 / (warm + 273.15) - 1.0 / 293.15))  # 0.1 to 0.5: all friction is less than that
+    friction = 10.0 * VISCOUS * viscosity * speed + rng.normal(0.0, NOISE_NM, COUNT)
+    found = simple.search(sampled(speed, friction, PERIOD_S, bearing_temperature_degC=warm), WHEEL)
+    assert names(found) == ["viscosity_temperature"]
+    strength, activation = list(found.result.effects[0].parameters.values())[:2]
+    assert strength.value == pytest.approx(10.0 * VISCOUS, rel=0.05)
+    assert activation.value == pytest.approx(4000.0, rel=0.05)

@@ -12,8 +12,11 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw
 from rwa_monitor.discrepancy.score import wald, with_law
-from rwa_monitor.discrepancy.terms import Model, Term
-from rwa_monitor.wheel.effects.asymmetry import TorqueBias
+from rwa_monitor.discrepancy.shape_profile import middle_shape
+from rwa_monitor.discrepancy.terms import Model, Term, make_term
+from rwa_monitor.wheel.effects.asymmetry import TorqueBias, ViscousAsymmetry
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.drag_laws import QuadraticDrag, SublinearViscous
 from tests.discrepancy.simple import NOISE_NM, WHEEL, record, swing
 from tests.discrepancy.smooth import problem_of
 
@@ -59,3 +62,28 @@ def test_what_a_few_samples_decide_gains_as_much_and_does_not_stand_out(share: f
     base, model = (with_law(problem, Model(terms, nothing), NoiseLaw()) for terms in ((), (term,)))
     assert 50.0 < base.score - model.score + problem.log_size < 120.0  # twice the log-likelihood: a hundredth a sample
     assert low < wald(problem, model)[0] < high
+
+
+@pytest.mark.parametrize(
+    ("small", "large", "reverses", "minor"),
+    [
+        (QuadraticDrag, SublinearViscous, True, True),
+        (ViscousAsymmetry, SublinearViscous, True, False),
+        (SublinearViscous, ViscousAsymmetry, True, False),
+        (ViscousAsymmetry, SublinearViscous, False, True),
+    ],
+)
+def test_an_inexact_law_explains_what_is_small_beside_it_but_not_what_has_the_other_symmetry(
+    small: type[MeanEffect], large: type[MeanEffect], reverses: bool, minor: bool
+) -> None:
+    speed = swing(6000)
+    problem = problem_of(record(speed if reverses else np.abs(speed) + 1.0, jumps=())[0])
+    terms, strengths = [], []
+    for effect, size in ((small, 0.005), (large, 1.0)):
+        term = make_term(problem, effect, middle_shape(problem, effect), None)
+        terms.append(term)
+        strengths.append(size / float(np.abs(term.columns).max()))
+    nothing = np.zeros(problem.size)
+    model = Model(tuple(terms), Fit(NO_JUMPS, np.array([0.0, *strengths]), nothing, nothing, 0.0))
+    assert model.is_minor(0, problem.sign) == minor
+    assert not model.is_minor(1, problem.sign)
