@@ -32,6 +32,7 @@ def geared_motor(mirrors: Path, out: Path) -> None:
     (means of 40 rows). `gear_ramp_05`, `gear_ramp_10`, `gear_ramp_11`, `gear_ramp_11_long`: 0.5, 1.0 and 1.1 A from 1
     to 23 rad/s, beyond which the voltage is used up; what the motor's own inertia takes is in it (means of ten rows).
     `gear_load_a`, `gear_load_b`: at 4 rad/s under −4 to 4 A, with the motor's temperature (means of 20 rows).
+    `gear_free`: the motor turns itself in steps up to 28 rad/s and stays there, for 59 s (means of 20 rows).
     """
     repo = "bgkatz/Dyno-Software"
     log = git_table(mirrors, repo, "Logs/vs_noload_drag.csv", delimiter=",")
@@ -45,6 +46,7 @@ def geared_motor(mirrors: Path, out: Path) -> None:
         ("gear_ramp_11_long", "vs_spinup_4", 10, 8, (1.0, 23.0)),
         ("gear_load_a", "vs_gearbox_loss", 20, 8, (3.0, 5.0)),
         ("gear_load_b", "vs_gearbox_loss_3", 20, 9, (3.0, 5.0)),
+        ("gear_free", "vs_prelim", 20, 8, (0.3, 40.0)),
     ):
         log = git_table(mirrors, repo, f"Logs/{file}.csv", delimiter=",")
         t, cell, v, motor, heat = means(count, log[:, 0], log[:, 1], -log[:, 2], 0.742e-3 * log[:, current], log[:, -1])
@@ -52,14 +54,16 @@ def geared_motor(mirrors: Path, out: Path) -> None:
         on = (v > between[0]) & (v < between[1])
         if "load" in name:
             columns["bearing_temperature_degC"] = heat
+        if name == "gear_free":
+            on &= t < 163.0
         save(out, name, {key: x[on] for key, x in columns.items()})
 
 
 def running_down(mirrors: Path, out: Path) -> None:
-    """From bgkatz/Dyno-Software (MIT): rotors of the dynamometer that run down with no current, 200 Hz.
+    """From bgkatz/Dyno-Software (MIT): motors without current as the dynamometer runs down with them, 200 Hz.
 
-    Speed alone, its friction in terms of the inertia (1 kg m²). `down_010`, `down_025`, `down_040`: small motors from
-    8.5 to 0.3 rad/s, with three flywheels; `down_fast`: another from 84 to 58 rad/s (means of 20 rows).
+    What the torque cell reads (N m) against the speed (rad/s). `down_010`, `down_025`, `down_040`: a motor from 8.5 to
+    0.3 rad/s within 6, 14 and 27 s; `down_fast`: one from 84 to 58 rad/s within 11 s (means of 20 rows).
     """
     for name, file, highest, lowest in (
         ("down_010", "2.5V_.01", 8.5, 0.3),
@@ -68,11 +72,12 @@ def running_down(mirrors: Path, out: Path) -> None:
         ("down_fast", "spin_up_v2", 84.0, 58.0),
     ):
         log = git_table(mirrors, "bgkatz/Dyno-Software", f"Logs/{file}.csv", delimiter=",")
-        t, v = means(20, *even(200.0, log[:, 0], np.abs(log[:, 2])))
-        first = int(np.flatnonzero(v > highest)[-1]) + 1
-        last = first + int(np.flatnonzero(v[first:] < lowest)[0])
-        columns = {"time_s": t[first:last], "speed_rad_s": v[first:last]}
-        save(out, name, columns, {"inertia_kg_m2": 1.0}, motor_off=True)
+        t, cell, v = means(20, *even(200.0, *log[:, :3].T))
+        first = int(np.flatnonzero(np.abs(v) > highest)[-1]) + 1
+        last = first + int(np.flatnonzero(np.abs(v[first:]) < lowest)[0])
+        f = -cell * np.sign(v)
+        columns = {"time_s": t, "speed_rad_s": np.abs(v), "friction_torque_Nm": f}
+        save(out, name, {key: x[first:last] for key, x in columns.items()})
 
 
 def joint_motor(mirrors: Path, out: Path) -> None:
@@ -108,8 +113,8 @@ def swings(mirrors: Path, out: Path) -> None:
     """From macstepien/furuta_pendulum (GPL-3) and 1WorthIte/PHY180-Pendulum-Lab-2025 (no licence): pendulums.
 
     `furuta_first`, `furuta_second`: the free joint of a pendulum on an arm, which rests, from upright down, 500 Hz,
-    encoder in radians; half swings as in `third_validation`, friction in terms of m g l, of two runs half a year apart.
-    `bob_long`: a filmed one, 60 Hz, from 30 degrees; windows of three swings as in `fifth_validation`.
+    encoder in radians; half swings as in `third_validation`, friction in terms of m g l, two runs eight months apart.
+    `bob_long`: a filmed one, 60 Hz, from 31 degrees; windows of three swings as in `fifth_validation`.
     """
     for name, file in (("furuta_first", "oscillations"), ("furuta_second", "hardware_pure_joint1_oscillations")):
         path = f"furuta_pendulum_model/data/{file}.csv"
@@ -126,26 +131,23 @@ def swings(mirrors: Path, out: Path) -> None:
 
 
 def duty_steps(mirrors: Path, out: Path) -> None:
-    """From rnd-southerniot/actuator-lab (no licence): the small geared motor of a toy under steps of the duty, 100 Hz.
+    """From rnd-southerniot/actuator-lab (no licence): a small geared motor under a few levels of the duty, 100 Hz.
 
-    Duty stands for the torque (what the turning motor induces is its viscous part), speed of the encoder in rpm, both
-    low-pass filtered at 5 Hz. Friction = duty − J dω/dt, J by least squares beside dry and viscous friction; means of
-    five rows, three rows at both ends left out.
+    A kick of 0.2, then 0.035, 0.045 or 0.06; duty stands for the torque (what the turning motor induces is its viscous
+    part), speed of the encoder in rpm, both low-pass filtered at 5 Hz. Friction = duty − J dω/dt, J by least squares
+    beside dry and viscous friction; means of five rows from 2 rad/s, three rows at both ends left out.
     """
-    for name, file in (
-        ("duty_steps", "velsigma_baseline_20260707_203636"),
-        ("duty_steps_low", "vellow_baseline_20260707_204658"),
-    ):
-        path = f"actuators/mg513-gmr-nucleo-f401/docs/sysid/{file}.csv"
-        log = git_table(mirrors, "rnd-southerniot/actuator-lab", path, delimiter=",", skip_header=1)
-        time, turns, duty = even(100.0, log[:, 2] / 1e3, RPM * log[:, 3], log[:, 4])
-        speed, duty = smooth(100.0, 5.0, turns), smooth(100.0, 5.0, duty)
-        t, v, slope, duty = means(5, time, speed, np.gradient(speed, 0.01), duty)
-        on = v > 2.0
-        inertia = float(np.linalg.lstsq(np.column_stack([slope, np.ones_like(v), v])[on], duty[on], rcond=None)[0][0])
-        columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": duty - inertia * slope, "motor_torque_Nm": duty}
-        wheel = {"inertia_kg_m2": float(f"{inertia:.4g}")}
-        save(out, name, {key: x[on][3:-3] for key, x in columns.items()}, wheel)
+    path = "actuators/mg513-gmr-nucleo-f401/docs/sysid/vellow_baseline_20260707_204658.csv"
+    log = git_table(mirrors, "rnd-southerniot/actuator-lab", path, delimiter=",", skip_header=1)
+    time, turns, duty = even(100.0, log[:, 2] / 1e3, RPM * log[:, 3], log[:, 4])
+    speed, duty = smooth(100.0, 5.0, turns), smooth(100.0, 5.0, duty)
+    t, v, slope, duty = means(5, time, speed, np.gradient(speed, 0.01), duty)
+    on = v > 2.0
+    base = np.column_stack([slope, np.ones_like(v), v])
+    inertia = float(f"{np.linalg.lstsq(base[on], duty[on], rcond=None)[0][0]:.4g}")
+    columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": duty - inertia * slope, "motor_torque_Nm": duty}
+    wheel = {"inertia_kg_m2": inertia}
+    save(out, "duty_steps", {key: x[on][3:-3] for key, x in columns.items()}, wheel)
 
 
 ALL = (geared_motor, running_down, joint_motor, swings, duty_steps)
