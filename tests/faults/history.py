@@ -97,8 +97,6 @@ class History:
 
     Attributes
     ----------
-    seed, number
-        What it was made from.
     puts
         Messages in the order in which they are sent.
     faults
@@ -113,8 +111,6 @@ class History:
         Messages that a publisher keeps for whoever missed them.
     """
 
-    seed: int
-    number: int
     puts: tuple[Put, ...]
     faults: tuple[Fault, ...]
     kinds: tuple[str, ...]
@@ -155,13 +151,11 @@ def make_history(seed: int, number: int, *, root: bool) -> History:
     if rng.random() < LOSING_SHARE:
         # A publisher that restarts is waited for until all of it has arrived: with these it never has.
         chosen = [str(rng.choice(list(LOSING))), *(name for name in chosen[:1] if name != "restart_publisher")]
-    return _Maker(seed, number, rng, tuple(dict.fromkeys(chosen))).make()
+    return _Maker(rng, tuple(dict.fromkeys(chosen))).make()
 
 
 @dataclass(slots=True)
 class _Maker:
-    seed: int
-    number: int
     rng: np.random.Generator
     kinds: tuple[str, ...]
     garbage: list[bytes] = field(default_factory=list)
@@ -186,7 +180,7 @@ class _Maker:
             self._second_publisher(groups, keys[0])
         puts, faults = _flat(groups, faults)
         kept = SHORT_HISTORY if "outage_beyond_history" in self.kinds else HISTORY_MESSAGES
-        return History(self.seed, self.number, puts, faults, self.kinds, sent, tuple(self.garbage), kept)
+        return History(puts, faults, self.kinds, sent, tuple(self.garbage), kept)
 
     # ---- telemetry ---------------------------------------------------------------------------------------------------
 

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.core import Event, WheelCore, WindowDiagnosed
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.monitor.stored import MAX_WINDOWS
@@ -22,7 +21,6 @@ from tests.monitor.support import (
     diagnoses,
     messages_of,
     model,
-    resumed,
     telemetry,
     wheel,
 )
@@ -175,14 +173,3 @@ def test_a_window_is_diagnosed_when_the_dump_has_left_it_and_again_when_its_hole
     assert first["coverage"] == 1 - 60 / WINDOW
     again = latest(core.feed(DAY[hole], "stored publisher", 99, "stored"))
     assert again == {start: one for start, one in in_order().items() if start < 2 * WINDOW * PERIOD_NS}
-
-
-def test_a_checkpoint_keeps_stored_telemetry() -> None:
-    parts = [*dumps()[::-1]]
-    core = WheelCore(wheel(), model())
-    before = feed(core, parts[:9])
-    again = resumed(core.checkpoint().to_json(), wheel())
-    rest = [*feed(again, parts[9:]), *again.finish()]
-    assert latest([*before, *rest]) == in_order()
-    with pytest.raises(InputError, match="does not fit"):
-        resumed(core.checkpoint().to_json(), wheel(WINDOW // 2))

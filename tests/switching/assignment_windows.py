@@ -30,11 +30,8 @@ class Window:
 
     evidence: Evidence
     jumps: list[tuple[int, int, int]]
-    size: FloatArray
     configuration: FloatArray
     friction: FloatArray
-    base: float
-    viscous: float
     x: FloatArray
     z: FloatArray
 
@@ -108,20 +105,8 @@ def window(
         side = rng.choice(truth, size=count) + rng.choice([-1, 1], size=count) * rng.integers(4, 40, size=count)
         anywhere = np.where(rng.random(count) < 0.5, anywhere, side)
     slots = np.clip(np.concatenate([moved, anywhere]), 1, x.size - 1)
-    viscous = float(options.get("viscous", 1.0))
-    candidates = candidates_at(x, z, slots, std, viscous)
-    size = np.array([friction[s, k] - friction[s, k - 1] for k, s, _ in jumps])
-    return Window(
-        evidence_of(x, z, candidates, std),
-        jumps,
-        size,
-        configuration,
-        friction,
-        float(options.get("base", 1.0)),
-        viscous,
-        x,
-        z,
-    )
+    candidates = candidates_at(x, z, slots, std, float(options.get("viscous", 1.0)))
+    return Window(evidence_of(x, z, candidates, std), jumps, configuration, friction, x, z)
 
 
 # ---- assignment problems for tests -----------------------------------------------------------------------------------
