@@ -1,6 +1,5 @@
 """Bursts of a cage: found in noise that comes and goes, and in nothing else."""
 
-
 import numpy as np
 import pytest
 
