@@ -26,6 +26,8 @@ from rwa_monitor.samples import FloatArray
 SIGNIFICANCE: Final = 1e-3  # p-value below which a trend is announced: it is tested anew at every window
 MIN_WINDOWS: Final = 8  # for a line, its beginning, and the scatter around it
 MAX_WINDOWS: Final = 300  # the newest are used; at 2.2 hours each that is four weeks
+ONSETS: Final = 48  # beginnings that are tried, evenly over the time
+LAST_TESTED: Final = 5  # windows after a beginning that may announce a trend: fewer may be gross errors in a row
 DEGREES_OF_FREEDOM: Final = 2.0  # of Student's t: gross errors of dry friction, a whole jump, are 50 deviations
 ROUNDS: Final = 12  # of reweighting
 SCATTERS: Final = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)  # beside the median standard deviation of the estimates
@@ -180,12 +182,11 @@ def find_trend(time_s: FloatArray, value: FloatArray, std: FloatArray) -> Trend 
     # Inside, time is a share of the span and values are in median standard deviations: nothing over- or underflows.
     span_s, middle, scale = float(time_s[-1] - time_s[0]), float(np.median(value)), float(np.median(std))
     at, y = (time_s - time_s[0]) / span_s, (value - middle) / scale
-    onsets = np.linspace(0.0, at[-2], 48)  # those that are tried, evenly over the time, a window at least after each
+    onsets = np.linspace(0.0, at[-2], ONSETS)  # a window at least after each
     hinges = np.maximum(at - onsets[:, None], 0.0)
     variance = _tone_down(at, hinges, y, (std / scale) ** 2)
     cells = [(0.0, 0.0), *((scatter, memory) for scatter in SCATTERS[1:] for memory in MEMORIES)]
-    # Fewer windows after a beginning may be gross errors in a row: they announce no trend.
-    tested = int(np.count_nonzero(onsets <= at[-6]))
+    tested = int(np.count_nonzero(onsets <= at[-1 - LAST_TESTED]))
     fits = [_fit(at, hinges, tested, y, variance, scatter, memory) for scatter, memory in cells]
     log_likelihood = np.array([fit.log_likelihood for fit in fits])
     weight = np.exp(log_likelihood - log_likelihood.max())

@@ -236,7 +236,7 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     near = binary_dilation(stepped, iterations=int(halves[-1]) // 2 + lag)
     moved = [_moved(held if half % 2 else torque, (int(half) + 1) // 2) for half in halves]
     differences = np.stack([_rise(late - accelerating, lag) for late in moved])
-    # Friction steps where the direction changes, and a slew's own step often lies as far from there as the last one's.
+    # Friction steps where the direction changes: beside slews that are all alike it passes for the pulse of a delay.
     near &= np.isfinite(differences).all(axis=0) & ~_turns(motion, lag)
     squares = (differences[:, near] / std) ** 2 / lag
     if squares.shape[1] == 0:

@@ -40,7 +40,6 @@ BREAK: Final = 50.0  # median steps around a step that is a break
 STEPS_AROUND: Final = 11
 SHORTEST_STRETCH: Final = 16  # rows between two breaks; fewer show nothing of friction
 ROWS_AT_ONCE: Final = 10_000  # of which the neighbours are laid out: 32 MB at most, a few times
-TURN: Final = 2.0 * np.pi  # rad
 WITHIN_A_TURN: Final = 1.001  # of a turn: the range of an angle that begins anew with each
 LOST_SHARE: Final = 0.5  # of what the speed turns by, that an angle may slip; more is another shaft's, or in degrees
 SCALED_ONLY: Final = "motor off: friction is -J dω/dt, which the inertia only scales"
@@ -206,9 +205,9 @@ def with_turns(samples: Samples, source: str) -> Samples:
     held = np.interp(samples.time_ns, samples.time_ns[moving], samples.speed_rad_s[moving])
     turned = np.append(0.0, np.cumsum(0.5 * steps * (held[1:] + held[:-1])))
     beyond = angle[known] - turned[known]
-    if float(np.ptp(angle[known])) <= TURN * WITHIN_A_TURN:
+    if float(np.ptp(angle[known])) <= 2.0 * np.pi * WITHIN_A_TURN:
         beyond = np.unwrap(beyond)
-    elif float(np.ptp(beyond)) > TURN + LOST_SHARE * float(np.ptp(turned)):
+    elif float(np.ptp(beyond)) > 2.0 * np.pi + LOST_SHARE * float(np.ptp(turned)):
         raise InputError(
             source,
             f"covers {float(np.ptp(angle[known])):.4g} rad where speed_rad_s turns by {float(np.ptp(turned)):.4g} rad:"

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
+from rwa_monitor.discrepancy.bench import LEAST_HALF
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.effects.tachometer import ReadZone, quantisation_step
@@ -200,8 +201,7 @@ def steps_of(samples: Samples, wheel: Wheel, name: torque_balance.Source) -> Ste
 # ---- the window that dω/dt is estimated over -------------------------------------------------------------------------
 
 
-NARROWEST: Final = 2  # slots to each side, of a window for dω/dt
-WINDOWS: Final = 12  # so many are tried, each the same factor wider
+WINDOWS: Final = 12  # that are tried, each the same factor wider
 
 
 @dataclass(frozen=True, slots=True)
@@ -234,9 +234,9 @@ def with_fitting_window(motions: Sequence[Motion], wheel: Wheel) -> Wheel:
     """
     period_s, most = wheel.sample_period_s, torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s)
     derived = [motion for motion in motions if motion.torque_Nm is not None and motion.friction_Nm is None]
-    if most <= NARROWEST or not derived:
+    if most <= LEAST_HALF or not derived:
         return wheel
-    halves = np.unique(np.rint(np.geomspace(NARROWEST, most, WINDOWS)))
+    halves = np.unique(np.rint(np.geomspace(LEAST_HALF, most, WINDOWS)))
     wheels = [*(torque_balance.with_window(wheel, 2.0 * half * period_s) for half in halves[:-1].tolist()), wheel]
     missed = [_missed(motion, wheels) for motion in derived]
     error, spread, harmless = (np.concatenate(parts, axis=-1) for parts in zip(*missed, strict=True))
@@ -255,14 +255,12 @@ def _missed(motion: Motion, wheels: Sequence[Wheel]) -> tuple[FloatArray, FloatA
     """
     assert motion.torque_Nm is not None
     torque = motion.torque_Nm
-    speed, inertia = motion.speed_rad_s, torque_balance.inertia_of(wheels[0])
-    filters = [(wheel.friction.derivative, wheel.sample_period_s) for wheel in wheels]
-    inertial = inertia * np.stack([torque_balance.differentiate(speed, *one) for one in filters])
+    friction = np.stack([torque_balance.derive_friction(motion.speed_rad_s, torque, wheel) for wheel in wheels])
     kernels = (torque_balance.averaging_taps(wheel) for wheel in wheels)
     averaged = np.stack([correlate1d(torque, taps, mode="constant", cval=np.nan) for taps in kernels])
-    slope, motor = inertial[0] - inertial, averaged[0] - averaged
+    slope, motor = friction - friction[0], averaged[0] - averaged
     known = np.isfinite(slope * motor).all(axis=0)
     noise = spread_of_differences(np.diff(torque), 1, motion.torque_step_Nm) / np.sqrt(6.0)  # of 1, -2, 1
-    size = float(np.median(np.abs((averaged[-1] - inertial[-1])[known]))) if known.any() else 0.0
+    size = float(np.median(np.abs((averaged[-1] - torque + friction[-1])[known]))) if known.any() else 0.0
     harmless = np.full(np.count_nonzero(known), max(noise, torque_balance.LEAST_ERROR * size) ** 2)
     return (slope * motor)[:, known], slope[-1, known] ** 2, harmless
