@@ -60,6 +60,7 @@ SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is 
 LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
 EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
 SLOW_WINDOWS: Final = 50  # in a record: a motion smoothed over one of them has lost its noise
+OTHER_SHAPES: Final = (0.25, 0.75)  # shares of the range of each shape parameter
 NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
 FOLLOWS_THE_SPEED: Final = "a motion in which it does not follow the speed: several sweeps, or dwells"
 
@@ -86,11 +87,18 @@ def sort_out(
     calm = calm.with_empty_caches()
 
     def missing(effect: type[MeanEffect]) -> str | None:
-        """Return what an effect lacks: a channel, or a motion that sets it apart; None for nothing."""
+        """Return what an effect lacks: a channel, or a motion that sets it apart at any shape; None for nothing."""
         channel = available(problem, effect)
         if channel is not None:
             return channel
         shape = middle_shape(problem, effect)
+        reason = missing_at(effect, shape)
+        if reason is None or reason == NOT_COMMANDED or _is_law_of_speed(problem, effect, shape):
+            return reason
+        others = (middle_shape(problem, effect, share) for share in OTHER_SHAPES)  # a longer lag may be seen
+        return reason if all(missing_at(effect, shape) for shape in others) else None
+
+    def missing_at(effect: type[MeanEffect], shape: dict[str, float]) -> str | None:
         rows = term_rows(series, make_term(problem, effect, shape, level))
         if _beyond(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
             # Dry friction is not negative: where it seems to be, what drives the wheel is no part of it.

@@ -167,13 +167,13 @@ def _refine(
     return better if cost(better) < cost(best) else best
 
 
-def middle_shape(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
-    """Return a shape in the middle of what the first record can show."""
+def middle_shape(problem: Problem, effect: type[MeanEffect], share: float = 0.5) -> dict[str, float]:
+    """Return a shape in the middle of what the first record can show, or at another share of the range."""
     bounds = effect.shape_bounds(problem.records[0].channels)
     shape = {}
     for parameter in effect.shape_parameters():
         low, high = bounds[parameter.name]
-        middle = float(np.sqrt(low * high)) if low > 0 else 0.5 * (low + high)
+        within = low ** (1.0 - share) * high**share if low > 0 else low + share * (high - low)
         shown = [choice for choice in parameter.choices if low <= choice <= high]
-        shape[parameter.name] = shown[0] if shown else high if parameter.choices else middle
+        shape[parameter.name] = shown[0] if shown else high if parameter.choices else float(within)
     return shape

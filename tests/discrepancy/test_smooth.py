@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Limits, Nominal, Wheel
-from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, sampled, swing
 from tests.discrepancy.smooth import (
     CORRELATIONS,
     COUNT,
@@ -100,6 +100,24 @@ def test_what_drives_the_wheel_is_named_where_dry_friction_seems_negative(direct
     assert sorted(mean_names(found)) == ["quadratic_drag", "torque_bias"]
     bias = next(effect for effect in found.result.effects if effect.name == "torque_bias").parameters["strength_Nm"]
     assert bias.value == pytest.approx(wind + direction * DRY_NM, rel=0.1)  # what dry friction holds of it is not seen
+
+
+@pytest.mark.parametrize("breakaway", [5.0, 10.0])
+def test_what_only_a_longer_lag_shows_is_tried(breakaway: float) -> None:
+    """Strokes with rests between, read nearly without noise: the smallest steps of the speed say nothing of a lag."""
+    place, count, rng = np.arange(1000) % 100 / 100.0, 1000, np.random.default_rng(5)
+    speed = np.where(place < 0.5, 12.0, -12.0) * np.clip(
+        40.0 * np.minimum(place % 0.5, 0.5 - place % 0.5) - 3.0, 0.0, 1.0
+    )
+    bristle = np.zeros(count)
+    for k in range(1, count):
+        left = np.exp(-np.abs(speed[k]) * PERIOD_S / breakaway)
+        bristle[k] = left * bristle[k - 1] + (1.0 - left) * np.sign(speed[k])
+    friction = DRY_NM * bristle + VISCOUS * speed + NOISE_NM * rng.normal(size=count)
+    found = answer(sampled(speed + 1e-8 * rng.normal(size=count), friction))
+    (effect,) = (one for one in found.result.effects if one.family == "mean")
+    assert effect.name == "presliding"
+    assert effect.parameters["breakaway_angle_rad"].value == pytest.approx(breakaway, rel=0.1)
 
 
 def test_sublinear_drag_of_a_flywheel() -> None:

@@ -264,6 +264,8 @@ def quantisation_step(speed_rad_s: FloatArray) -> float | None:
         multiples = np.rint(near / step)
         step = float(np.sum(near * multiples) / np.sum(multiples**2))
     multiples = np.rint(levels / step)
+    if not multiples.any():  # two readings, half a step to either side of rest
+        return None
     step = float(np.sum(levels * multiples) / np.sum(multiples**2))
     off = np.abs(levels / step - np.rint(levels / step))
     return step if off.max() < ON_LATTICE else None

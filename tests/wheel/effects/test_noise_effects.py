@@ -101,6 +101,7 @@ def test_the_step_of_a_lattice_is_as_sure_as_the_digits_of_its_readings(digits: 
 
 def test_readings_without_a_lattice_have_no_step() -> None:
     assert quantisation_step(rich_motion(SLOTS).speed_rad_s) is None
+    assert quantisation_step(np.array([-0.004, 0.004])) is None  # half a step to either side of rest
 
 
 def test_a_table_with_few_digits_is_not_taken_for_a_coarse_tachometer() -> None:
