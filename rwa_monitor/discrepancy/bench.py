@@ -80,6 +80,13 @@ def is_even(time_ns: IntArray) -> bool:
     return float(np.mean(off)) <= UNEVEN_SHARE
 
 
+def _has_slopes(samples: Samples) -> bool:
+    """Return whether the clock is even and so few samples are lost that windows for dω/dt are whole."""
+    steps = _steps_s(samples)
+    lost = np.count_nonzero(steps > LOST * np.median(steps)) if steps.size else 0
+    return is_even(samples.time_ns) and lost <= UNEVEN_SHARE * steps.size
+
+
 def as_measured(
     recordings: Sequence[tuple[str, Samples]], wheel: Wheel, held_out: Sequence[tuple[str, Samples]] = ()
 ) -> Bench:
@@ -120,7 +127,7 @@ def _with_short_window(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) 
 def _longest_stretch_s(samples: Samples) -> float:
     """Return the longest time without a lost sample [s], as an even clock shows them."""
     steps = _steps_s(samples)
-    if steps.size == 0 or not is_even(samples.time_ns):
+    if steps.size == 0 or not _has_slopes(samples):
         return np.inf
     times = np.append(0.0, np.cumsum(steps))
     lost = np.flatnonzero(steps > LOST * np.median(steps))
@@ -184,6 +191,8 @@ def _breaks(steps_ns: IntArray) -> IntArray:
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
     """Return whether a recording is even, and where it may be of pulses also whether it has the wheel's period."""
+    if samples.friction_torque_Nm is None and not _has_slopes(samples):
+        return False
     if wheel.pulses_per_turn is None or len(samples) < 3:
         return is_even(samples.time_ns)
     ratio = float(np.median(_steps_s(samples))) / wheel.sample_period_s

@@ -146,6 +146,8 @@ class Series:
         Samples that inform as much as one that is independent; above 1 the noise is taken as white, see `Problem`.
     top_speed
         Largest |ω|, at which the noise has grown by its law's growth [rad/s]; 0: that of these samples.
+    may_wander
+        Whether its level may: a friction that was commanded does not, all noise is in the speed that came of it.
     """
 
     friction: FloatArray
@@ -157,6 +159,7 @@ class Series:
     smallest_variance: float = 0.0
     memory: float = 1.0
     top_speed: float = 0.0
+    may_wander: bool = True
 
     @classmethod
     def of(cls, problem: Problem, jumps: IntArray = NO_JUMPS) -> Self:
@@ -176,6 +179,7 @@ class Series:
             jumps,
             problem.smallest_noise_Nm**2,
             problem.memory,
+            may_wander=not problem.is_command,
         )
 
     @property
@@ -431,7 +435,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     for _ in range(2):  # colour and growth hide each other at first
         others = best.growth, best.slew, best.level_spread
         if series.memory == 1.0 and (start.correlation > 0.0 or not again):
-            try_out(*_coloured(score, best, best if best.correlation > 0.0 else start, series.size, again))
+            try_out(*_coloured(score, best, best if best.correlation > 0.0 else start, series, again))
         if start.growth != 0.0 or not again:
             try_out(*_along(score, best, "growth", LARGEST_GROWTH))
         if not series.jumps_within and (start.slew > 0.0 or not again):
@@ -447,7 +451,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     return best
 
 
-def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, size: int, again: bool) -> tuple[NoiseLaw, float]:
+def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, series: Series, again: bool) -> tuple[NoiseLaw, float]:
     """Fit share of white noise and memory of a law, as noise and as a level that wanders; `again` only near the start.
 
     The score is smooth within each of the two, and steps by the price of a hypothesis between them.
@@ -456,9 +460,9 @@ def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, size: int, again: 
     def law(at: FloatArray) -> NoiseLaw:
         return replace(other, white=float(special.expit(at[0])), correlation=float(special.expit(at[1])))
 
-    border = float(special.logit(1.0 - FEWEST_MEMORIES / max(size, 2.0 * FEWEST_MEMORIES)))
+    border = float(special.logit(1.0 - FEWEST_MEMORIES / max(series.size, 2.0 * FEWEST_MEMORIES)))
     noise = SHORTEST_MEMORY, min(border, LONGEST_MEMORY) - BESIDE
-    wandering = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY
+    wandering = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY if series.may_wander else -np.inf
     tries = [*((at, noise) for at in COLOURS), ((0.0, LONG_LOGIT), wandering)]
     if start.correlation > 0.0:
         at = float(special.logit(start.white)), float(special.logit(start.correlation))
