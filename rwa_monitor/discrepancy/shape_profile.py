@@ -119,10 +119,10 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
         if reach > 0.0 and len(parameter.choices) == 1:  # what is far off may have no slope from there to follow
             (known,) = parameter.choices
             return _Axis(parameter.name, tuple(sorted({known, min(known + reach, high)})), False, False)
-        keep = around is not None and len(parameter.choices) > FEW_CHOICES
         shown = tuple(choice for choice in parameter.choices if low <= choice <= high) or (high,)
-        choices = (around.shape[parameter.name],) if around is not None and keep else shown
-        return _Axis(parameter.name, choices, False, False)
+        if around is not None and (len(parameter.choices) > FEW_CHOICES or around.shape[parameter.name] not in shown):
+            shown = (around.shape[parameter.name],)
+        return _Axis(parameter.name, shown, False, False)
     if not low < high:
         return _Axis(parameter.name, (low,), False, False)
     logarithmic = is_logarithmic(low, high)

@@ -115,6 +115,26 @@ def test_what_was_commanded_is_a_ramp_over_time_to_the_last_digit_and_no_drift()
     assert dict(search.result.untested)["run_in_drift"] == NOT_COMMANDED
 
 
+def test_what_was_commanded_does_not_wander() -> None:
+    """All noise is in the speed: a slope of next to nothing and a level that wanders would fit, too."""
+    torque = np.append(np.arange(-255.0, -8.0), np.arange(9.0, 256.0))
+    rng = np.random.default_rng(1)
+    speed = np.sign(torque) * (np.abs(torque) - 4.0) / 5.0 + rng.normal(size=torque.size)
+    search = find_discrepancy(
+        [("duty", samples(0.5 * np.arange(torque.size), speed, torque))], Wheel(name="bench", sample_period_s=0.5)
+    )
+    assert search.result.verdict == "adequate"
+    assert search.base.fit.coefficients[0] == pytest.approx(5.0, rel=0.02)
+
+
+def test_an_even_clock_that_loses_every_seventh_sample_is_read_by_its_own_times() -> None:
+    whole = run_down(WINDAGE, period_s=0.05)
+    lossy = whole[np.random.default_rng(2).random(len(whole)) > 1 / 7]
+    assert is_even(lossy.time_ns)
+    made = as_measured([("lossy", lossy)], bench(period_s=0.05))
+    assert np.count_nonzero(make_record(made.recordings[0][1], made.wheel, "lossy").used) > 0.9 * len(lossy)
+
+
 def test_without_an_inertia_a_run_down_is_refused_with_its_name() -> None:
     with pytest.raises(InputError, match="inertia_kg_m2"):
         find_discrepancy([("coast", run_down(WINDAGE))], bench(None))

@@ -7,8 +7,11 @@ import pytest
 from scipy import signal
 
 from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.unexplained import with_free_curves
 from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, record, swing
+from tests.discrepancy.smooth import null_record, problem_of
 
 COUNT = 8000
 # A wheel of which no switching system is known, as one that has just been put on the bench.
@@ -66,6 +69,18 @@ def test_the_period_of_a_short_rub_is_reported_not_that_of_a_harmonic() -> None:
     result = find_discrepancy([("rub", samples)], WHEEL).result
     assert "periodic in time, every 130 s" in result.unexplained.signature
     assert 0.6 * rub.std() < result.unexplained.size_Nm < 1.5 * rub.std()
+
+
+def test_a_short_record_that_wanders_is_periodic_with_nothing_longer_than_itself() -> None:
+    samples = null_record("two sines", 0.999, seed=8)
+    fitting = Fitting(problem_of(samples), jumps=False)
+    periods = [
+        1.0 / model.terms[-1].shape["frequency_Hz"]
+        for model in with_free_curves(fitting, fitting.base())
+        if "frequency_Hz" in model.terms[-1].shape
+    ]
+    assert len(periods) == 3
+    assert max(periods) < len(samples) * PERIOD_S / 4.0
 
 
 def test_what_repeats_with_the_motion_is_not_called_periodic_in_time() -> None:
