@@ -244,10 +244,8 @@ def _shown(name: str, role: str, channels: Channels) -> tuple[float, float]:
     step = RESOLVED_STEPS * float(np.median(steps)) if steps.size else 0.0
     if role == "width":
         return max(step, FINEST_SHARE * (high - low)), WIDEST_SHARE * (high - low)
-    seen_from = float(
-        np.min(np.abs(values - VARIABLES[name].origin))
-    )  # of what is gone before that, only a tail is seen
-    return max(step, FINEST_SHARE * size, min(seen_from, size)), size
+    seen_from = 0.0 if VARIABLES[name].origin else low  # of what is gone before that only a tail is seen
+    return max(step, FINEST_SHARE * size, seen_from), size
 
 
 def _structure(carrier: str, function: str, variable: str) -> type[Formula]:

@@ -157,6 +157,12 @@ def test_candidates_are_those_that_the_records_can_tell_apart() -> None:
         assert (law.carrier, law.variable != "speed") == ("dry", True)
 
 
+def test_a_scale_is_no_smaller_than_the_slowest_speed() -> None:
+    problem = problem_with(speed=300.0 + swing(4000))
+    low, _ = shape_limits(problem, FORMULAS["viscous*decay(speed)"])["speed_scale_rad_s"]
+    assert low == pytest.approx(problem.speed.min(), rel=1e-3)
+
+
 @pytest.mark.parametrize("law", ["dry*tanh(speed)", "viscous*lorentz(speed)", "even*bump(speed)"])
 def test_the_profile_finds_structure_and_constants(law: str) -> None:
     truth = FORMULAS[law]
