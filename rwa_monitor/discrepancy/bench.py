@@ -71,20 +71,16 @@ class Bench:
     held_out: list[tuple[str, Samples]] = field(default_factory=list)
 
 
-def is_even(time_ns: IntArray) -> bool:
-    """Return whether the clock ticks evenly: steps are the median step, or whole multiples where samples are lost."""
+def is_even(time_ns: IntArray, *, whole: bool = False) -> bool:
+    """Return whether the clock ticks evenly: steps are the median step, or whole multiples where samples are lost.
+
+    `whole`: and hardly any is lost, so that windows for dω/dt are whole.
+    """
     if time_ns.size < 3:
         return True
     steps = np.diff(time_ns) / np.median(np.diff(time_ns))
-    off = np.abs(steps - np.maximum(np.rint(steps), 1.0)) > OFF_A_STEP
+    off = np.abs(steps - (1.0 if whole else np.maximum(np.rint(steps), 1.0))) > OFF_A_STEP
     return float(np.mean(off)) <= UNEVEN_SHARE
-
-
-def _has_slopes(samples: Samples) -> bool:
-    """Return whether the clock is even and so few samples are lost that windows for dω/dt are whole."""
-    steps = _steps_s(samples)
-    lost = np.count_nonzero(steps > LOST * np.median(steps)) if steps.size else 0
-    return is_even(samples.time_ns) and lost <= UNEVEN_SHARE * steps.size
 
 
 def as_measured(
@@ -127,7 +123,7 @@ def _with_short_window(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) 
 def _longest_stretch_s(samples: Samples) -> float:
     """Return the longest time without a lost sample [s], as an even clock shows them."""
     steps = _steps_s(samples)
-    if steps.size == 0 or not _has_slopes(samples):
+    if steps.size == 0 or not is_even(samples.time_ns, whole=True):
         return np.inf
     times = np.append(0.0, np.cumsum(steps))
     lost = np.flatnonzero(steps > LOST * np.median(steps))
@@ -191,12 +187,11 @@ def _breaks(steps_ns: IntArray) -> IntArray:
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
     """Return whether a recording is even, and where it may be of pulses also whether it has the wheel's period."""
-    if samples.friction_torque_Nm is None and not _has_slopes(samples):
-        return False
+    even = is_even(samples.time_ns, whole=samples.friction_torque_Nm is None)
     if wheel.pulses_per_turn is None or len(samples) < 3:
-        return is_even(samples.time_ns)
+        return even
     ratio = float(np.median(_steps_s(samples))) / wheel.sample_period_s
-    return is_even(samples.time_ns) and abs(ratio - 1.0) <= OFF_A_STEP
+    return even and abs(ratio - 1.0) <= OFF_A_STEP
 
 
 def with_turns(samples: Samples, source: str) -> Samples:

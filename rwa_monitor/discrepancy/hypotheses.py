@@ -60,7 +60,7 @@ SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is 
 LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
 EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
 SLOW_WINDOWS: Final = 50  # in a record: a motion smoothed over one of them has lost its noise
-OTHER_SHAPES: Final = (0.25, 0.75)  # shares of the range of each shape parameter
+LONGER: Final = 0.75  # of the range of each shape parameter: a lag that is seen where that in the middle is not
 NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
 FOLLOWS_THE_SPEED: Final = "a motion in which it does not follow the speed: several sweeps, or dwells"
 
@@ -95,8 +95,7 @@ def sort_out(
         reason = missing_at(effect, shape)
         if reason is None or reason == NOT_COMMANDED or _is_law_of_speed(problem, effect, shape):
             return reason
-        others = (middle_shape(problem, effect, share) for share in OTHER_SHAPES)  # a longer lag may be seen
-        return reason if all(missing_at(effect, shape) for shape in others) else None
+        return reason if missing_at(effect, middle_shape(problem, effect, LONGER)) else None
 
     def missing_at(effect: type[MeanEffect], shape: dict[str, float]) -> str | None:
         rows = term_rows(series, make_term(problem, effect, shape, level))
