@@ -60,7 +60,7 @@ SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is 
 LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
 EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
 SLOW_WINDOWS: Final = 50  # in a record: a motion smoothed over one of them has lost its noise
-LONGER: Final = 0.75  # of the range of each shape parameter: a lag that is seen where that in the middle is not
+LONGER: Final = 0.75  # of the range of each shape parameter, which is tried where its middle shows nothing
 NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
 FOLLOWS_THE_SPEED: Final = "a motion in which it does not follow the speed: several sweeps, or dwells"
 
@@ -87,7 +87,10 @@ def sort_out(
     calm = calm.with_empty_caches()
 
     def missing(effect: type[MeanEffect]) -> str | None:
-        """Return what an effect lacks: a channel, or a motion that sets it apart at any shape; None for nothing."""
+        """Return what an effect lacks: a channel, or a motion that sets it apart; None for nothing.
+
+        A lag may be too short in the middle of its range to be seen, and a longer one not.
+        """
         channel = available(problem, effect)
         if channel is not None:
             return channel
@@ -98,6 +101,7 @@ def sort_out(
         return reason if missing_at(effect, middle_shape(problem, effect, LONGER)) else None
 
     def missing_at(effect: type[MeanEffect], shape: dict[str, float]) -> str | None:
+        """Return what of the motion an effect of one shape lacks; None for nothing."""
         rows = term_rows(series, make_term(problem, effect, shape, level))
         if _beyond(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
             # Dry friction is not negative: where it seems to be, what drives the wheel is no part of it.
