@@ -136,7 +136,7 @@ def _clip(problem: Problem) -> Problem:
 
     Tails are everywhere: what stands out only around a change of direction is friction, and is left as it is.
     """
-    far = distance_to_crossings(problem, np.arange(problem.size)) > NEAR_CROSSING
+    far = problem.to_reversal > NEAR_CROSSING
     slope = fit(problem).coefficients[0] * problem.speed
     clipped = problem.z.copy()
     for a, b in pairwise(problem.starts):
@@ -258,21 +258,10 @@ def _sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: floa
     return np.array(kept, dtype=np.int64)
 
 
-def distance_to_crossings(problem: Problem, at: IntArray) -> IntArray:
-    """Return how many joined samples lie between each index and the nearest change of direction, int64 (m,)."""
-    crossing = np.flatnonzero(np.diff(problem.sign) != 0) + 1
-    if crossing.size == 0:
-        return np.full(at.size, problem.size, dtype=np.int64)
-    after = np.searchsorted(crossing, at)
-    before = np.abs(at - crossing[np.maximum(after - 1, 0)])
-    nearest: IntArray = np.minimum(before, np.abs(crossing[np.minimum(after, crossing.size - 1)] - at))
-    return nearest
-
-
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
     """Return the fitted jumps, subsets of them that a missing effect may have had no hand in, and the strong ones."""
     sets = [fitted.jumps]
-    off_crossings = fitted.jumps[distance_to_crossings(problem, fitted.jumps) > AT_CROSSING]
+    off_crossings = fitted.jumps[problem.to_reversal[fitted.jumps] > AT_CROSSING]
     strong = strong_jumps(problem, fitted.level + fitted.residual)
     for subset in (_sharp_jumps(problem, fitted), off_crossings, strong):
         if not any(np.array_equal(subset, known) for known in sets):

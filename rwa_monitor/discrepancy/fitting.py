@@ -75,7 +75,7 @@ class Fitting:
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
         if not self.jumps:
-            return self.refined(self._annealed((), NO_JUMPS, NoiseLaw()))
+            return self.refined(self._annealed((), [NO_JUMPS], NoiseLaw()))
         problem, start = self.problem, fit(self.problem)
         jumps = off_reversals(problem, start.level + start.residual, start.jumps)
         base = with_exact_jumps(problem, scored(problem, Model((), replace(start, jumps=jumps))))
@@ -115,7 +115,7 @@ class Fitting:
         """
         models = self._extended(current, effects, all_of_them=all_of_them)
         if not self.jumps and self.several and law_of(current).level_spread == 0.0:
-            models.append(self.refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
+            models.append(self.refined(self._annealed(current.terms, [NO_JUMPS], law_of(current).apart)))
         return _in_order(models, effects)
 
     def counts(self, model: Model, current: Model) -> bool:
@@ -150,15 +150,14 @@ class Fitting:
 
     def begun(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
         """Return what `refitted` refines: shapes and noise are those of the near model still."""
-        started = [self._annealed(tuple(terms), one, law_of(near)) for one in jumps or self._starts(near)]
-        return min(started, key=lambda one: one.score)
+        return self._annealed(tuple(terms), jumps or self._starts(near), law_of(near))
 
     def plainer(self, model: Model) -> Model | None:
         """Return a model with the same effects and fewer other parameters; None where there is none."""
         law = law_of(model)
         if self.jumps or law.level_spread == 0.0:
             return None  # one level of all recordings
-        return self.refined(self._annealed(model.terms, NO_JUMPS, replace(law, level_spread=0.0)))
+        return self.refined(self._annealed(model.terms, [NO_JUMPS], replace(law, level_spread=0.0)))
 
     def as_good(self, model: Model, index: int, effects: Effects) -> list[str]:
         """Return the effects that are as good in the place of a term with jumps and level of the model as they are.
@@ -206,7 +205,7 @@ class Fitting:
             tried += [(term, jumps) for term, score in ranked if score < most]
         for effect in missing:
             tried += self._at_thresholds(current, effect)
-        started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1], law), tried)
+        started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1:], law), tried)
         if self.jumps:
             started = _best_of_each(started)[:REFITTED]
             gain = max((current.score - one.score for one in started), default=0.0)
@@ -228,7 +227,7 @@ class Fitting:
         for speed in 0.5 * (motion[tried - 1] + motion[tried]):
             low, high = shape_limits(problem, effect)[effect.threshold]
             term = make_term(problem, effect, {effect.threshold: float(speed)}, None)
-            left = _off_steps(term, jumps)
+            left = off_steps(term, jumps)
             if low <= speed <= high and jumps.size - left.size >= FEWEST_CROSSED:
                 score = Background.of(problem, current.terms, law_of(current), left).criterion_with(term)
                 best, found = min((best, found), (score, [(term, left)]), key=lambda one: one[0])
@@ -244,23 +243,34 @@ class Fitting:
         plainer = self.refitted((*chosen, term), model, [model.fit.jumps])
         return plainer if plainer.score < model.score + EQUIVALENT_WITHIN else model
 
-    def _annealed(self, terms: tuple[Term, ...], jumps: IntArray, law: NoiseLaw) -> Model:
-        """Return a model under a law of the noise with these jumps, or others found when they are dear at first."""
-        nothing = np.zeros(self.problem.size)
-        bare = Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0))
-        best = model = with_law(self.problem, bare, law)
-        for dear in ANNEALING if self.jumps else ():
-            model = self._segmented(model, dear)
-            best = min(best, model, key=lambda one: one.score)
-        return best
+    def _annealed(self, terms: tuple[Term, ...], starts: Sequence[IntArray], law: NoiseLaw) -> Model:
+        """Return a model under a law of the noise with any of these jumps, or those found while they are dear at first.
 
-    def _segmented(self, model: Model, dear: float = 1.0) -> Model:
-        """Return a model with the best jumps beside its coefficients, in white noise of as much long-run variance."""
+        What is found from several starts is soon the same.
+        """
+        nothing = np.zeros(self.problem.size)
+        bare, known = Model(terms, Fit(NO_JUMPS, np.zeros(0), nothing, nothing, 0.0)), dict[bytes, Model]()
+
+        def beside(jumps: IntArray) -> Model:
+            """Return the model with these jumps."""
+            key = jumps.tobytes()
+            if key not in known:
+                known[key] = with_law(self.problem, bare, law, jumps)
+            return known[key]
+
+        reached = [beside(jumps) for jumps in starts]
+        for dear in ANNEALING if self.jumps else ():
+            found = [beside(self._segmented(one, dear)) for one in reached]
+            reached = list({id(one): one for one in found}.values())
+        return min(known.values(), key=lambda one: one.score)
+
+    def _segmented(self, model: Model, dear: float = 1.0) -> IntArray:
+        """Return the best jumps beside a model's coefficients, in white noise of as much long-run variance, if any."""
         if not self.jumps:
-            return with_law(self.problem, model, law_of(model))
+            return model.fit.jumps
         along = model.fit.level + model.fit.residual
         jumps = segment_records(self.problem, along, dear * jump_price(self.problem))
-        return with_law(self.problem, model, law_of(model), off_reversals(self.problem, along, jumps))
+        return off_reversals(self.problem, along, jumps)
 
     def refined(self, model: Model) -> Model:
         """Return a model with shapes, noise and jumps fitted in turn."""
@@ -272,7 +282,8 @@ class Fitting:
                 best = model
             if gained < SETTLED or not any(term.shape or depends_on_level(term.effect) for term in model.terms):
                 break
-            model = self._segmented(self._reshaped(model))
+            model = self._reshaped(model)
+            model = with_law(self.problem, model, law_of(model), self._segmented(model))
         assert best is not None
         return self._with_own_level(with_exact_jumps(self.problem, best) if self.jumps else best)
 
@@ -302,10 +313,10 @@ class Fitting:
         terms, jumps = list(self._following(model)), model.fit.jumps
         for i, term in enumerate(terms):
             if term.shape:
-                others, jumps = (*terms[:i], *terms[i + 1 :]), _off_steps(term, jumps)
+                others, jumps = (*terms[:i], *terms[i + 1 :]), off_steps(term, jumps)
                 beside = Background.of(self.problem, others, law_of(model), jumps)
                 terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
-                jumps = _off_steps(term, jumps)
+                jumps = off_steps(term, jumps)
         return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model), jumps)
 
 
@@ -347,7 +358,7 @@ def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
     return better or bool(likelier >= MOST_BLOCKS)
 
 
-def _off_steps(term: Term, jumps: IntArray) -> IntArray:
+def off_steps(term: Term, jumps: IntArray) -> IntArray:
     """Return the jumps that are not where a term steps itself, as at a threshold of the speed."""
     if depends_on_level(term.effect):
         return jumps

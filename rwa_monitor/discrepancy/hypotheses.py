@@ -13,7 +13,7 @@ from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
 from rwa_monitor.discrepancy.likelihood import Series, asked_gain
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.discrepancy.score import Background, term_rows
+from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, shape_limits
 from rwa_monitor.discrepancy.terms import Model, SearchResult, Term, available, depends_on_level, law_of, make_term
 from rwa_monitor.samples import TINY, FloatArray
@@ -59,6 +59,7 @@ NEAREST_REST: Final = 0.002  # quantile of the speeds: the few that are slower s
 SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is left of what a curve of the speed spans
 LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
 EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
+LEAST_SINGULAR: Final = 1e-9  # of the largest singular value: below it a row is spanned by the others
 SLOW_WINDOWS: Final = 50  # in a record: a motion smoothed over one of them has lost its noise
 LONGER: Final = 0.75  # of the range of each shape parameter, which is tried where its middle shows nothing
 NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
@@ -82,7 +83,7 @@ def sort_out(
         float64 (n,), dry friction [N m], for columns that follow it.
     """
     series = Series.of(problem)
-    curve = np.vstack([known, speed_curve(series)])
+    known, curve = _basis(known), _basis(np.vstack([known, speed_curve(series)]))
     calm = replace(problem, records=tuple(replace(r, channels=_calm(r.channels)) for r in problem.records))
     calm = calm.with_empty_caches()
 
@@ -102,7 +103,7 @@ def sort_out(
 
     def missing_at(effect: type[MeanEffect], shape: dict[str, float]) -> str | None:
         """Return what of the motion an effect of one shape lacks; None for nothing."""
-        rows = term_rows(series, make_term(problem, effect, shape, level))
+        rows = make_term(problem, effect, shape, level).columns.T * series.sign
         if _beyond(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
             # Dry friction is not negative: where it seems to be, what drives the wheel is no part of it.
             return None if effect.may_drive and not problem.at_one_speed and level.max() <= 0.0 else effect.separate_by
@@ -110,7 +111,7 @@ def sort_out(
             return NOT_COMMANDED
         if _is_law_of_speed(problem, effect, shape):
             return None
-        slow = term_rows(series, make_term(calm, effect, shape, level))
+        slow = make_term(calm, effect, shape, level).columns.T * series.sign
         beyond, least = _beyond(slow, known), LEAST_BEYOND * float(np.sum(slow**2))
         return FOLLOWS_THE_SPEED if _beyond(slow, curve) < max(SPANNED * beyond, least) else None
 
@@ -119,10 +120,15 @@ def sort_out(
     return testable, [(effect.name, reason) for effect, reason in reasons if reason is not None]
 
 
-def _beyond(rows: FloatArray, others: FloatArray) -> float:
-    """Return the energy of rows that others do not span."""
-    solution = np.linalg.lstsq(others.T, rows.T, rcond=1e-9)[0]
-    return float(np.sum((rows.T - others.T @ solution) ** 2))
+def _basis(rows: FloatArray) -> FloatArray:
+    """Return orthonormal rows, float64 (rank, n), that span the same."""
+    _, values, basis = np.linalg.svd(rows, full_matrices=False)
+    return np.asarray(basis[values > LEAST_SINGULAR * values[0]])
+
+
+def _beyond(rows: FloatArray, basis: FloatArray) -> float:
+    """Return the energy of rows that orthonormal ones, see `_basis`, do not span."""
+    return float(np.sum((rows - rows @ basis.T @ basis) ** 2))
 
 
 def speed_curve(series: Series) -> FloatArray:

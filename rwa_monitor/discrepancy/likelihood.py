@@ -16,8 +16,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
-from scipy import linalg, optimize, special
-from scipy.ndimage import maximum_filter1d
+from scipy import linalg, optimize, sparse, special
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.kernels.state_space import filter_gains, whiten
@@ -42,7 +41,6 @@ LONGEST_MEMORY: Final = 7.0
 LONG_MEMORY: Final = 0.95  # φ: noise that is correlated over some sixty samples can pass for a law of a slow motion
 LARGEST_GROWTH: Final = 4.6
 LARGEST_SPREAD: Final = 14.0
-TIMING_REACH: Final = 2  # samples, by which channels may be apart in time
 LEVELS_APART: Final = 100.0  # the spread of levels that a fit starts from
 SHORTEST_MEMORY: Final = -4.0  # logit of φ
 COLOURS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # logits of share and φ from which a fit of the colour starts
@@ -164,18 +162,12 @@ class Series:
     @classmethod
     def of(cls, problem: Problem, jumps: IntArray = NO_JUMPS) -> Self:
         """Return the used samples of a problem, with jumps, int64 (j,): the first sample of each new level."""
-        gap = np.diff(problem.slot, prepend=0)
-        gap[problem.starts[:-1][np.diff(problem.starts) > 0]] = 0
-        speed = problem.sign * problem.motion
-        rate = np.abs(np.diff(speed, prepend=speed[0])) / np.maximum(gap, 1)
-        rate[gap == 0] = 0.0
-        slew = maximum_filter1d(rate, 2 * TIMING_REACH + 1)
         return cls(
             problem.sign * problem.z,
             problem.sign,
             problem.sign * problem.speed,
-            gap,
-            slew / max(float(slew.max()), TINY),
+            problem.gap,
+            problem.slew,
             jumps,
             problem.smallest_noise_Nm**2,
             problem.memory,
@@ -213,26 +205,26 @@ class Series:
             top_speed=float(np.abs(self.speed).max()),
         )
 
-    def averaged(self, most: int) -> tuple[Series, IntArray]:
-        """Return means over neighbouring samples, so that there are not many more than `most`, and where each begins.
+    def averaged(self, most: int) -> tuple[Series, sparse.csr_array]:
+        """Return means over neighbouring samples, not many more than `most`, and the operator, (m, n), that makes them.
 
         What is linear in the regressors is so in their means, across a change of direction, too.
         """
         width, at = -(-self.size // most), np.arange(self.size)
-        if width == 1:
-            return self, at
         begins = np.flatnonzero(self.gap == 0)
         first = np.flatnonzero((at - begins[np.searchsorted(begins, at, side="right") - 1]) % width == 0)
-        counts = np.diff(np.append(first, self.size))
+        counts = np.diff(first, append=self.size)
+        averaging = sparse.csr_array((np.repeat(1.0 / counts, counts), at, np.append(first, self.size)))
+        if width == 1:
+            return self, averaging
         gap = np.diff(np.cumsum(self.gap)[first], prepend=0)
         gap[self.gap[first] == 0] = 0
         jumps = np.unique(np.searchsorted(first, self.jumps - width // 2))
-        rows = np.stack([self.friction, self.sign, self.speed, self.slew])
-        friction, sign, speed, slew = np.add.reduceat(rows, first, axis=1) / counts
+        friction, sign, speed, slew = (averaging @ row for row in (self.friction, self.sign, self.speed, self.slew))
         jumps = jumps[(jumps > 0) & (jumps < first.size)]
         memory, top = max(self.memory / width, 1.0), self.top_speed or float(np.abs(self.speed).max())
         means = replace(self, friction=friction, sign=sign, speed=speed, gap=gap, slew=slew, jumps=jumps)
-        return replace(means, memory=memory, top_speed=top), first
+        return replace(means, memory=memory, top_speed=top), averaging
 
     @property
     def size(self) -> int:

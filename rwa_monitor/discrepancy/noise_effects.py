@@ -10,7 +10,7 @@ import numpy as np
 from scipy import optimize
 from scipy.ndimage import binary_dilation, correlate1d
 
-from rwa_monitor.discrepancy.base_fit import NEAR_CROSSING, distance_to_crossings
+from rwa_monitor.discrepancy.base_fit import NEAR_CROSSING
 from rwa_monitor.discrepancy.found_effects import as_found
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
 from rwa_monitor.discrepancy.problem import Problem
@@ -165,7 +165,7 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
     `turns`: those beside a change of direction, too. What stands out there alone is friction that no law has exactly.
     """
     residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
-    turning = distance_to_crossings(problem, np.arange(problem.size)) <= NEAR_CROSSING
+    turning = problem.to_reversal <= NEAR_CROSSING
     turning &= not turns and 2 * np.count_nonzero(turning) < problem.size
     views = []
     for record, residual, begin, end in zip(

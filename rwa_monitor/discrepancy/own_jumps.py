@@ -18,7 +18,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_price
-from rwa_monitor.discrepancy.fitting import LEAST_SHARE, Fitting
+from rwa_monitor.discrepancy.fitting import LEAST_SHARE, Fitting, off_steps
 from rwa_monitor.discrepancy.jump_terms import DecayingJumpTerm, JumpTerm
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
@@ -153,7 +153,7 @@ def _best_with(fitting: Fitting, model: Model, simpler: Model, courses: Sequence
     begin = model if kept == model.terms else fitting.refitted(kept, model)
     for start in (begin, simpler) if begin.terms else (begin,):
         terms = [term for course in courses if (term := _multiples(course, start)) is not None]
-        begun = [fitting.begun((*start.terms, term), start) for term in terms]
+        begun = [fitting.begun((*start.terms, term), start, [off_steps(term, start.fit.jumps)]) for term in terms]
         best = min(begun, key=lambda one: one.score, default=start)
         if start.score - best.score > LEAST_SHARE * max(start.score - model.score, 0.0):
             found.append(prune(fitting, fitting.refined(best), keep_last=True))

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, Final, Protocol, TypeVar
 
 import numpy as np
-from scipy.ndimage import median_filter
+from scipy.ndimage import maximum_filter1d, median_filter
 
 from rwa_monitor.discrepancy.plausible import ShownConstant, combined
 from rwa_monitor.discrepancy.record import DIGITS, Record
@@ -109,6 +110,7 @@ def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray
     return clipped, clipped != values
 
 
+TIMING_REACH: Final = 2  # samples, by which channels may be apart in time
 NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
 
 
@@ -180,9 +182,11 @@ class RecentCache:
 # ---- the data that a search works on ---------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Problem:
     """The used samples of one or more records of a wheel, joined; arrays (n,).
+
+    What every model of them asks for is worked out once.
 
     Attributes
     ----------
@@ -217,12 +221,6 @@ class Problem:
     lowest_viscous
         Lower bound of the viscous coefficient [N m s/rad]: zero where the base model's own is positive, so that no
         effect is propped up by a negative viscosity.
-    top_speed
-        Largest speed [rad/s].
-    largest_friction_Nm
-        Range of the friction as measured, zero in it [N m]; infinite where none is: a manoeuvre that is only planned.
-    shown
-        Constants of the wheel file as channels show them in which there is no friction.
     """
 
     records: tuple[Record, ...]
@@ -242,16 +240,48 @@ class Problem:
     memory: float = 1.0
     each: Mapper = in_turn
     lowest_viscous: float = -np.inf
-    top_speed: float = field(init=False)
-    largest_friction_Nm: float = field(init=False)
-    shown: tuple[ShownConstant, ...] = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Note what every solution asks for."""
-        object.__setattr__(self, "top_speed", float(self.speed.max(initial=0.0)))
-        range_Nm = self.z_measured.max(initial=0.0) - self.z_measured.min(initial=0.0)
-        object.__setattr__(self, "largest_friction_Nm", float(range_Nm) or np.inf)
-        object.__setattr__(self, "shown", combined(record.shown for record in self.records))
+    @cached_property
+    def top_speed(self) -> float:
+        """The largest speed [rad/s]."""
+        return float(self.speed.max(initial=0.0))
+
+    @cached_property
+    def largest_friction_Nm(self) -> float:
+        """The range of friction as measured, zero in it [N m]; infinite where none is: a manoeuvre only planned."""
+        return float(self.z_measured.max(initial=0.0) - self.z_measured.min(initial=0.0)) or np.inf
+
+    @cached_property
+    def shown(self) -> tuple[ShownConstant, ...]:
+        """Constants of the wheel file as channels show them in which there is no friction."""
+        return combined(record.shown for record in self.records)
+
+    @cached_property
+    def gap(self) -> IntArray:
+        """Slots since the sample before, int64 (n,); 0 where a record begins."""
+        gap = np.diff(self.slot, prepend=0)
+        gap[self.starts[:-1][np.diff(self.starts) > 0]] = 0
+        return gap
+
+    @cached_property
+    def slew(self) -> FloatArray:
+        """The largest change of the speed from one slot to the next, nearby, relative to that of all samples."""
+        speed = self.sign * self.motion
+        rate = np.abs(np.diff(speed, prepend=speed[0])) / np.maximum(self.gap, 1)
+        rate[self.gap == 0] = 0.0
+        slew = maximum_filter1d(rate, 2 * TIMING_REACH + 1)
+        return np.asarray(slew / max(float(slew.max()), TINY))
+
+    @cached_property
+    def to_reversal(self) -> IntArray:
+        """How many samples lie between each sample and the nearest change of direction, int64 (n,)."""
+        reversal = np.flatnonzero(np.diff(self.sign) != 0) + 1
+        if reversal.size == 0:
+            return np.full(self.size, self.size, dtype=np.int64)
+        at = np.arange(self.size)
+        after = np.searchsorted(reversal, at)
+        before = np.abs(at - reversal[np.maximum(after - 1, 0)])
+        return np.asarray(np.minimum(before, np.abs(reversal[np.minimum(after, reversal.size - 1)] - at)))
 
     def with_empty_caches(self) -> Problem:
         """Return the same data with caches of their own: for what is kept in a cache of these.

@@ -13,11 +13,11 @@ from itertools import pairwise
 from typing import Final, Self
 
 import numpy as np
+from scipy import sparse
 
 from rwa_monitor.discrepancy.base_fit import (
     JUMP_PENALTY,
     Fit,
-    distance_to_crossings,
     jump_price,
     levels,
     remove_levels,
@@ -135,7 +135,7 @@ def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
 
 def _reverses(problem: Problem) -> BoolArray:
     """Return which samples are so near a change of direction that a jump of the level would not show, bool (n,)."""
-    return distance_to_crossings(problem, np.arange(problem.size)) < REVERSAL
+    return problem.to_reversal < REVERSAL
 
 
 def price(terms: Sequence[Term]) -> float:
@@ -162,18 +162,14 @@ def contradiction(problem: Problem, terms: Sequence[Term], strengths: FloatArray
     return total
 
 
-def term_rows(series: Series, term: Term) -> FloatArray:
-    """Return the columns of a term in the friction's own sign, float64 (p, n)."""
-    return np.asarray(term.columns.T * series.sign)
-
-
 def regressors(series: Series, terms: Sequence[Term]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the rows of a law and the bounds of their coefficients.
 
     Dry and viscous friction are not negative, and the viscous part is not larger than all friction is, unless it is
     that at another temperature.
     """
-    rows = np.vstack([series.base, *(term_rows(series, term) for term in terms)])
+    rows = np.vstack([series.base, *(term.columns.T for term in terms)])
+    rows[BASE_PARAMETERS:] *= series.sign
     low = np.concatenate([np.zeros(2), *(term.low for term in terms)])
     steepest = float(np.abs(series.friction).max() / max(np.abs(series.speed).max(), TINY))
     high = np.concatenate([[np.inf, _steepest(steepest, terms)], *(term.high for term in terms)])
@@ -194,10 +190,8 @@ class Background:
     ----------
     problem, terms
         The data, and what is in the model.
-    sign
-        float64 (n,), direction of rotation at each sample.
-    first
-        int64 (m,), first sample of each mean; each of its own where nothing is averaged.
+    averaging
+        float64 (m, n), makes columns of terms means in the friction's own sign.
     whitening
         Of the means and the law of their noise.
     white, products
@@ -210,8 +204,7 @@ class Background:
 
     problem: Problem
     terms: tuple[Term, ...]
-    sign: FloatArray
-    first: IntArray
+    averaging: sparse.csr_array
     whitening: Whitening
     white: FloatArray
     products: FloatArray
@@ -225,20 +218,20 @@ class Background:
         whole = Series.of(problem, jumps)
         law = law.beside(whole)
         rows, low, high = regressors(whole, terms)
-        series, first = whole.averaged(SCREENED)
+        series, averaging = whole.averaged(SCREENED)
         means = law.of_means(-(-whole.size // series.size))
         whitening = Whitening.of(series, means)
-        white = whitening.innovations(np.vstack([series.friction, _means(rows, first)]))
+        white = whitening.innovations(np.vstack([series.friction, (averaging @ rows.T).T]))
         known = whole.log_size * (price(terms) + JUMP_PENALTY * jumps.size) + law.price(whole.size)
         products = white @ white.T
-        return cls(problem, tuple(terms), whole.sign, first, whitening, white, products, low, high, known)
+        averaging = averaging @ sparse.diags_array(whole.sign)
+        return cls(problem, tuple(terms), averaging, whitening, white, products, low, high, known)
 
     def equations_with(self, *terms: Term) -> Equations:
         """Return the normal equations with terms more."""
         if not terms:
             return self._equations(self.products, self.low, self.high)
-        rows = np.vstack([term.columns.T * self.sign for term in terms])
-        columns = self.whitening.innovations(_means(rows, self.first))
+        columns = self.whitening.innovations(np.hstack([self.averaging @ term.columns for term in terms]).T)
         across = self.white @ columns.T
         products = np.block([[self.products, across], [across.T, columns @ columns.T]])
         low = np.concatenate([self.low, *(term.low for term in terms)])
@@ -256,13 +249,6 @@ class Background:
         coefficients, deviance = self.equations_with(*terms).solve()
         other = contradiction(self.problem, (*self.terms, *terms), coefficients[2:])
         return deviance + other + self.price + self.problem.log_size * added
-
-
-def _means(rows: FloatArray, first: IntArray) -> FloatArray:
-    """Return the means of rows, float64 (p, n), from each first index to the next, (p, m)."""
-    if first.size == rows.shape[1]:
-        return rows
-    return np.asarray(np.add.reduceat(rows, first, axis=1) / np.diff(first, append=rows.shape[1]))
 
 
 def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw) -> Fit:

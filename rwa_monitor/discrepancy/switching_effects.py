@@ -17,7 +17,6 @@ import numpy as np
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evidence
-from rwa_monitor.discrepancy.base_fit import distance_to_crossings
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.noise_effects import accepted, on_slots
 from rwa_monitor.discrepancy.problem import Problem
@@ -148,7 +147,7 @@ def _is_between_levels(problem: Problem, model: Model) -> BoolArray:
     A sensor that averages over the sample takes a jump in two steps, the first of them in a single sample.
     """
     jumps, step = model.fit.jumps, np.diff(model.fit.level, prepend=0.0)
-    between = distance_to_crossings(problem, np.arange(problem.size)) < REVERSAL
+    between = problem.to_reversal < REVERSAL
     between[jumps[:-1][(np.diff(jumps) == 1) & (step[jumps[:-1]] * step[jumps[1:]] > 0.0)]] = True
     return between
 
