@@ -35,9 +35,9 @@ def arm_joints(mirrors: Path, out: Path) -> None:
         clock, angles, currents = (git_table(mirrors, repo, f"{folder}/{run}/{key}.txt") for key in keys)
         for joint in (3, 5, 6, 7):
             time, angle, current = even(100.0, clock, angles[:, joint - 1], currents[:, joint - 1])
-            speed = np.gradient(smooth(100.0, 3.0, angle), 0.01)
-            t, v, f = (x[5:-5] for x in means(10, time, speed, smooth(100.0, 3.0, current)))
-            columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": f}
+            angle, current = smooth(100.0, 3.0, angle), smooth(100.0, 3.0, current)
+            t, v, f, turned = (x[5:-5] for x in means(10, time, np.gradient(angle, 0.01), current, angle))
+            columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": f, "angle_rad": turned}
             save(out, f"arm_{joint}_{name}", columns, dead_band=0.02)
 
 
@@ -64,22 +64,32 @@ def toy_motors(mirrors: Path, out: Path) -> None:
         save(out, f"toy_{name}", {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": f})
 
 
-def belt_motor(mirrors: Path, out: Path) -> None:
-    """From wattai/control-engineering-for-inverted-pendulum (no licence): the motor of a cart at constant duties.
+def driven_pendulum(mirrors: Path, out: Path) -> None:
+    """From chewy441014/mae277_assign2 (no licence): a hanging pendulum that a small motor pushes by a swinging duty.
 
-    160 Hz: duty, angle (rad, 114.7 counts a turn). Duty stands for the torque, 0.5 to 1.0 in steps of 0.1 (below that
-    it does not start); speed over 30 rows from 0.6 s after the start on, one log after the other, half a minute apart.
+    1 kHz, 10 s: duty (of 1) and angle in steps of 0.016 rad, both low-pass filtered at 10 Hz. Duty stands for the
+    torque (what the turning motor induces is its viscous part). Friction = duty − J dω/dt − weight · sin θ − offset, J
+    and weight the same in all, offsets their own, by least squares beside dry and viscous friction; means of ten rows,
+    0.3 s left out at both ends. `driven_even`: at 1 Hz; `driven_sweep`, `driven_sweep_again`: from 0.1 to 2 Hz at half
+    that duty.
     """
-    repo, rows = "wattai/control-engineering-for-inverted-pendulum", []
-    for step in range(5, 11):
-        path = f"step_response_from_duty_0.{step}_to_velo_on_114_7.csv".replace("0.10", "1.0")
-        log = git_table(mirrors, repo, path, delimiter=",")
-        log = log[log[:, 1] > 0.0]
-        at, angle = log[log[:, 0] > log[0, 0] + 0.6][::30, [0, 2]].T
-        columns = ((at[1:] + at[:-1]) / 2 + 30.0 * step, np.diff(angle) / np.diff(at), np.full(at.size - 1, step / 10))
-        rows.append(np.column_stack(columns))
-    t, v, f = np.concatenate(rows).T
-    save(out, "belt_motor", {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": f})
+    sweep = "0.1~2Hz, amp 0.1, 10sec"
+    names = {"even": "sine_1", "sweep": sweep, "sweep_again": f"{sweep} (2)"}
+    runs = []
+    for number, file in enumerate(names.values()):
+        text = fetch(mirrors, "chewy441014/mae277_assign2", f"data/stb_pend_id/{file}.txt").decode().replace(",", " ")
+        time, duty, angle = np.genfromtxt(io.StringIO(text))[:, :3].T
+        duty, angle = smooth(1000.0, 10.0, duty), smooth(1000.0, 10.0, angle)
+        speed = np.gradient(angle, 1e-3)
+        slope = np.gradient(speed, 1e-3)
+        own = np.eye(len(names))[np.full(time.size, number)]
+        base = np.column_stack([slope, np.sin(angle), own, np.sign(speed), speed])
+        runs.append([x[300:-300] for x in (time, speed, duty, angle, base)])
+    part = np.linalg.lstsq(np.concatenate([run[4] for run in runs]), np.concatenate([run[2] for run in runs]))[0]
+    for name, (time, speed, duty, angle, base) in zip(names, runs, strict=True):
+        t, v, f, turned = means(10, time, speed, duty - base[:, :-2] @ part[:-2], angle)
+        columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": f, "angle_rad": turned}
+        save(out, f"driven_{name}", columns, {"inertia_kg_m2": float(f"{part[0]:.4g}")}, dead_band=0.2)
 
 
 def pin_on_disc(mirrors: Path, out: Path) -> None:
@@ -141,14 +151,14 @@ def braked_motor(mirrors: Path, out: Path) -> None:
 def sprung_beam(mirrors: Path, out: Path) -> None:
     """From giuliosavian's third control laboratory (no licence): a beam on an elastic joint (Quanser) swings freely.
 
-    1 kHz, 2.75 s, potentiometer (degrees), low-pass filtered at 25 Hz. Friction = −J dω/dt − k (θ − θ₀), k = 0.808 N
+    1 kHz, 2.75 s, potentiometer (degrees), low-pass filtered at 12 Hz. Friction = −J dω/dt − k (θ − θ₀), k = 0.808 N
     m/rad as its authors found, J and θ₀ by least squares beside dry and viscous friction; means of five rows, from
     0.2 s on, when it has been let go, to 50 ms before the end.
     """
     repo = "giuliosavian/Control-Lab---3-Position-control-of-a-DC-servomotor-with-a-resonant-load"
     data = io.BytesIO(fetch(mirrors, repo, "LAB3/REALTEST/data3_v1.mat"))
     log = loadmat(data, simplify_cells=True)["data"]["estimation"]  # type: ignore[arg-type]
-    angle = smooth(1000.0, 25.0, np.radians(log["thb"][1:]))
+    angle = smooth(1000.0, 12.0, np.radians(log["thb"][1:]))
     speed = np.gradient(angle, 1e-3)
     slope = np.gradient(speed, 1e-3)
     within = slice(200, -50)
@@ -160,7 +170,7 @@ def sprung_beam(mirrors: Path, out: Path) -> None:
     save(out, "sprung_beam", columns, {"inertia_kg_m2": float(f"{inertia:.4g}")}, dead_band=0.02)
 
 
-ALL = (arm_joints, toy_motors, belt_motor, pin_on_disc, propellers, braked_motor, sprung_beam)
+ALL = (arm_joints, toy_motors, driven_pendulum, pin_on_disc, propellers, braked_motor, sprung_beam)
 
 if __name__ == "__main__":
     convert(ALL)
