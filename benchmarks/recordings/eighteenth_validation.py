@@ -46,11 +46,11 @@ def toy_motors(mirrors: Path, out: Path) -> None:
 
     About 160 Hz: duty, time, speed (degrees/s, the brick's own). Duty stands for the torque (what the turning motor
     induces is its viscous part); from 0.4 s after a duty is set, five seconds from one to the next. `toy_ladder`: −50
-    to −10 % (lab2.5), 3 s each, means of 20 rows; `toy_steps`: ±20 to ±100 % (lab1/data…), 1 s each, means of five;
-    `toy_fast`: the same of a faster motor (lab1/lab2), means of eight.
+    to −10 % (lab2.5), 3 s each, means of 20 rows; `toy_steps`: ±20 to ±100 % (lab1/data…), 1 s each, means of five,
+    without 20 %, which is a copy of −20 %; `toy_fast`: ±20 to ±100 % of a faster motor (lab1/lab2), means of eight.
     """
     repo, folder = "decadeos/ITMO", "1_course/VPD/2/LABS"
-    steps = [f"lab1/data{duty}" for duty in (-100, -80, -60, -40, -20, 20, 40, 60, 80, 100)]
+    steps = [f"lab1/data{duty}" for duty in (-100, -80, -60, -40, -20, 40, 60, 80, 100)]
     for name, files, count in (("ladder", ["lab2/lab2.5"], 20), ("steps", steps, 5), ("fast", ["lab1/lab2"], 8)):
         clock, rows = 0.0, []
         for file in files:
