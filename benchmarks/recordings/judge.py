@@ -1195,8 +1195,8 @@ SEVENTEENTH: dict[str, Expected] = {
 # Numbers as in the sixteenth set, those of a turn with the measured angle. Required from −10 % with a gain of 24, where
 # physics has it.
 
-# A duty that is set, level after level, a noise of 0.4 to 1.6 % of it: bent −13 % (gain 2); just above rest −11 %, what
-# dies away −9 % (2, 2); what dies away −41 % (25, of ten levels), an offset with |v| −22 % (3).
+# A duty that is set, level after level, a noise of 0.4 to 1.6 % of it: bent −13 % (gain 2); what dies away −10 % (1),
+# then an offset with |v| −20 % (11); what dies away −41 % (25, of ten levels), an offset with |v| −22 % (3).
 LEVELS = Expected(
     (),
     f"quadratic_drag stribeck formula torque_ripple viscous_asymmetry run_in_drift lubricant_lag {CONCAVE} {OFFSET}",
