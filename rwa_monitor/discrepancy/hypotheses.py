@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy import linalg
 from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
@@ -59,7 +60,6 @@ NEAREST_REST: Final = 0.002  # quantile of the speeds: the few that are slower s
 SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is left of what a curve of the speed spans
 LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
 EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
-LEAST_SINGULAR: Final = 1e-9  # of the largest singular value: below it a row is spanned by the others
 SLOW_WINDOWS: Final = 50  # in a record: a motion smoothed over one of them has lost its noise
 LONGER: Final = 0.75  # of the range of each shape parameter, which is tried where its middle shows nothing
 NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
@@ -83,7 +83,7 @@ def sort_out(
         float64 (n,), dry friction [N m], for columns that follow it.
     """
     series = Series.of(problem)
-    known, curve = _basis(known), _basis(np.vstack([known, speed_curve(series)]))
+    known, curve = (linalg.orth(rows.T).T for rows in (known, np.vstack([known, speed_curve(series)])))
     calm = replace(problem, records=tuple(replace(r, channels=_calm(r.channels)) for r in problem.records))
     calm = calm.with_empty_caches()
 
@@ -120,14 +120,8 @@ def sort_out(
     return testable, [(effect.name, reason) for effect, reason in reasons if reason is not None]
 
 
-def _basis(rows: FloatArray) -> FloatArray:
-    """Return orthonormal rows, float64 (rank, n), that span the same."""
-    _, values, basis = np.linalg.svd(rows, full_matrices=False)
-    return np.asarray(basis[values > LEAST_SINGULAR * values[0]])
-
-
 def _beyond(rows: FloatArray, basis: FloatArray) -> float:
-    """Return the energy of rows that orthonormal ones, see `_basis`, do not span."""
+    """Return the energy of rows that orthonormal ones do not span."""
     return float(np.sum((rows - rows @ basis.T @ basis) ** 2))
 
 
