@@ -143,7 +143,7 @@ def _least_score(problem: Problem, jumping: Model) -> float:
     curve = speed_curve(series)
     free = np.full(curve.shape[0], np.inf)
     rows, low, high = np.vstack([rows, curve]), np.append(low, -free), np.append(high, free)
-    return fit_noise(series, rows, low, high, law.apart if series.several else law)[1] + series.log_size * price(())
+    return fit_noise(series, rows, low, high, law.apart if series.several else law)[1] + problem.log_size * price(())
 
 
 def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Problem, Effects, AngleLine | None]:

@@ -232,11 +232,6 @@ class Series:
         return int(self.friction.size)
 
     @property
-    def log_size(self) -> float:
-        """Return log N."""
-        return float(np.log(self.size))
-
-    @property
     def base(self) -> FloatArray:
         """The regressors of dry and viscous friction, float64 (2, n)."""
         return np.stack([self.sign, self.speed])

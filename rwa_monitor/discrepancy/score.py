@@ -28,9 +28,9 @@ from rwa_monitor.discrepancy.base_fit import (
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, Whitening, fit_noise
 from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
-from rwa_monitor.samples import TINY, BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import TINY, FloatArray, IntArray
 
-REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
+REVERSAL: Final = 5  # samples from a change of direction: bristles turn over, filters smear, a jump does not show
 SCREENED: Final = 20_000  # means of samples, of which screening uses no more
 LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
@@ -67,7 +67,7 @@ def with_law(problem: Problem, model: Model, law: NoiseLaw, jumps: IntArray | No
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
     parameters = price(model.terms) + JUMP_PENALTY * jumps.size
     fit = _fit(problem, series, rows, coefficients, law)
-    score = deviance + series.log_size * parameters + law.price(series.size)
+    score = deviance + problem.log_size * parameters + law.price(series.size)
     return replace(model, fit=fit, law=law, score=score + contradiction(problem, model.terms, coefficients[2:]))
 
 
@@ -81,7 +81,7 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     spread = series.spread(law)
     variance = series.memory * float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
     along, slot = model.fit.level + model.fit.residual, np.cumsum(np.maximum(series.gap, 1))
-    apart, jumps = np.flatnonzero(~_reverses(problem)), [np.zeros(0, dtype=np.int64)]
+    apart, jumps = np.flatnonzero(problem.to_reversal >= REVERSAL), [np.zeros(0, dtype=np.int64)]
     for a, b in pairwise(problem.starts.tolist()):
         kept = apart[(apart >= a) & (apart < b)]
         if kept.size:
@@ -101,7 +101,7 @@ def off_reversals(problem: Problem, along: FloatArray, jumps: IntArray) -> IntAr
 
     What comes and goes there within a few samples is an effect of the reversal, or the smear of a filter.
     """
-    after = np.append(np.flatnonzero(~_reverses(problem)), problem.size)
+    after = np.append(np.flatnonzero(problem.to_reversal >= REVERSAL), problem.size)
     moved = np.unique(after[np.searchsorted(after, jumps)])
     return _placed(problem, along, moved[moved < problem.size])
 
@@ -119,7 +119,7 @@ def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
         int64 (j,), in no change of direction.
     """
     at = np.arange(problem.size)
-    latest = np.maximum.accumulate(np.where(_reverses(problem), -1, at))
+    latest = np.maximum.accumulate(np.where(problem.to_reversal < REVERSAL, -1, at))
     borders = np.unique(np.concatenate([problem.starts, jumps]))
     begins, placed = latest[jumps - 1] + 1, jumps.copy()
     for i in np.flatnonzero(begins < jumps):
@@ -131,11 +131,6 @@ def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
             worse = np.cumsum((along[begin:jump] - left) ** 2 - (along[begin:jump] - right) ** 2)
             placed[i] = begin + int(np.argmin(np.append(0.0, worse)))
     return placed
-
-
-def _reverses(problem: Problem) -> BoolArray:
-    """Return which samples are so near a change of direction that a jump of the level would not show, bool (n,)."""
-    return problem.to_reversal < REVERSAL
 
 
 def price(terms: Sequence[Term]) -> float:
@@ -219,10 +214,9 @@ class Background:
         law = law.beside(whole)
         rows, low, high = regressors(whole, terms)
         series, averaging = whole.averaged(SCREENED)
-        means = law.of_means(-(-whole.size // series.size))
-        whitening = Whitening.of(series, means)
+        whitening = Whitening.of(series, law.of_means(-(-whole.size // series.size)))
         white = whitening.innovations(np.vstack([series.friction, (averaging @ rows.T).T]))
-        known = whole.log_size * (price(terms) + JUMP_PENALTY * jumps.size) + law.price(whole.size)
+        known = problem.log_size * (price(terms) + JUMP_PENALTY * jumps.size) + law.price(whole.size)
         products = white @ white.T
         averaging = averaging @ sparse.diags_array(whole.sign)
         return cls(problem, tuple(terms), averaging, whitening, white, products, low, high, known)
