@@ -11,7 +11,7 @@ from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw
-from rwa_monitor.discrepancy.score import wald, with_law
+from rwa_monitor.discrepancy.score import Background, wald, with_law
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Model, Term, make_term
 from rwa_monitor.wheel.effects.asymmetry import TorqueBias, ViscousAsymmetry
@@ -43,6 +43,26 @@ def test_a_jump_beside_a_reversal_is_placed_to_the_sample(offset: int) -> None:
     jumps = problem.slot[Fitting(problem, jumps=True).base().fit.jumps]
     assert jumps.size == 1
     assert abs(int(jumps[0]) - crossing - offset) <= 1  # the samples about zero are at rest
+
+
+def test_several_sets_of_jumps_together_lead_to_the_best_that_each_leads_to_alone() -> None:
+    samples, _ = record(swing(8000), jumps=(1500, 4000, 6200))
+    problem = problem_of(samples)
+    fitting = Fitting(problem, jumps=True)
+    base, starts = fitting.base(), [NO_JUMPS, np.array([1500, 6200]), np.arange(500, problem.size, 500)]
+    alone = [fitting.begun((), base, [start]) for start in starts]
+    together = fitting.begun((), base, starts)
+    assert together.score == min(one.score for one in alone)
+    np.testing.assert_array_equal(together.fit.jumps, min(alone, key=lambda one: one.score).fit.jumps)
+
+
+def test_a_term_is_screened_as_it_is_scored_where_nothing_is_averaged() -> None:
+    problem = problem_of(record(swing(8000), jumps=(3000,))[0])
+    base = Fitting(problem, jumps=True).base()
+    term = make_term(problem, QuadraticDrag, {}, None)
+    law = NoiseLaw()
+    screened = Background.of(problem, (), law, base.fit.jumps).criterion_with(term)
+    assert screened == pytest.approx(with_law(problem, replace(base, terms=(term,)), law).score, abs=1e-6)
 
 
 def test_a_motion_that_only_reverses_is_searched() -> None:
