@@ -248,7 +248,8 @@ def to_markdown(measured: Measured, seconds: float) -> str:
 A wheel that was built elsewhere is installed into a fresh environment beside the packages that a monitor needs;
 `rwa-monitor run` with a recording is pinned to one core and limited in the data that it may write to, and serves
 {WHEELS} wheels over TCP. Limits tried: {tried} MB. A slower core takes more of itself in proportion: one of a tenth of
-this one's speed would be busy for {slow:.1%} of its time.
+this one's speed would be busy for {slow:.1%} of its time. For a flight computer without Python there is stage 1 alone,
+as a static library in the caller's memory: [export](export.md).
 
 {table(["what", "figure", "at most"], rows)}
 
