@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw
+from rwa_monitor.discrepancy.likelihood import NO_JUMPS, NoiseLaw, Series
 from rwa_monitor.discrepancy.score import Background, wald, with_law
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Model, Term, make_term
@@ -63,6 +64,17 @@ def test_a_term_is_screened_as_it_is_scored_where_nothing_is_averaged() -> None:
     law = NoiseLaw()
     screened = Background.of(problem, (), law, base.fit.jumps).criterion_with(term)
     assert screened == pytest.approx(with_law(problem, replace(base, terms=(term,)), law).score, abs=1e-6)
+
+
+def test_screening_averages_neighbours_of_one_recording() -> None:
+    problem = problem_of(*(record(swing(size), jumps=())[0] for size in (1000, 1501)))
+    means, averaging = Series.of(problem).averaged(problem.size // 7)
+    column = np.random.default_rng(5).normal(size=problem.size)
+    pieces = [column[a:b] for a, b in pairwise(problem.starts.tolist())]
+    width = -(-problem.size // (problem.size // 7))
+    expected = [piece[i : i + width].mean() for piece in pieces for i in range(0, piece.size, width)]
+    np.testing.assert_allclose(averaging @ column, expected, rtol=1e-12, atol=1e-14)
+    assert means.size == len(expected)
 
 
 def test_a_motion_that_only_reverses_is_searched() -> None:
