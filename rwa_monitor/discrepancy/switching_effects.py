@@ -27,7 +27,6 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import assign, window_priors
 from rwa_monitor.switching.duration_likelihoods import log_probability
 from rwa_monitor.switching.friction_model import Priors
-from rwa_monitor.wheel.durations import Geometric
 from rwa_monitor.wheel.effects.base import LikelihoodFit
 from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
 from rwa_monitor.wheel.effects.jumps import FEWEST_SOJOURNS, SpeedTriggeredJumps, WrongDurationLaw, weibull_of_mean
@@ -45,8 +44,9 @@ ROUNDS: Final = 4  # of attribution and parameters in turn
 WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
 FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: where the turns begin
 SIZES_OF_EXTRA: Final = (0.85, 1.15)  # of the median odd jump: where the turns begin
-SIZE_MARGIN: Final = 0.05  # beyond the smallest and the largest size seen
-EXTRA_PARAMETERS: Final = 5  # two durations, two ends of the sizes, and that there is one
+TYPICAL_OF_EXTRA: Final = (0.1, 0.9)  # quantiles of the sizes seen: some are of several jumps at once
+SIZE_MARGIN: Final = 0.05  # beyond those
+EXTRA_PARAMETERS: Final = 6  # two durations and their shape, two ends of the sizes, and that there is one
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,32 +208,51 @@ def _attribute_given(gathered: Evidence, wheel: Wheel, priors: Priors) -> _Attri
 
 
 def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> _Attributed | None:
-    """Return the best attribution with one memoryless system more; None where hardly a jump is its own.
+    """Return the best attribution with one system more; None where hardly a jump is its own.
 
-    Nor where its sojourns last fewer slots than `shortest`, which are what a filter makes of a jump.
+    Nor where its sojourns last fewer slots than `shortest`, which are what a filter makes of a jump. Jumps of its size
+    are those that no known system makes, or where known ones make such as well, the commonest of all.
     """
-    odd = np.abs(base.assignment.jump[_is_odd(base)])
-    if odd.size < FEWEST_OF_EXTRA:
-        return None
-    sizes = (SIZES_OF_EXTRA[0] * float(np.median(odd)), SIZES_OF_EXTRA[1] * float(np.median(odd)))
-    rest = active = max(gathered.slots / (odd.size + 1), 1.0)
-    best: _Attributed | None = None
+    found = base.assignment
+    sizes = (np.sort(np.abs(found.jump[jumps])) for jumps in (_is_odd(base), found.direction != 0))
+    fitted = [_fitted_extra(gathered, base, _commonest(one)) for one in sizes if one.size >= FEWEST_OF_EXTRA]
+    lasting = [one for one in fitted if one and min(law.mean() for law in one.wheel.fss[-1].durations) >= shortest]
+    return max(lasting, key=lambda one: one.score, default=None)
+
+
+def _commonest(sizes: FloatArray) -> FloatArray:
+    """Return those of increasing sizes, float64 (n,), that are about the same as as many others as possible."""
+    low, high = SIZES_OF_EXTRA
+    last = np.searchsorted(sizes, sizes * high / low, side="right")
+    first = int(np.argmax(last - np.arange(sizes.size)))
+    return sizes[first : int(last[first])]
+
+
+def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _Attributed | None:
+    """Return the best attribution with a system more whose jumps are about as large as some, float64 (n,).
+
+    Its sizes, mean durations and the Weibull shape of both are found in turns; None where hardly a jump is left to it.
+    """
+    sizes = (SIZES_OF_EXTRA[0] * float(np.median(alike)), SIZES_OF_EXTRA[1] * float(np.median(alike)))
+    rest = active = max(gathered.slots / (alike.size + 1), 1.0)
+    best, shape = base, 1.0
     for _ in range(ROUNDS):
         system = SwitchingSystem(
             name="extra",
-            durations=(Geometric(mean_slots=rest), Geometric(mean_slots=active)),
+            durations=(weibull_of_mean(rest, shape), weibull_of_mean(active, shape)),
             friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=sizes[0], high=sizes[1])),
         )
         attributed = _attribute(gathered, base.wheel.model_copy(update={"fss": (*base.wheel.fss, system)}))
-        if best is not None and attributed.score < best.score + WORTH_A_ROUND:
+        if best is not base and attributed.score < best.score + WORTH_A_ROUND:
             break
-        best = attributed
-        seen = _sizes_of_extra(attributed)
+        best, seen = attributed, _sizes_of_extra(attributed)
         if seen.size < FEWEST_OF_EXTRA:
             return None
-        sizes = ((1.0 - SIZE_MARGIN) * float(seen.min()), (1.0 + SIZE_MARGIN) * float(seen.max()))
+        low, high = np.quantile(seen, TYPICAL_OF_EXTRA).tolist()
+        sizes = ((1.0 - SIZE_MARGIN) * low, (1.0 + SIZE_MARGIN) * high)
         rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
-    return best if min(rest, active) >= shortest else None
+        shape = _shape_of(attributed) or shape
+    return best
 
 
 def _is_odd(attributed: _Attributed) -> BoolArray:
@@ -261,6 +280,14 @@ def _mean_length(attributed: _Attributed, configuration: int) -> float | None:
     lengths = np.diff(attributed.assignment.starts[-1])
     at = lengths[attributed.assignment.configurations[-1][:-1] == configuration]
     return max(float(at.mean()), 1.0) if at.size else None
+
+
+def _shape_of(attributed: _Attributed) -> float | None:
+    """Return the Weibull shape that the sojourns of the extra system follow best; None where they are too few."""
+    sojourns = attributed.sojourns(-1)
+    if sojourns.slots.size < FEWEST_SOJOURNS:
+        return None
+    return WrongDurationLaw.fit(attributed.wheel.fss[-1], sojourns).values["weibull_shape"]
 
 
 def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: float) -> LikelihoodFit:
