@@ -24,9 +24,9 @@ from rwa_monitor.samples import TINY, FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
-# By which the first effect must lower the score: chance gains so much in fewer than one record of a thousand (10.5 at
-# most in 288 simulated null records, see `nulls.json`, and e^-½ times as often for each unit more).
-FIRST_GAIN: Final = 14.0
+# By which the first effect must lower the score: chance gains so much in two records of a thousand (10.5 at most in 288
+# simulated null records, see `nulls.json`, and e^-½ times as often for each unit more).
+FIRST_GAIN: Final = 11.5
 ACCEPT_GAIN: Final = 25.0  # and what stands beside named effects: no law is exact, what one leaves is more than chance
 FEWEST_MEMORIES: Final = 20.0  # in the data: noise with fewer correlation times is a level that wanders
 ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some per cent
