@@ -43,8 +43,8 @@ FEWEST_OF_EXTRA: Final = 3  # odd jumps that suggest a system
 ROUNDS: Final = 4  # of attribution and parameters in turn
 WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
 FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: where the turns begin
-SIZES_OF_EXTRA: Final = (0.85, 1.15)  # of the median odd jump: where the turns begin
-TYPICAL_OF_EXTRA: Final = (0.1, 0.9)  # quantiles of the sizes seen: some are of several jumps at once
+SIZES_OF_EXTRA: Final = (0.75, 1.25)  # of the middle one: those of the catalogue
+TYPICAL_OF_EXTRA: Final = (0.1, 0.5, 0.9)  # quantiles of the sizes seen: some are of several jumps at once
 SIZE_MARGIN: Final = 0.05  # beyond those
 EXTRA_PARAMETERS: Final = 6  # two durations and their shape, two ends of the sizes, and that there is one
 
@@ -248,8 +248,9 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
         best, seen = attributed, _sizes_of_extra(attributed)
         if seen.size < FEWEST_OF_EXTRA:
             return None
-        low, high = np.quantile(seen, TYPICAL_OF_EXTRA).tolist()
-        sizes = ((1.0 - SIZE_MARGIN) * low, (1.0 + SIZE_MARGIN) * high)
+        low, middle, high = np.quantile(seen, TYPICAL_OF_EXTRA).tolist()
+        least, most = (share * middle for share in SIZES_OF_EXTRA)
+        sizes = (max((1.0 - SIZE_MARGIN) * low, least), min((1.0 + SIZE_MARGIN) * high, most))
         rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
         shape = _shape_of(attributed) or shape
     return best
