@@ -171,7 +171,7 @@ class Series:
             jumps,
             problem.smallest_noise_Nm**2,
             problem.memory,
-            may_wander=not problem.is_command,
+            may_wander=all(record.follows_noise for record in problem.records),
         )
 
     @property

@@ -46,6 +46,7 @@ REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations th
 BEYOND: Final = 0.1  # of the temperatures of a record, to which the law that it shows holds on either side
 DIGITS: Final = 1e-5  # of the RMS of a channel: what is smaller is no sensor's noise
 RAMP_SHARE: Final = 0.5  # of the samples: most
+SMOOTHER: Final = 0.5  # of the bends: most of them are noise of the speed
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -93,6 +94,8 @@ class Record:
         The dead zone of the speed that its readings show; none of its samples is used.
     is_command
         Whether the friction is what was commanded, and the speed what came of it: see `_is_command`.
+    follows_noise
+        Whether the friction may follow what noise there is of the speed: see `_is_smoother`.
     """
 
     source: str
@@ -113,6 +116,7 @@ class Record:
     shown: tuple[ShownConstant, ...] = ()
     zone: ReadZone | None = None
     is_command: bool = False
+    follows_noise: bool = True
 
     @property
     def viscous_speed_rad_s(self) -> FloatArray:
@@ -201,6 +205,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         shown=shown_constants(samples, wheel),
         zone=motion.zone,
         is_command=not derived and _is_command(friction, speed),
+        follows_noise=derived or not _is_smoother(np.where(used, friction, np.nan), speed),
     )
 
 
@@ -215,6 +220,20 @@ def _is_command(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     known = np.isfinite(np.diff(friction_Nm, 2) + np.diff(speed_rad_s, 2))
     ramp = known & ~bend & of_speed & (friction_Nm[2:] != friction_Nm[:-2])
     return int(np.count_nonzero(ramp)) > RAMP_SHARE * max(int(np.count_nonzero(known)), 1)
+
+
+def _is_smoother(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
+    """Return whether friction bends far less from slot to slot than what viscous friction makes of the speed's bends.
+
+    So it is where the noise is in the speed, as under a voltage that was commanded: over short times friction does not
+    follow the speed, and a level that wanders would be likelier than any law of it.
+    """
+    known = np.isfinite(friction_Nm) & np.isfinite(speed_rad_s)
+    law = np.stack([np.sign(speed_rad_s[known]), speed_rad_s[known]], axis=1)
+    slope = np.linalg.lstsq(law, friction_Nm[known])[0][1]
+    bends, of_speed = (np.abs(np.diff(values, 2)) for values in (friction_Nm, slope * speed_rad_s))
+    both = np.isfinite(bends) & np.isfinite(of_speed)
+    return bool(both.any()) and float(np.median(bends[both])) < SMOOTHER * float(np.median(of_speed[both]))
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:
