@@ -95,6 +95,9 @@ def sort_out(
         channel = available(problem, effect)
         if channel is not None:
             return channel
+        discrete = [parameter for parameter in effect.shape_parameters() if parameter.choices]
+        if not all(any(parameter.is_shown(one.channels) for one in problem.records) for parameter in discrete):
+            return effect.separate_by
         shape = middle_shape(problem, effect)
         reason = missing_at(effect, shape)
         if reason is None or reason == NOT_COMMANDED or _is_law_of_speed(problem, effect, shape):

@@ -74,8 +74,9 @@ class _Axis:
         return float(np.log(value)) if self.logarithmic else value
 
     def value(self, scaled: float) -> float:
-        """Return the value at a place on that scale."""
-        return float(np.exp(scaled)) if self.logarithmic else scaled
+        """Return the value at a place on that scale, within its ends to the last bit."""
+        value = float(np.exp(scaled)) if self.logarithmic else scaled
+        return min(max(value, self.points[0]), self.points[-1])
 
 
 def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[float, float]]:

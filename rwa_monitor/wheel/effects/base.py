@@ -167,6 +167,10 @@ class Parameter:
         high = min(max(high, self.low), self.high)
         return min(max(low, self.low), high), high
 
+    def is_shown(self, channels: Channels) -> bool:
+        """Return whether a record can show any value of it inside the physical bounds."""
+        return self.shown is None or self.shown(channels)[0] <= self.high
+
 
 Quantity = Literal["inertia", "torque constant"]  # of the wheel file, that other channels may show
 # The docstring of an effect: its physics, what shows it, what it is confused with, its source.
