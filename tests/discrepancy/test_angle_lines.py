@@ -47,7 +47,7 @@ def test_a_rub_by_the_angle_is_reported_with_its_order_and_feeds_no_other_name(s
     assert any("wheel's angle" in line for line in plan(found).advice)
 
 
-@pytest.mark.parametrize(("seed", "order"), [(53033, 0.393), (53034, 30.67)])
+@pytest.mark.parametrize(("seed", "order"), [pytest.param(53033, 0.393, marks=pytest.mark.slow), (53034, 30.67)])
 def test_a_ripple_of_no_whole_order_is_named_with_its_order(seed: int, order: float) -> None:
     rng = np.random.default_rng(seed)
     found = find_discrepancy([("ripple", record(slow(rng), order, 0.0, 1e-4, rng))], WHEEL)
@@ -88,7 +88,12 @@ def to_and_fro(turns: float, rng: np.random.Generator) -> Array:
 
 @pytest.mark.parametrize(
     ("seed", "turns", "order", "ripple_Nm"),
-    [(50110, 1.5, 30.67, 1e-4), (50111, 1.5, 31.0, 1e-4), (50112, 10.0, 12.43, 5e-5), (50113, 0.5, 6.0, 2e-5)],
+    [
+        pytest.param(50110, 1.5, 30.67, 1e-4, marks=pytest.mark.slow),
+        (50111, 1.5, 31.0, 1e-4),
+        (50112, 10.0, 12.43, 5e-5),
+        pytest.param(50113, 0.5, 6.0, 2e-5, marks=pytest.mark.slow),
+    ],
 )
 def test_a_few_turns_tell_an_order_as_well_as_they_can(seed: int, turns: float, order: float, ripple_Nm: float) -> None:
     rng = np.random.default_rng(seed)

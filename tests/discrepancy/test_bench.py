@@ -228,7 +228,7 @@ def slipping(seed: int = 0, rows: int = 4000) -> tuple[Samples, Array]:
     return samples(np.arange(rows), speed + 0.02 * rng.normal(size=rows), friction), angle
 
 
-@pytest.mark.parametrize("within_a_turn", [True, False])
+@pytest.mark.parametrize("within_a_turn", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_measured_angle_finds_the_ripple_that_the_speed_has_lost(within_a_turn: bool) -> None:
     table, angle = slipping()
     wheel = Wheel(name="slips", sample_period_s=1.0)

@@ -45,7 +45,7 @@ def left_by(search: Search, wheel: Wheel) -> float:
     return float(np.sqrt(np.mean(inner**2)))
 
 
-@pytest.mark.parametrize("factor", [1.0, 1.4])
+@pytest.mark.parametrize("factor", [pytest.param(1.0, marks=pytest.mark.slow), 1.4])
 def test_a_file_that_holds_the_wheel_without_the_effect_is_kept_and_takes_up_no_anomaly(factor: float) -> None:
     search = searched(record(11, viscous=factor), built_in_wheel())
     extension = extend(search, report_sha256="0f" * 32)

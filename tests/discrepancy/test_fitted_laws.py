@@ -75,7 +75,7 @@ def rolling(seed: int, b_kelvin: float) -> Search:
     return search(replace(samples, bearing_temperature_degC=measured))
 
 
-@pytest.mark.parametrize(("seed", "b_kelvin"), [(50300, 3500.0), (50301, 5500.0)])
+@pytest.mark.parametrize(("seed", "b_kelvin"), [(50300, 3500.0), pytest.param(50301, 5500.0, marks=pytest.mark.slow)])
 def test_rolling_drag_that_follows_speed_and_viscosity_is_one_effect(seed: int, b_kelvin: float) -> None:
     found = rolling(seed, b_kelvin)
     truth = {"strength_Nm": ROLLING_NM, "exponent": ROLLING_EXPONENT, "activation_temperature_K": b_kelvin}

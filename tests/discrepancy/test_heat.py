@@ -38,7 +38,7 @@ def search(viscosity: Array, speed: Array, rng: np.random.Generator) -> Search:
     return simple.search(sampled(speed + rng.normal(0, 1e-3, COUNT), friction, PERIOD_S), WHEEL)
 
 
-@pytest.mark.parametrize(("seed", "lag_s"), [(53020, 1000.0), (53021, 600.0)])
+@pytest.mark.parametrize(("seed", "lag_s"), [pytest.param(53020, 1000.0, marks=pytest.mark.slow), (53021, 600.0)])
 def test_a_bearing_that_warms_by_its_own_drag_asks_for_the_temperature(seed: int, lag_s: float) -> None:
     rng = np.random.default_rng(seed)
     speed = motion(rng)
@@ -50,7 +50,7 @@ def test_a_bearing_that_warms_by_its_own_drag_asks_for_the_temperature(seed: int
     assert any("record the bearing's temperature" in line for line in plan(found).advice)
 
 
-@pytest.mark.parametrize("seed", [53022, 53023])
+@pytest.mark.parametrize("seed", [53022, pytest.param(53023, marks=pytest.mark.slow)])
 def test_true_jumps_of_the_viscous_friction_stay_found(seed: int) -> None:
     rng = np.random.default_rng(seed)
     speed = motion(rng)
@@ -61,7 +61,7 @@ def test_true_jumps_of_the_viscous_friction_stay_found(seed: int) -> None:
     assert found.result.unexplained is None
 
 
-@pytest.mark.parametrize("seed", [53024, 53025])
+@pytest.mark.parametrize("seed", [53024, pytest.param(53025, marks=pytest.mark.slow)])
 def test_a_bearing_that_follows_its_housing_late_shows_by_how_much(seed: int) -> None:
     rng, lag_s = np.random.default_rng(seed), 500.0
     speed, at = motion(rng), np.arange(COUNT) * PERIOD_S
@@ -81,7 +81,7 @@ def test_a_bearing_that_follows_its_housing_late_shows_by_how_much(seed: int) ->
     assert lag.value == pytest.approx(lag_s, abs=max(3.0 * lag.std, 0.05 * lag_s))
 
 
-@pytest.mark.parametrize("seed", [53026, 53027])
+@pytest.mark.parametrize("seed", [53026, pytest.param(53027, marks=pytest.mark.slow)])
 def test_an_oil_that_is_never_as_cold_as_20_degC_shows_its_viscosity_there(seed: int) -> None:
     rng = np.random.default_rng(seed)
     speed, warm = motion(rng), 57.5 - 22.5 * np.cos(np.arange(COUNT) * PERIOD_S / 300.0)

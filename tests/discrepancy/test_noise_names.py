@@ -94,7 +94,7 @@ def test_coarse_rounding_makes_no_mean_effect() -> None:
     assert names(search(coarse)) == ["tachometer_quantisation"]
 
 
-@pytest.mark.parametrize("phi", [0.0, 0.7])
+@pytest.mark.parametrize("phi", [pytest.param(0.0, marks=pytest.mark.slow), 0.7])
 def test_torque_that_the_derivative_does_not_follow_is_no_noise(phi: float) -> None:
     """What a controller does from sample to sample stands in the current, and is no noise of the derived friction."""
     rng = np.random.default_rng(4)
