@@ -22,7 +22,9 @@ def pockets(speed: Array, height: float, seconds: float) -> Array:
     return np.asarray(drag * np.sign(speed))
 
 
-@pytest.mark.parametrize(("height", "seconds", "seed"), [(0.3, 25.0, 0), (0.15, 60.0, 1), (0.3, 8.0, 2)])
+@pytest.mark.parametrize(
+    ("height", "seconds", "seed"), [(0.3, 25.0, 0), pytest.param(0.15, 60.0, 1, marks=pytest.mark.slow), (0.3, 8.0, 2)]
+)
 def test_pockets_of_oil_are_jumps_that_relax_and_no_further_system(height: float, seconds: float, seed: int) -> None:
     samples, _ = record(swing(COUNT), JUMPS, lambda speed, _: pockets(speed, height * DRY_NM, seconds), seed=seed)
     found = search(samples)
@@ -36,7 +38,7 @@ def test_pockets_of_oil_are_jumps_that_relax_and_no_further_system(height: float
     assert [block.name for block in extended_wheel(found).effect] == ["decaying_jump"]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_slope_that_jumps_by_itself_is_named(seed: int) -> None:
     def sloped(speed: Array, _: Array) -> Array:
         stretch = np.searchsorted(SLOPES, np.arange(speed.size), side="right")

@@ -26,7 +26,9 @@ def to_and_fro() -> Array:
     return np.asarray(uniform_filter1d(np.where((time // 25.0) % 2 == 0, TOP_RAD_S, -TOP_RAD_S), 8))
 
 
-@pytest.mark.parametrize("truth", CONFUSED)
+@pytest.mark.parametrize(
+    "truth", [pytest.param("torque_bias", marks=pytest.mark.slow), "coulomb_asymmetry", "viscous_asymmetry"]
+)
 def test_the_planned_manoeuvre_leaves_one_of_three_confused_causes(truth: str) -> None:
     effect = CONFUSED[truth]
     before = find_discrepancy([("confused", record(to_and_fro(), (), effect)[0])], WHEEL)

@@ -93,7 +93,7 @@ def test_a_ripple_of_a_second_order_is_a_ripple_too() -> None:
     assert Wheel.from_toml(extended.to_toml(), "extended_wheel.toml") == extended.wheel
 
 
-@pytest.mark.parametrize("direction", [1.0, -1.0])
+@pytest.mark.parametrize("direction", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
 def test_what_drives_the_wheel_is_named_where_dry_friction_seems_negative(direction: float) -> None:
     speed, wind = direction * coast_down(), -direction * 3.0 * DRY_NM  # two dry frictions more than there is
     found = answer(smooth_record(speed, QUADRATIC * speed * np.abs(speed) + wind, seed=4))

@@ -32,8 +32,15 @@ def read(speed: FloatArray, *, held: bool, width: float = WIDTH) -> FloatArray:
     return speed[last] if held else np.where(outside, speed, 0.0)
 
 
-@pytest.mark.parametrize("derived", [False, True])
-@pytest.mark.parametrize("held", [False, True])
+@pytest.mark.parametrize(
+    ("held", "derived"),
+    [
+        (False, False),
+        (True, True),
+        pytest.param(False, True, marks=pytest.mark.slow),
+        pytest.param(True, False, marks=pytest.mark.slow),
+    ],
+)
 def test_zone_is_found_and_carried_over(held: bool, derived: bool) -> None:
     wheel = built_in_wheel()
     nominal, inertia, constant = wheel.nominal, wheel.inertia_kg_m2, wheel.torque_constant_Nm_A
