@@ -1,7 +1,5 @@
 """Plain records for the tests of this room: a swing about zero, a few jumps, white noise."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

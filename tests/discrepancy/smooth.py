@@ -1,7 +1,5 @@
 """Records of friction without jumps for the tests of this room: four motions, and noise that remembers."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Final
 

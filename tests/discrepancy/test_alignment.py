@@ -1,7 +1,5 @@
 """A current that is read later or earlier than the speed, in samples that are means of what happens between them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.ndimage import shift, uniform_filter1d

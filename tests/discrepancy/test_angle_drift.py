@@ -1,7 +1,5 @@
 """The drift of an integrated angle is found by the phase of a ripple, and only where there is a ripple."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What repeats with the wheel's angle is found at any order, and passes for nothing else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

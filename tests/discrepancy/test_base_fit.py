@@ -1,7 +1,5 @@
 """The base fit: slope, levels and jumps together, bounds, robust start."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Records of test benches: a motor that is off, tables of a few dozen rows, clocks that do not tick evenly."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Drag that decays with the angle turned since a reversal is named, and is no set of names that fit together."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

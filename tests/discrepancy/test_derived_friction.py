@@ -1,7 +1,5 @@
 """The window of dω/dt where a wheel file states none: as wide as its error is not seen, by torque and speed alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The extended wheel is the model that was fitted, whichever way the wheel's file came about."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Laws with free exponents are one effect each: fitted with their errors, and nothing is left for other names."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drag that follows viscous self-heating is no jump of viscous friction, where nobody measured the temperature."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

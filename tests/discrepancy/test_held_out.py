@@ -1,7 +1,5 @@
 """The gain on recordings that nothing was searched or fitted on."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

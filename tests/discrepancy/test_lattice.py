@@ -1,7 +1,5 @@
 """Torque that is read in coarse steps, or averaged over a reversal: neither is an effect of the wheel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

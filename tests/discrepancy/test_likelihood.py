@@ -1,7 +1,5 @@
 """The likelihood against a dense covariance, its bounded solution against scipy's, its noise's law against truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Measured friction of six joints: honest sets, and nothing explained away. See docs/measured.md."""
 
-from __future__ import annotations
-
 import os
 from functools import cache
 from pathlib import Path

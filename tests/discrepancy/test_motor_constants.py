@@ -1,7 +1,5 @@
 """What motor voltage, drive power and the body's momentum show of torque constant and inertia."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

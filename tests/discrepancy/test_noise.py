@@ -1,7 +1,5 @@
 """The noise, estimated from records with jumps and tails in them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import signal

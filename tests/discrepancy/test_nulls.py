@@ -4,8 +4,6 @@ The table is made from records of the package's own simulator; here it is judged
 draws wheels, scales, motions and noise by a program of its own.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Drag that jumps at moments of its own, beside the dry friction's jumps: it relaxes, or its slope is another."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

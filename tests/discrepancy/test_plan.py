@@ -1,7 +1,5 @@
 """Three causes that a record confuses; the manoeuvre that the plan puts first, flown, leaves the true one alone."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Records: friction given or derived, gaps, rest, wrong units."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from dataclasses import replace
 

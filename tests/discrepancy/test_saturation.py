@@ -1,7 +1,5 @@
 """Channels at their end stops: found where values repeat to the last digit, and only there."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Jumps as the score places them, exactly, for every sample; and effects that a few samples decide."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

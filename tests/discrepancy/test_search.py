@@ -1,7 +1,5 @@
 """The traps of the search: what must not be explained, and what jumps must not swallow."""
 
-from __future__ import annotations
-
 import gc
 from dataclasses import replace
 

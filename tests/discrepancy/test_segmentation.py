@@ -1,7 +1,5 @@
 """The segmentation against brute force: dynamic programming, and least squares for every set of jumps."""
 
-from __future__ import annotations
-
 from itertools import chain, combinations
 from typing import Any
 

@@ -3,8 +3,6 @@
 Friction as a law of the speed and noise that remembers, of some 600 samples: see `fitting`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

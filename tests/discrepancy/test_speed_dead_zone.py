@@ -1,7 +1,5 @@
 """A dead zone that shows in the readings of the speed: they rest on zero, or on the last one outside."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

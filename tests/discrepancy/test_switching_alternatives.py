@@ -1,7 +1,5 @@
 """What made the jumps: one system more, other laws of duration, a clock that follows the speed, or what is known."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Stated errors hold: strengths and shapes of simulated effects, over seeds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What no effect explains: a level that creeps is no switching system, and many true jumps are no creeping."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import signal

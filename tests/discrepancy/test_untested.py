@@ -1,7 +1,5 @@
 """What a record could not test is reported, and the strength that it would have shown is the one that it shows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
