@@ -1,9 +1,11 @@
 """The command as a user meets it: help, version, exit codes, one line for what is wrong."""
 
+import shutil
 import subprocess
 import sys
 import time
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any
 
 import click
@@ -11,8 +13,11 @@ import pytest
 from click.testing import CliRunner
 
 from rwa_monitor import __version__
+from rwa_monitor.cli.doctor import look_at_bus, look_at_recordings
 from rwa_monitor.cli.main import COMMANDS, main
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.recorder import locked
 from tests.monitor.support import free_port
 from tests.program import command, run
 
@@ -237,3 +242,42 @@ with stop_on_signals() as stop:
 
 def test_a_signal_stops_a_wait_whenever_it_comes() -> None:
     subprocess.run([sys.executable, "-c", SIGNALLED], check=True, timeout=60)
+
+
+# ---- what `doctor` reports of the folders of a monitor and of who is on its bus --------------------------------------
+
+
+RECORDING = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
+
+
+def test_what_a_folder_holds_is_reported_and_none_is_made(tmp_path: Path) -> None:
+    assert look_at_recordings(tmp_path / "a").endswith("is not there yet")
+    assert not (tmp_path / "a").exists()
+    assert "holds no recording yet" in look_at_recordings(tmp_path)
+    with locked(tmp_path), pytest.raises(RwaMonitorError, match="another monitor records in it"):
+        look_at_recordings(tmp_path)
+    shutil.copy(RECORDING, tmp_path)
+    assert look_at_recordings(tmp_path).endswith(f"goes on from {RECORDING.name}")
+
+
+@pytest.mark.processes
+def test_who_is_on_the_bus_is_reported() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    assert "nobody has connected" in look_at_bus(BusOptions(listen=(endpoint,)))
+    stop = Event()
+    with open_session(BusOptions(listen=(endpoint,))) as session:
+
+        def speak() -> None:
+            while not stop.wait(0.1):
+                session.put("rwa/sat/rw1/samples", b"{}")
+                session.put("rwa/sat/rw2/status", b"{}")
+
+        thread = Thread(target=speak)
+        thread.start()
+        try:
+            told = look_at_bus(BusOptions(connect=(endpoint,)))
+        finally:
+            stop.set()
+            thread.join()
+    assert "1 peer connected; in 3 s received telemetry of 1 wheel (sat/rw1), monitors of 1 wheel (sat/rw2)" in told
+    assert told.endswith("; nobody monitors sat/rw1")

@@ -1,5 +1,7 @@
 """The shortest change of speed that decides: it does, once it is flown, and without it the window is inconclusive."""
 
+import json
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -17,6 +19,7 @@ from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
 from rwa_monitor.wheel.wheel import Noise, built_in_wheel
+from tests.program import run
 
 WHEEL, MODEL = built_in_wheel(), built_in_model()
 SPEED, WINDOW, BEGIN = 200.0, 80_000, 40_000  # rad/s, slots
@@ -105,3 +108,29 @@ def test_where_the_wheel_cannot_run_faster_it_is_slowed_down_and_beyond_its_limi
 def test_a_wheel_without_noise_is_refused_with_what_to_do() -> None:
     with pytest.raises(InputError, match="noise: is missing: rwa-monitor identify learns it"):
         deciding_manoeuvres(WHEEL.model_copy(update={"noise": Noise()}), MODEL, "dry", 0.95, SPEED)
+
+
+# ---- `rwa-monitor manoeuvre` as a user runs it -----------------------------------------------------------------------
+
+
+def test_a_line_for_each_change_of_speed_and_the_same_in_json() -> None:
+    table = run("manoeuvre", "viscous", "--speed", "200")
+    assert table.exit_code == 0, table.stderr
+    found = json.loads(run("manoeuvre", "viscous", "--speed", "200", "--json").stdout)
+    assert (found["friction"], found["certainty"]) == ("viscous", 0.95)
+    for one in found["manoeuvres"]:
+        assert f"{one['duration_s']:.0f}" in table.stdout
+
+
+def test_what_no_change_decides_is_exit_code_1(tmp_path: Path) -> None:
+    wheel = built_in_wheel()
+    (tmp_path / "noisy.toml").write_text(wheel.model_copy(update={"noise": Noise(friction_std_Nm=1.0)}).to_toml())
+    noisy = run("manoeuvre", "viscous", "--wheel", tmp_path / "noisy.toml")
+    assert noisy.exit_code == 1
+    assert "no change of speed within the wheel's limits" in noisy.stderr
+
+
+def test_a_speed_beyond_the_limit_is_refused_in_one_line() -> None:
+    refused = run("manoeuvre", "dry", "--speed", "10000")
+    assert (refused.exit_code, len(refused.stderr.splitlines())) == (2, 1)
+    assert "limits.max_speed_rad_s" in refused.stderr

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.plan import plan
 from rwa_monitor.discrepancy.unexplained import with_free_curves
 from rwa_monitor.wheel.wheel import Wheel
-from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, record, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, names, record, search, swing
 from tests.discrepancy.smooth import null_record, problem_of
 
 COUNT = 8000
@@ -88,3 +90,91 @@ def test_what_repeats_with_the_motion_is_not_called_periodic_in_time() -> None:
     result = find_discrepancy([("bend", samples)], WHEEL).result
     assert result.verdict == "inadequate"
     assert "periodic in time" not in (result.unexplained.signature if result.unexplained else "")
+
+
+# ---- drag that jumps at moments of its own, beside the dry friction's jumps ------------------------------------------
+
+
+SHORT = 4000
+JUMPS = (1500, 3100)
+POCKETS = (600, 1900, 2700, 3400)
+SLOPES = (800, 1900, 2900)
+
+
+def pockets(speed: Array, height: float, seconds: float) -> Array:
+    """Return the drag of pockets of oil that are run over and squeezed out again [N m]."""
+    drag = np.zeros(speed.size)
+    for k, at in enumerate(POCKETS):
+        drag[at:] += (1.0 + 0.2 * k) * height * np.exp(-np.arange(speed.size - at) * PERIOD_S / seconds)
+    return np.asarray(drag * np.sign(speed))
+
+
+@pytest.mark.parametrize(
+    ("height", "seconds", "seed"), [(0.3, 25.0, 0), pytest.param(0.15, 60.0, 1, marks=pytest.mark.slow), (0.3, 8.0, 2)]
+)
+def test_pockets_of_oil_are_jumps_that_relax_and_no_further_system(height: float, seconds: float, seed: int) -> None:
+    samples, _ = record(swing(SHORT), JUMPS, lambda speed, _: pockets(speed, height * DRY_NM, seconds), seed=seed)
+    found = search(samples)
+    assert names(found) == ["decaying_jump"]
+    (effect,) = found.result.effects
+    assert effect.parameters["time_constant_s"].value == pytest.approx(seconds, rel=0.25)
+    (relaxing,) = (term for term in found.extended.terms if term.effect.name == "decaying_jump")
+    heights = found.extended.strengths(found.extended.names.index("decaying_jump"))
+    assert relaxing.columns.shape[1] == len(POCKETS)
+    np.testing.assert_allclose(heights, height * DRY_NM * (1.0 + 0.2 * np.arange(len(POCKETS))), rtol=0.15)
+    assert [block.name for block in extended_wheel(found).effect] == ["decaying_jump"]
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_slope_that_jumps_by_itself_is_named(seed: int) -> None:
+    def sloped(speed: Array, _: Array) -> Array:
+        stretch = np.searchsorted(SLOPES, np.arange(speed.size), side="right")
+        return np.asarray(0.5 * VISCOUS * np.array([0.0, 1.0, 0.0, 1.0])[stretch] * speed)
+
+    samples, _ = record(swing(SHORT), JUMPS, sloped, seed=seed)
+    assert names(search(samples)) == ["viscous_jump"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_levels_alone_show_no_such_jumps(seed: int) -> None:
+    named = names(search(record(swing(SHORT), (700, 1500, 2300, 3100), seed=seed)[0]))
+    assert not {"decaying_jump", "viscous_jump"} & set(named)
+
+
+# ---- drag that decays with the angle turned since a reversal is named, and is no set of names that fit together ------
+
+
+def runs(seed: int) -> Array:
+    """Return runs of a few minutes in one direction and then the other, at speeds that differ and wander [rad/s]."""
+    rng = np.random.default_rng(seed)
+    ends = np.cumsum(rng.integers(500, 1100, 16))
+    speeds = rng.uniform(60.0, 220.0, ends.size) * np.where(np.arange(ends.size) % 2, -1.0, 1.0)
+    at = np.stack([ends - 150, ends], axis=1).ravel()
+    motion = np.interp(np.arange(COUNT), at, np.stack([np.append(90.0, speeds[:-1]), speeds], axis=1).ravel())
+    return np.asarray(motion * (1.0 + 0.1 * np.sin(2 * np.pi * np.arange(COUNT) * PERIOD_S / 37.0)))
+
+
+@pytest.mark.parametrize(("seed", "turns", "viscous"), [(50400, 300.0, False), (50401, 150.0, True)])
+def test_grease_that_channels_after_each_reversal_is_reported_with_the_turns_it_takes(
+    seed: int, turns: float, viscous: bool
+) -> None:
+    def churning(speed: Array, _: Array) -> Array:
+        left, drag = 0.0, np.empty(speed.size)
+        for k, now in enumerate(speed):
+            if k and now * speed[k - 1] < 0:
+                left = 1.0
+            left *= np.exp(-abs(now) * PERIOD_S / (2 * np.pi * turns))
+            drag[k] = 3e-4 * left * (now / 100.0 if viscous else np.sign(now))
+        return drag
+
+    found = find_discrepancy([("grease", record(runs(seed), effect=churning, seed=seed)[0])], WHEEL)
+    assert not found.result.effects
+    words = found.result.unexplained.signature
+    assert "decays with the angle turned since each reversal" in words
+    assert float(words.split("over about ")[1].split(" turns")[0]) == pytest.approx(turns, rel=0.15)
+    assert any("does it decay with turns or with time?" in line for line in plan(found).advice)
+
+
+def test_reversals_without_grease_show_nothing() -> None:
+    found = find_discrepancy([("plain", record(runs(50402), seed=50402)[0])], WHEEL)
+    assert found.result.verdict == "adequate"

@@ -1,10 +1,15 @@
 """The alarm's state machine: rules that hold for any sequence of windows and acknowledgements."""
 
+from pathlib import Path
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
     MODEL_ALARM,
+    MONITOR_ALARM,
     Alarm,
     Level,
     Policy,
@@ -12,7 +17,9 @@ from rwa_monitor.history.alarms import (
     advance,
     observe,
 )
-from tests.history.support import diagnosis
+from rwa_monitor.history.database import MonitorState
+from rwa_monitor.history.store import History
+from tests.history.support import START_NS, diagnosis
 
 LEVELS = st.sampled_from(list(Level))
 DEEDS = st.lists(st.one_of(LEVELS, st.just("acknowledge")), max_size=60)
@@ -91,3 +98,44 @@ def test_a_partial_window_counts_for_no_alarm() -> None:
     whole = diagnosis(1, severity=4.0)
     assert observe(whole)
     assert observe(whole.model_copy(update={"partial": True})) == {}
+
+
+# ---- the alarm of a monitor that does not report, in the history -----------------------------------------------------
+
+
+SILENT = MonitorState("sat", "wheel_1", silent=True, time_ns=START_NS, reason="Silent.")
+REPORTING = MonitorState("sat", "wheel_1", silent=False, time_ns=START_NS)
+
+
+def test_the_alarm_goes_the_way_of_every_other(place: Path | str) -> None:
+    with History(place) as history:
+        assert history.monitors() == {}
+        assert history.take_monitors([REPORTING]) == []
+        assert history.monitors() == {("sat", "wheel_1"): False}
+        (alarm,) = history.take_monitors([SILENT])
+        assert (alarm.name, alarm.level, alarm.phase, alarm.reason) == (MONITOR_ALARM, "warning", "active", "Silent.")
+        assert "rwa-monitor run" in alarm.advice
+        assert history.take_monitors([SILENT]) == [], "no second one"
+    with History(place) as history:
+        assert history.monitors() == {("sat", "wheel_1"): True}
+        history.add(diagnosis(0))  # a window, taken in late, shows nothing of the monitor
+        (alarm,) = history.open_alarms("sat", "wheel_1")
+        history.acknowledge(alarm.id, "Ann")
+        with pytest.raises(InputError, match="acknowledged already"):
+            history.acknowledge(alarm.id, "Ann")
+        (alarm,) = history.take_monitors([REPORTING])
+        assert alarm.closed_ns == START_NS
+        assert [line.event for line in alarm.trail] == ["raised", "acknowledged", "returned", "cleared"]
+        assert history.monitors() == {("sat", "wheel_1"): False}
+
+
+def test_one_that_is_not_acknowledged_stays_and_comes_again(history: History) -> None:
+    history.add(diagnosis(0))
+    history.take_monitors([REPORTING])
+    history.take_monitors([SILENT])
+    (alarm,) = history.take_monitors([REPORTING])
+    assert (alarm.phase, alarm.level, alarm.closed_ns) == ("returned", "normal", None)
+    later = MonitorState("sat", "wheel_1", silent=True, reason="Again.")  # its clock is not known: as it was
+    (alarm,) = history.take_monitors([later])
+    assert (alarm.phase, alarm.reason, alarm.changed_ns) == ("active", "Again.", START_NS)
+    assert [line.event for line in alarm.trail] == ["raised", "returned", "relapsed"]

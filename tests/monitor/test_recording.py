@@ -1,5 +1,6 @@
 """Recordings on disk: written so that a crash loses little, read so that nothing false is believed."""
 
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,15 @@ from mcap.reader import make_reader
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import EncodedMessage
 from rwa_monitor.monitor import recording as recording_module
-from rwa_monitor.monitor.recorder import RecordingWriter
+from rwa_monitor.monitor.recorder import RecordingWriter, recover
 from rwa_monitor.monitor.recording import (
     Recording,
     read_recording,
     recordings_of,
 )
-from tests.monitor.recordings import TOPICS
+from rwa_monitor.monitor.replay import replay
+from tests.monitor.recordings import TOPICS, write_file
+from tests.program import run
 
 
 def test_a_recording_gives_back_what_was_written(whole: tuple[Path, list[bytes]]) -> None:
@@ -98,3 +101,114 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes) -> None
         read_recording(path)
     with pytest.raises(InputError, match="does not exist"):
         recordings_of(tmp_path / "nothing")
+
+
+# ---- recover ---------------------------------------------------------------------------------------------------------
+
+
+def recovered_messages(source: Path, target: Path) -> tuple[list[bytes], int]:
+    """Run the command; return what it saved, and its exit code."""
+    code = run("recover", source, "-o", target).exit_code
+    saved = [message.payload for message in read_recording(target).messages] if target.exists() else []
+    target.unlink(missing_ok=True)
+    return saved, code
+
+
+# Of the places in a file, every so many: `make test` takes a share of them, `make test-all` each.
+each_place = pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.slow)])
+
+
+@each_place
+def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp_path: Path, step: int) -> None:
+    path, cut, target = tmp_path / "small.mcap", tmp_path / "cut.mcap", tmp_path / "saved.mcap"
+    payloads = write_file(path, messages=4, flush_every=2)
+    data = path.read_bytes()
+    counts = {}
+    for number, length in enumerate(sorted({*range(8, len(data), step), *range(len(data) - 60, len(data))})):
+        cut.write_bytes(data[:length])
+        recording = read_recording(cut)
+        got = [message.payload for message in recording.messages]
+        assert got == payloads[: len(got)]
+        assert not recording.finished
+        counts[length] = len(got)
+        if number % 97:
+            continue
+        recovery = recover(cut, target)
+        assert recovery.problems
+        saved = read_recording(target)
+        assert saved.finished
+        assert [message.payload for message in saved.messages] == got
+        target.unlink()
+    assert list(counts.values()) == sorted(counts.values())
+    assert set(counts.values()) == {0, 2, 4}
+    for length in (8, list(counts)[len(counts) // 2], len(data) - 1):
+        cut.write_bytes(data[:length])
+        assert recovered_messages(cut, target) == (payloads[: counts[length]], 3)
+    assert recovered_messages(path, target) == (payloads, 0)
+
+
+@each_place
+def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(tmp_path: Path, step: int) -> None:
+    path, damaged, target = tmp_path / "small.mcap", tmp_path / "damaged.mcap", tmp_path / "saved.mcap"
+    payloads = write_file(path, messages=4, flush_every=2)
+    data = path.read_bytes()
+    rng = np.random.default_rng(3)
+    summary = int.from_bytes(data[-28:-20], "little")  # from there on it only repeats: every seventh byte will do
+    for number, position in enumerate((*range(8, summary, step), *range(summary, len(data), 7 * step))):
+        broken = bytearray(data)
+        broken[position] ^= 1 << int(rng.integers(8))
+        damaged.write_bytes(broken)
+        recording = read_recording(damaged)
+        got = [message.payload for message in recording.messages]
+        assert got in (payloads, payloads[:2], payloads[2:])
+        assert recording.problems or (
+            got == payloads and recording.attachments.keys() >= {"settings.json", "wheel.toml"}
+        )
+        if number % 97:
+            continue
+        recovery = recover(damaged, target)
+        assert [message.payload for message in read_recording(target).messages] == got
+        assert recovery.problems or got == payloads
+        target.unlink()
+
+
+def test_recover_takes_the_memory_of_a_piece_however_large_a_file_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording_module, "PIECE_BYTES", 2**16)
+
+    def peak(messages: int) -> int:
+        path = tmp_path / f"{messages}.mcap"
+        payloads = write_file(path, messages, flush_every=50)
+        tracemalloc.start()
+        assert recover(path, path.with_suffix(".saved")).messages == len(payloads)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(10)  # what is made once
+    assert peak(4_000) < 1.5 * peak(1_000)
+
+
+def test_a_recording_too_large_to_be_read_whole_is_replayed_and_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Path("replay") / "nominal" / "rwa-000001.mcap"
+    expected = replay(path)
+    monkeypatch.setattr(recording_module, "MAX_WORK_BYTES", 0)
+    monkeypatch.setattr(recording_module, "MAX_WORK_SHARE", 1)
+    with pytest.raises(InputError, match="copied and unpacked"):
+        read_recording(path)
+    assert replay(path) == expected
+    assert expected.equal
+    recovery = recover(path, tmp_path / "saved.mcap")
+    assert not recovery.problems
+    assert replay(tmp_path / "saved.mcap").messages == expected.messages
+
+
+def test_recover_overwrites_nothing(whole: tuple[Path, list[bytes]]) -> None:
+    path, _ = whole
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="exists already"):
+        recover(path, path)
+    assert path.read_bytes() == before
