@@ -88,7 +88,9 @@ def test_current_and_speed_alone_do_not_separate_the_two(cause: str) -> None:
     assert sets_of(with_channels(measured()), WRONG[cause]) == [PAIR]
 
 
-@pytest.mark.parametrize("channel", GAIN_STD)
+@pytest.mark.parametrize(
+    "channel", ["motor_voltage_V", pytest.param("drive_power_W", marks=pytest.mark.slow), "body_momentum_Nms"]
+)
 @pytest.mark.parametrize("cause", WRONG)
 def test_any_of_the_channels_separates_them(cause: str, channel: str) -> None:
     assert sets_of(with_channels(measured(), channel), WRONG[cause]) == [{cause}]

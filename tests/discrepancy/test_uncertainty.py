@@ -31,10 +31,10 @@ WAVE_S = 100.0  # several periods between two jumps: levels do not follow
 
 
 def fitted(name: str, seed: int, wave: float = 0.0, **changes: float) -> dict[str, ParameterValue]:
-    """Simulate 1500 s with one effect and a slow wave of drag of that rms [σ], and fit the effect, jumps unknown."""
+    """Simulate 750 s with one effect and a slow wave of drag of that rms [σ], and fit the effect, jumps unknown."""
     wheel = built_in_wheel()
     block = EffectBlock(name=name, parameters={**TRUTH[name], **changes})
-    scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="rich"), effect=(block,))
+    scenario = Scenario(duration_s=750.0, speed=SpeedProfile(kind="rich"), effect=(block,))
     rng = np.random.default_rng(seed)
     samples = simulate(scenario, wheel, rng).samples
     if wave:

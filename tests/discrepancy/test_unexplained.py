@@ -13,7 +13,7 @@ from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, names, record, search, swing
 from tests.discrepancy.smooth import null_record, problem_of
 
-COUNT = 8000
+COUNT, SHORT = 8000, 4000
 # A wheel of which no switching system is known, as one that has just been put on the bench.
 UNKNOWN: Wheel = WHEEL.model_copy(update={"fss": ()})
 
@@ -21,20 +21,20 @@ UNKNOWN: Wheel = WHEEL.model_copy(update={"fss": ()})
 @pytest.mark.parametrize("forgets_after", [150, 600])  # slots
 def test_a_drag_that_wanders_is_not_explained_away_by_noise_or_small_steps(forgets_after: int) -> None:
     kept = np.exp(-1 / forgets_after)
-    draws = np.random.default_rng(3).normal(size=COUNT)
+    draws = np.random.default_rng(3).normal(size=SHORT)
     walk = 3 * NOISE_NM * np.sqrt(1 - kept**2) * signal.lfilter([1.0], [1.0, -kept], draws)
 
     def wandering(speed: np.ndarray, level: np.ndarray) -> np.ndarray:
         return walk * np.sign(speed)
 
-    samples, _ = record(swing(COUNT), jumps=(), effect=wandering)
+    samples, _ = record(swing(SHORT), jumps=(), effect=wandering)
     result = find_discrepancy([("wandering", samples)], UNKNOWN).result
     assert result.verdict == "inadequate"
     assert "wanders" in result.unexplained.signature
     assert 0.4 * walk.std() < result.unexplained.size_Nm < 1.1 * walk.std()
 
 
-@pytest.mark.parametrize("autocorrelation", [0.5, 0.95])
+@pytest.mark.parametrize("autocorrelation", [pytest.param(0.5, marks=pytest.mark.slow), 0.95])
 def test_noise_that_forgets_is_no_wandering(autocorrelation: float) -> None:
     white = np.sqrt(1 - autocorrelation**2) * np.random.default_rng(4).normal(size=COUNT)
     noise = NOISE_NM * signal.lfilter([1.0], [1.0, -autocorrelation], white)
@@ -95,7 +95,6 @@ def test_what_repeats_with_the_motion_is_not_called_periodic_in_time() -> None:
 # ---- drag that jumps at moments of its own, beside the dry friction's jumps ------------------------------------------
 
 
-SHORT = 4000
 JUMPS = (1500, 3100)
 POCKETS = (600, 1900, 2700, 3400)
 SLOPES = (800, 1900, 2900)
