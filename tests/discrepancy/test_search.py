@@ -43,24 +43,19 @@ def with_current(samples: Samples) -> Samples:
     return replace(samples, motor_current_A=current_of(samples.friction_torque_Nm, one_way(len(samples))))
 
 
-def test_a_record_in_one_direction_with_current_is_adequate() -> None:
-    samples, _ = record(one_way())
-    found = search(with_current(samples))
-    assert found.result.verdict == "adequate", names(found)
-
-
 def _caches() -> set[int]:
     """Return which caches are there; other tests may keep theirs."""
     return {id(one) for one in gc.get_objects() if isinstance(one, ColumnCache)}
 
 
-def test_what_a_search_kept_is_freed_with_it_and_waits_for_no_collector() -> None:
+def test_one_direction_with_current_is_adequate_and_what_a_search_kept_is_freed_with_it() -> None:
     samples, _ = record(one_way())
     gc.collect()
     of_others = _caches()
     gc.disable()  # it counts objects, not bytes: hundreds of megabytes in a circle would wait for it
     try:
         found = search(with_current(samples))
+        assert found.result.verdict == "adequate", names(found)
         assert _caches() > of_others
         del found
         assert _caches() == of_others

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 
-from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.core import Event, WheelCore
 from rwa_monitor.monitor.ingest import Trouble
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
@@ -83,21 +83,20 @@ SEEDS = range(50_100, 50_108)
 
 
 @cache
-def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[tuple[str, bytes]], object]:
-    """Return wheel, telemetry, and the outputs and counts of a core that gets it at once."""
+def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[Event], object]:
+    """Return wheel, telemetry, and the events and counts of a core that gets it at once."""
     hop, effects, given_, heat = KINDS[kind]
     of_wheel, samples = wheel(WINDOW, hop, effects, heat), disordered(telemetry(ROWS, 11, given_), seed)
     core = WheelCore(of_wheel, model())
-    return of_wheel, samples, messages_of([*core.feed(samples), *core.finish()]), core.counts
+    return of_wheel, samples, [*core.feed(samples), *core.finish()], core.counts
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_all_that_is_interesting_happens(kind: str) -> None:
     seen = set()
     for seed in SEEDS:
-        of_wheel, samples, whole, _ = case(kind, seed)
-        seen |= {key.rsplit("/", 1)[1] for key, _ in whole}
-        events = WheelCore(of_wheel, model()).feed(samples)
+        _, _, events, _ = case(kind, seed)
+        seen |= {key.rsplit("/", 1)[1] for key, _ in messages_of(events)}
         seen |= {event.kind.rpartition(" ")[2] for event in events if isinstance(event, Trouble)}
     # "hangs", "it" (stands out from the samples around it), "step" of the clock, "samples" with a wild time
     assert {"diagnosis", "changepoints", "health", "carried", "hangs", "it", "step", "samples"} <= seen
@@ -115,7 +114,7 @@ def test_all_that_is_interesting_happens(kind: str) -> None:
 def test_disordered_telemetry_gives_the_same_in_any_messages(
     kind: str, seed: int, cuts: list[int], restarts: set[int]
 ) -> None:
-    of_wheel, samples, whole, counts = case(kind, seed)
+    of_wheel, samples, at_once, counts = case(kind, seed)
     core, events = WheelCore(of_wheel, model()), []
     for number, part in enumerate(pieces(samples, [min(cut, len(samples)) for cut in cuts])):
         if number in restarts:
@@ -123,5 +122,5 @@ def test_disordered_telemetry_gives_the_same_in_any_messages(
             core = resumed(data, of_wheel)
             assert core.checkpoint().to_json() == data
         events += core.feed(part, "p", number)
-    assert messages_of([*events, *core.finish()]) == whole
+    assert messages_of([*events, *core.finish()]) == messages_of(at_once)
     assert core.counts == counts

@@ -1,6 +1,7 @@
 """Recordings for Foxglove: what its panels need, from real recordings; the recordings stay as they are."""
 
 import json
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +28,14 @@ def topics_of(path: Path) -> Topics:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
             content = json.loads(message.data)
             if not channel.topic.endswith("/samples"):  # long arrays, which have null for what was not measured
-                jsonschema.Draft202012Validator(without_types(json.loads(schema.data))).validate(content)
+                validator(schema.data).validate(content)
             found.setdefault(channel.topic, []).append(content)
     return found
+
+
+@cache
+def validator(schema: bytes) -> jsonschema.Draft202012Validator:
+    return jsonschema.Draft202012Validator(without_types(json.loads(schema)))
 
 
 def without_types(schema: dict[str, Any]) -> dict[str, Any]:
