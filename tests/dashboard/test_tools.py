@@ -286,7 +286,6 @@ def test_the_plugin_is_short() -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.processes
 def test_open_mct_shows_wheels_verdicts_limits_and_alarms(
     chromium: Any, session: zenoh.Session, origin: str, tmp_path: Path
 ) -> None:
