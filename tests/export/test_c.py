@@ -248,11 +248,14 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
 Jumps = list[tuple[int, float, float]]
 
 
-def built(folder: Path, wheel: Wheel) -> Path:
-    for name, data in detector_files(friction_model(wheel, "test")).items():
+@pytest.fixture(scope="module")
+def detector(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Build the detector of the built-in wheel; returns its folder."""
+    folder = tmp_path_factory.mktemp("detector")
+    for name, data in detector_files(friction_model(built_in_wheel(), "test")).items():
         (folder / name).write_bytes(data)
     subprocess.run(["make", "-s", "detector", f"DETECTOR_OUT={folder}"], check=True)
-    return folder / "pipe"
+    return folder
 
 
 def piped(program: Path, speed: FloatArray, friction: FloatArray) -> tuple[Jumps, int, int]:
@@ -270,10 +273,11 @@ def monitored(wheel: Wheel, speed: FloatArray, friction: FloatArray) -> Jumps:
     return [(one.index, one.jump * wheel.torque_unit_Nm, one.std * wheel.torque_unit_Nm) for one in found]
 
 
-def test_a_recordings_provisional_changepoints_are_printed(tmp_path: Path) -> None:
+def test_a_recordings_provisional_changepoints_are_printed(detector: Path, tmp_path: Path) -> None:
     """The recording's own messages, which the monitor wrote when it made the recording: slots, jumps and deviations."""
     messages = [message for recording in read_chain(Path("replay/nominal")) for message in recording.messages]
     attached = next(iter(read_chain(Path("replay/nominal")))).attachments
+    shutil.copytree(detector, tmp_path, dirs_exist_ok=True)  # what is compiled there is of no wheel; the settings are
     (tmp_path / "wheel.toml").write_bytes(attached["wheel.toml"])
     assert run("export", tmp_path / "wheel.toml", "--to", "detector", "-o", tmp_path).exit_code == 0
     subprocess.run(["make", "-s", "detector", f"DETECTOR_OUT={tmp_path}"], check=True)
@@ -291,7 +295,7 @@ def test_a_recordings_provisional_changepoints_are_printed(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("heavy", [False, True])
-def test_a_full_window_of_any_noise_equals_the_monitors(heavy: bool, tmp_path: Path) -> None:
+def test_a_full_window_of_any_noise_equals_the_monitors(heavy: bool, detector: Path) -> None:
     wheel, rng = built_in_wheel(), np.random.default_rng(3)
     n = wheel.window.samples
     speed = 200.0 + 80.0 * np.sin(np.arange(n) / 3000.0)
@@ -299,27 +303,26 @@ def test_a_full_window_of_any_noise_equals_the_monitors(heavy: bool, tmp_path: P
     level = np.repeat(rng.choice([1.6e-3, 2.4e-3], n // 200 + 1), 200)[:n]
     friction = level + 5.3e-6 * speed + 3.9e-5 * noise
     friction[5000:5100] = np.nan
-    jumps, given, used = piped(built(tmp_path, wheel), speed, friction)
+    jumps, given, used = piped(detector / "pipe", speed, friction)
     assert len(jumps) > 100
     assert jumps == monitored(wheel, speed, friction)
     assert used < given
 
 
-def test_the_memory_suffices_for_the_most_peaks_there_can_be(tmp_path: Path) -> None:
+def test_the_memory_suffices_for_the_most_peaks_there_can_be(detector: Path) -> None:
     """A jump every few slots fills the list of peaks, which is then pruned."""
     wheel, rng = built_in_wheel(), np.random.default_rng(4)
     n = wheel.window.samples
     speed = 200.0 + rng.normal(size=n)
     friction = np.where(np.arange(n) < 2000, 1.6e-3, rng.choice([1.6e-3, 4e-3, 9e-3], n)) + 3.9e-5 * rng.normal(size=n)
-    jumps, given, used = piped(built(tmp_path, wheel), speed, friction)
+    jumps, given, used = piped(detector / "pipe", speed, friction)
     assert jumps == monitored(wheel, speed, friction)
     assert used < 0.8 * given
 
 
-def test_the_library_demands_no_allocation_and_throws_nothing(tmp_path: Path) -> None:
-    built(tmp_path, built_in_wheel())
+def test_the_library_demands_no_allocation_and_throws_nothing(detector: Path) -> None:
     names = subprocess.run(
-        ["nm", "--undefined-only", tmp_path / "librwa_detector.a"], capture_output=True, text=True, check=True
+        ["nm", "--undefined-only", detector / "librwa_detector.a"], capture_output=True, text=True, check=True
     ).stdout
     demanded = set(re.findall(r" U (\S+)", names))
     assert "sqrt" in demanded or "log" in demanded
