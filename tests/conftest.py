@@ -24,13 +24,21 @@ settings.load_profile("patient")
 # Files whose tests share something that takes seconds to make: each goes to one worker, which makes it once.
 SHARING = {
     "test_batch.py",
+    "test_c.py",
+    "test_cuts.py",
     "test_faults.py",
+    "test_fmu.py",
     "test_foxglove.py",
+    "test_heat.py",
+    "test_held_out.py",
     "test_identify.py",
+    "test_measured.py",
     "test_model_error_shown.py",
     "test_page.py",
     "test_paper_page.py",
     "test_site.py",
+    "test_smooth.py",
+    "test_wheel_page.py",
 }
 
 

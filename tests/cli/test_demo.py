@@ -14,7 +14,7 @@ from tests.program import command, done
 
 # Long enough for the failing wheel to be found (6 s a window, onset after three tenths), and for the search of the
 # wheel whose model lacks an effect: it begins after two windows and takes 13 s on two cores. Not for more.
-DURATION_S = 48
+DURATION_S = 36
 
 
 @pytest.mark.timeout(1200)  # where all cores are busy, the search takes what others leave (demo.SEARCH_PATIENCE_S)

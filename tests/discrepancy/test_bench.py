@@ -69,7 +69,7 @@ def bench(inertia: float | None = 5.0, period_s: float = 0.5) -> Wheel:
     return Wheel(name="bench", sample_period_s=period_s, inertia_kg_m2=inertia, friction=OFF)
 
 
-@pytest.mark.parametrize("uneven", [0.0, 0.1, 0.5])
+@pytest.mark.parametrize("uneven", [0.0, pytest.param(0.1, marks=pytest.mark.slow), 0.5])
 def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone(uneven: float) -> None:
     assert names(find_discrepancy([("coast", run_down(0.0, uneven, 1.0))], bench(period_s=1.0))) == []
     search = find_discrepancy([("coast", run_down(WINDAGE, uneven))], bench())
@@ -350,7 +350,7 @@ def test_pulses_of_a_run_down_show_its_drag(windage: float, per_turn: int, tmp_p
         assert search.result.effects[0].parameters["strength_Nm_s2_rad2"].value == pytest.approx(WINDAGE, rel=0.01)
 
 
-@pytest.mark.parametrize("uneven", [0.0, 0.3])
+@pytest.mark.parametrize("uneven", [pytest.param(0.0, marks=pytest.mark.slow), 0.3])
 def test_runs_down_in_one_table_hours_apart_are_recordings_of_their_own(uneven: float) -> None:
     runs = [run_down(WINDAGE, uneven, seed=seed) for seed in range(3)]
     runs.append(runs[0][:5])
