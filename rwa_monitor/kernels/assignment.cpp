@@ -288,7 +288,7 @@ void set_prices(const Scores& scores, const Worth& worth, Integers start, Intege
 
 constexpr double ROUNDING = 1e-6;    // bounds and scores add up the same terms in different orders [log-likelihood]
 constexpr int64_t MOST_SYSTEMS = 8;  // of a wheel
-constexpr int64_t MOST_KEPT = 4;     // entries of a state
+constexpr size_t MOST_KEPT = 4;      // entries of a state
 
 // The last accepted changepoint, and the configuration of each system with the node at which its sojourn began.
 struct State {
@@ -297,6 +297,9 @@ struct State {
 
     bool operator==(const State&) const = default;
 };
+size_t hash(const State& state) {
+    return std::hash<std::string_view>{}({reinterpret_cast<const char*>(&state), sizeof state});
+}
 
 // A partial assignment: its state, score and node in the tree; mean and variance of each system's friction.
 struct Entry {
@@ -328,8 +331,8 @@ struct Offer {
 // A state of the next stage with its best offers, best first.
 struct Merged {
     State state;
-    int64_t kept = 0;
-    array<int64_t, MOST_KEPT> best{};
+    size_t kept = 0;
+    array<int64_t, MOST_KEPT + 1> best{};  // and one that is to go
 };
 
 // What a step of a system is worth: log-probability, change of its own bound, mean and variance of the jump.
@@ -450,48 +453,30 @@ State moved(const Scores& scores, State state, int64_t k, int64_t action) {
     return state;
 }
 
-// Scatters states over a table (FNV-1a).
-std::uint64_t hash(const State& state, int64_t systems) {
-    std::uint64_t key = 1469598103934665603u;
-    const auto add = [&key](std::int16_t value) { key = (key ^ static_cast<std::uint64_t>(value)) * 1099511628211u; };
-    add(state.last);
-    for (int64_t s : range(systems)) add(state.configuration[s]), add(state.since[s]);
-    return (key ^ (key >> 29)) >> 1;
-}
-
-// Put an offer among the best of its state, after those that score as much.
-void keep(const vector<Offer>& offers, int64_t offer, int64_t most, Merged& merged) {
-    auto& [state, kept, best] = merged;
-    const double score = offers[offer].score;
-    if (kept < most) {
-        ++kept;
-    } else if (!(score > offers[best[most - 1]].score)) {
-        return;
-    }
-    auto place = kept - 1;
-    for (; place > 0 && offers[best[place - 1]].score < score; --place) best[place] = best[place - 1];
-    best[place] = offer;
-}
-
-// Bring the first `room` offers that reach the cutoff together by state, which `table` finds by its hash.
+// Bring the first `room` offers that reach the cutoff together by state, and keep the best `kept` of each.
 void merge(
     const Scores& scores, int64_t k, double cutoff, size_t room, const vector<Entry>& entries,
-    const vector<Offer>& offers, int64_t kept, NewIntegers& table, vector<Merged>& merged) {
-    size_t slots = 16, taken = 0;
-    while (slots < 2 * min(room, offers.size())) slots *= 2;
-    table.assign(slots, -1);
+    const vector<Offer>& offers, size_t kept, vector<Merged>& merged) {
+    NewIntegers places(std::bit_ceil(2 * min(room, offers.size()) + 1), -1);  // in `merged`, by the hash of a state
+    const size_t last = places.size() - 1;
+    size_t taken = 0;
     merged.clear();
     for (size_t offer = 0; offer < offers.size() && taken < room; ++offer) {
-        if (offers[offer].bound < cutoff) continue;
+        const auto& [entry, action, score, bound] = offers[offer];
+        if (bound < cutoff) continue;
         ++taken;
-        const State state = moved(scores, entries[offers[offer].entry].state, k, offers[offer].action);
-        auto place = hash(state, scores.configurations.size()) & (slots - 1);
-        while (table[place] >= 0 && !(merged[table[place]].state == state)) place = (place + 1) & (slots - 1);
-        if (table[place] < 0) {
-            table[place] = merged.size();
+        const State state = moved(scores, entries[entry].state, k, action);
+        size_t at = hash(state) & last;
+        while (places[at] >= 0 && merged[places[at]].state != state) at = (at + 1) & last;
+        if (places[at] < 0) {
+            places[at] = merged.size();
             merged.push_back({state});
         }
-        keep(offers, offer, kept, merged[table[place]]);
+        auto& [same, count, best] = merged[places[at]];
+        size_t rank = count;  // after those that score as much
+        for (; rank > 0 && offers[best[rank - 1]].score < score; --rank) best[rank] = best[rank - 1];
+        best[rank] = offer;
+        count = min(count + 1, kept);
     }
 }
 
@@ -519,7 +504,7 @@ void learn(const Scores& scores, const State& before, int64_t k, int64_t action,
 
 // Expand all states candidate by candidate. Dropped: extensions with a bound below the cutoff, and those past the
 // budget of a candidate, by their bound; `kept` entries are kept of each state.
-Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept) {
+Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, size_t kept) {
     const auto candidates = scores.signs.shape[0], systems = scores.configurations.size();
     REQUIRE(systems <= MOST_SYSTEMS);
     int64_t starts = 1;
@@ -528,7 +513,6 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
     Expansion found;
     vector<Entry> entries = enter(scores, bounds, cutoff, starts, found), following;
     vector<Offer> offers;
-    NewIntegers table;
     vector<Merged> merged;
     for (int64_t k : range(1, candidates + 1)) {
         list_offers(scores, bounds, k, cutoff, entries, offers);
@@ -542,10 +526,10 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
             stage_cutoff = *first;
             found.lost = max(found.lost, *max_element(reached.begin(), first));
         }
-        merge(scores, k, stage_cutoff, room, entries, offers, kept, table, merged);
+        merge(scores, k, stage_cutoff, room, entries, offers, kept, merged);
         following.clear();
         for (const Merged& one : merged) {
-            for (int64_t rank : range(one.kept)) {
+            for (size_t rank : range(one.kept)) {
                 const Offer& offer = offers[one.best[rank]];
                 const Entry& before = entries[offer.entry];
                 Entry& entry = following.emplace_back(before);
@@ -641,7 +625,7 @@ struct Found {
 
 // The best of all expanded paths, traced back from their leaves in the tree.
 Found search_once(
-    const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, int64_t kept, int64_t paths) {
+    const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, size_t kept, int64_t paths) {
     const Expansion all = expand(scores, bounds, cutoff, budget, kept);
     NewIntegers best(all.score.size());
     iota(best.begin(), best.end(), 0);

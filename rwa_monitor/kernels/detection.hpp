@@ -72,10 +72,13 @@ constexpr int64_t MAX_SCALE = 128;
 constexpr int64_t HISTORY = 2 * MAX_SCALE;  // slots before a chunk that its first statistics reach back to
 constexpr int64_t PREFIXES = 5;             // n, x, e, xx, xe
 
-// Histogram of the statistic: 16 bins an octave, straight from the bits of the float, from 2⁻⁶⁰ to 2³⁶ torque².
+// Histogram of the statistic: 16 bins an octave, from 2⁻⁶⁰ to 2³⁶ torque². The bits of a float but its last ones are the
+// number of its bin, counted from FIRST_BIN.
 constexpr int64_t BINS_PER_OCTAVE = 16;
 constexpr int64_t LOWEST_EXPONENT = -60;
 constexpr int64_t BINS = 96 * BINS_PER_OCTAVE;
+constexpr int64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
+constexpr int64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
 
 // The slots from one statistic of scale w that goes into the histogram to the next.
 inline int64_t counted_every(int64_t w) { return w < 4 ? 1 : w / 4; }

@@ -84,12 +84,6 @@ struct WindowSettings {
            nominal_slope, outlier, sure_outlier, sure_margin, sure_statistic)
 };
 
-// Whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned.
-bool is_odd_power(int64_t chunks) {
-    while (chunks > 2) chunks /= 4;
-    return chunks == 2;
-}
-
 // A window: the arrays that Python made, looked up once (in every call that would cost as much as 100 samples do), and
 // what it learns of itself.
 struct Window {
@@ -188,8 +182,8 @@ struct Window {
             report_confirmed();
             if (done == change && done > CHUNK) {
                 const bool heavy = refresh(done);
-                const bool enough = a.running[0] >= CHUNK;
-                if (enough && is_odd_power(done / CHUNK)) learn_slope(done);
+                const auto doublings = std::countr_zero(static_cast<std::uint64_t>(done / CHUNK));
+                if (doublings % 2 == 1 && a.running[0] >= CHUNK) learn_slope(done);
                 if (heavy) return true;
             }
         }

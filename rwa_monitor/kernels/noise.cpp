@@ -10,22 +10,16 @@ constexpr double JUMPED = 12.0, JUMPED_RATE = 0.0005320055051392492, MOST_JUMPED
 constexpr double BORROWED = 30.0;    // worth of the next narrower scale's variance, in independent contrasts
 constexpr double LEAST_PAIRS = 8.0;  // of 64, at every lag of a block
 constexpr int64_t LENGTH = BLOCK + LAGS;
+constexpr double FEWEST = 200.0;          // counted statistics below which nothing follows of tails
+constexpr double LATTICE = 0.5;           // of the median that the variance lets expect
+constexpr double GAUSSIAN_RATIO = 17.32;  // 99.5 % quantile over the median of squared Gaussian differences
+constexpr double LIGHT_TAIL = 1.05;       // a ratio this close to it is Gaussian: its standard error is 1.5 %
+constexpr double LEAST_SHARE = 0.8;  // of the variance by mean squares: heavy tails make a robust one smaller
 
-// Lower edge and width of each bin of the statistic's histogram [torque²].
-struct Bins {
-    array<double, BINS> edges{}, widths{};
-
-    constexpr Bins() {
-        double octave = 1.0 / (int64_t{1} << -LOWEST_EXPONENT);
-        for (int64_t i : range(BINS)) {
-            if (i > 0 && i % BINS_PER_OCTAVE == 0) octave *= 2.0;
-            widths[i] = octave / BINS_PER_OCTAVE;
-            edges[i] = octave + i % BINS_PER_OCTAVE * widths[i];
-        }
-    }
-    double middle(int64_t bin) const { return edges[bin] + 0.5 * widths[bin]; }
-};
-constexpr Bins STATISTIC_BINS;
+// Lower edge, width and middle of a bin of the statistic's histogram [torque²].
+double edge_of(int64_t bin) { return std::bit_cast<double>((FIRST_BIN + bin) << BIN_SHIFT); }
+double width_of(int64_t bin) { return edge_of(bin + 1) - edge_of(bin); }
+double middle_of(int64_t bin) { return edge_of(bin) + 0.5 * width_of(bin); }
 
 // A scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's.
 double lean(double measured, double borrowed, double independent) {
@@ -36,7 +30,6 @@ double lean(double measured, double borrowed, double independent) {
 // v from the mean of the lowest three quarters of `total` statistics. A first estimate shows how many lie beyond
 // JUMPED v; more than the noise's share are jumps, and the three quarters are those of the rest.
 double trimmed_variance(Integers counts, int64_t total) {
-    const auto &edges = STATISTIC_BINS.edges, &widths = STATISTIC_BINS.widths;
     // Counts, and sum of the statistics, of all bins below each one, as far as three quarters of all.
     array<double, BINS> before{}, weight_before{};
     double seen = 0.0, weighted = 0.0, jumped = 0.0, variance = 0.0;
@@ -47,19 +40,19 @@ double trimmed_variance(Integers counts, int64_t total) {
         before[place] = seen;
         weight_before[place] = weighted;
         seen += counts[place];
-        weighted += counts[place] * STATISTIC_BINS.middle(place);
+        weighted += counts[place] * middle_of(place);
     }
     for (int round = 0; round < 4; ++round) {
         const double kept = KEPT * (1.0 - jumped) * total;
         while (before[place] >= kept) --place;
         // Within a bin counts are taken as evenly spread.
         const double rest = kept - before[place];
-        weighted = weight_before[place] + rest * (edges[place] + 0.5 * rest / counts[place] * widths[place]);
+        weighted = weight_before[place] + rest * (edge_of(place) + 0.5 * rest / counts[place] * width_of(place));
         variance = weighted / kept / KEPT_MEAN;
         seen = before[place];
         int64_t end = place;
-        for (; end < BINS && edges[end] + widths[end] <= JUMPED * variance; ++end) seen += counts[end];
-        if (end < BINS) seen += counts[end] * max(JUMPED * variance - edges[end], 0.0) / widths[end];
+        for (; end < BINS && edge_of(end + 1) <= JUMPED * variance; ++end) seen += counts[end];
+        if (end < BINS) seen += counts[end] * max(JUMPED * variance - edge_of(end), 0.0) / width_of(end);
         const double last = jumped;
         jumped = min(max(1.0 - seen / total - JUMPED_RATE, 0.0), MOST_JUMPED);
         if (jumped == last) break;  // as nearly always, at once: nothing jumps
@@ -196,14 +189,6 @@ NewFloats contrast_variances(Floats levels, Integers scales) {
 
 // ---- how heavy its tails are ----
 
-namespace {
-constexpr double FEWEST = 200.0;                   // counted statistics below which nothing follows of tails
-constexpr double LATTICE = 0.5;                    // of the median that the variance lets expect
-constexpr double GAUSSIAN_RATIO = 17.32;  // 99.5 % quantile over the median of squared Gaussian differences
-constexpr double LIGHT_TAIL = 1.05;  // a ratio this close to it is Gaussian: its standard error is 1.5 %
-
-}  // namespace
-
 Quantiles quantiles_of(Integers counts) {
     int64_t sum = 0, seen = 0, middle = 0, end = 0;
     for (auto count : counts) sum += count;
@@ -216,7 +201,7 @@ Quantiles quantiles_of(Integers counts) {
             break;
         }
     }
-    return {total, STATISTIC_BINS.middle(middle), STATISTIC_BINS.middle(end)};
+    return {total, middle_of(middle), middle_of(end)};
 }
 
 // Whether the tails are heavier than a Gaussian's: from quantiles of the statistic at scale 1, and the robust variance
@@ -231,10 +216,6 @@ bool are_heavy(const Quantiles& quantiles, double variance) {
 }
 
 // ---- all of it ----
-
-namespace {
-constexpr double LEAST_SHARE = 0.8;  // of the variance by mean squares: heavy tails make a robust one smaller
-}  // namespace
 
 Noise learn_noise(
     FloatMatrix block_sums, FloatMatrix block_pairs, IntegerMatrix histogram, Integers scales,

@@ -109,7 +109,6 @@ void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix 
 void whiten(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains) {
     int64_t j = 0;
     whiten_rows<4>(columns, sign, gap, gains, j);
-    whiten_rows<2>(columns, sign, gap, gains, j);
     whiten_rows<1>(columns, sign, gap, gains, j);
 }
 

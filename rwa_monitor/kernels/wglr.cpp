@@ -1,15 +1,11 @@
 // The windowed generalised likelihood ratio at several scales, and its peaks (see wglr.pyi).
 #include "detection.hpp"
 
-#include <cstring>
-
 namespace rwa {
 namespace {
 constexpr int64_t STRETCH = CHUNK / 2;  // slots that are evaluated in one go at most; a multiple of BLOCK
 constexpr size_t MOST_PEAKS = 12'288;  // 0.5 MB; a window with more is pruned to the strongest half
 constexpr double NOT_EVALUATED = -1.0;  // a half holds too few used samples
-constexpr std::uint64_t BIN_SHIFT = 48;  // of 52 mantissa bits, 4 stay
-constexpr std::uint64_t FIRST_BIN = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE;
 
 // Extend the prefix sums of a chunk by its slots [start, stop); they begin anew where start is the chunk's first slot.
 void fill_prefix(
@@ -97,13 +93,12 @@ VECTORISED bool exceeds(const double* values, int64_t count, double floor) {
 // Count the statistics of the slots first … first + count - 1 that are multiples of `stride`.
 void count_bins(int64_t* histogram, const double* statistic, int64_t first, int64_t count, int64_t stride) {
     for (int64_t j = (stride - first % stride) % stride; j < count; j += stride) {
-        std::uint64_t pattern;
-        std::memcpy(&pattern, statistic + j, sizeof pattern);
-        const std::uint64_t place = (pattern >> BIN_SHIFT) - FIRST_BIN;
+        const double value = statistic[j];
+        const auto place = (std::bit_cast<std::uint64_t>(value) >> BIN_SHIFT) - FIRST_BIN;
         if (place < BINS) {
             ++histogram[place];
-        } else if (pattern >> 63 == 0) {  // the sign bit marks what was not evaluated
-            ++histogram[(pattern >> BIN_SHIFT) < FIRST_BIN ? 0 : BINS - 1];
+        } else if (!std::signbit(value)) {  // which marks what was not evaluated
+            ++histogram[value < 1.0 ? 0 : BINS - 1];
         }
     }
 }
