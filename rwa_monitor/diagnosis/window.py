@@ -7,20 +7,19 @@ model and the carried state, of nothing else.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from rwa_monitor.changepoints.stage_results import REJECTED, Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis.adequacy import Adequacy, ModelErrorUncertainty, check, uncertainty_of
+from rwa_monitor.diagnosis.adequacy import FITS, Adequacy, ModelErrorUncertainty, check, uncertainty_of
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of, without_prior
 from rwa_monitor.diagnosis.findings import (
     DRY_UNIT,
     VISCOUS_UNIT,
-    AnomalyDiagnosis,
     DiagnosisInput,
     Findings,
     anomalies_of,
@@ -31,7 +30,7 @@ from rwa_monitor.diagnosis.findings import (
 )
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.verdict import CHECK_TELEMETRY, covered, explain, verdict_of
-from rwa_monitor.messages import Anomaly, Diagnosis, Friction, Quantity, Residuals, Sojourns, Verdict
+from rwa_monitor.messages import Anomaly, Diagnosis, Friction, Residuals, Sojourns, Verdict
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_systems
 from rwa_monitor.switching.components import split
@@ -286,7 +285,7 @@ def concluded(
     return Diagnosis(
         verdict=verdict,
         reason=reason,
-        anomalies=_as_messages(findings.anomalies),
+        anomalies={one.name: Anomaly.model_validate(one, from_attributes=True) for one in findings.anomalies},
         friction=Friction(
             base_dry=value_of(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
             viscous=value_of(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
@@ -312,36 +311,26 @@ def concluded(
     )
 
 
-def _as_messages(anomalies: Iterable[AnomalyDiagnosis]) -> dict[str, Anomaly]:
-    return {one.name: Anomaly.model_validate(one, from_attributes=True) for one in anomalies}
-
-
 def too_few(inputs: DiagnosisInput) -> tuple[Diagnosis, Features]:
     """Return diagnosis and features of a window with less than `MIN_USED` samples, too few to estimate anything."""
-    systems, evidence = inputs.wheel.fss, inputs.evidence
-    no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
-    features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
+    evidence, whole, unknown = inputs.evidence, inputs.wheel.window.samples, (math.nan,) * 4
+    slots, values = np.zeros(0, dtype=np.int64), np.zeros(0)
+    systems = tuple(SystemFeatures(one.name, slots, values, values, rests=True) for one in inputs.wheel.fss)
+    features, none = Features(*unknown, systems), (slots,) * len(systems)
+    stages = Stages(
+        Assignment(slots, slots, slots, values, values, values, none, none, 0.0, 0, pruned=False),
+        Estimate(slots, values, values, values, *unknown),
+        Components(*unknown, (), ()),
+        features,
+        features,
+        FITS,
+    )
     reason = f"Only {evidence.used} of the window's {evidence.slots} slots hold a usable sample."
     advice = CHECK_TELEMETRY
     if evidence.used == evidence.slots:
-        whole = inputs.wheel.window.samples
         reason = f"The window holds {evidence.used} samples: too few to measure friction, a whole one has {whole}."
         advice = "Give it a longer recording."
-    none = Sojourns(configuration=[], friction_Nm=[], start_index=[])
-    diagnosis = Diagnosis(
-        verdict="inconclusive",
-        reason=reason,
-        anomalies=_as_messages(anomalies_of(inputs, unjudged(features, inputs.wheel.anomalies))),
-        friction=Friction(
-            base_dry=Quantity(value=None, std=None, unit=DRY_UNIT),
-            viscous=Quantity(value=None, std=None, unit=VISCOUS_UNIT),
-            fss={system.name: none for system in systems},
-        ),
-        changepoints=[],
-        fit=Residuals(rmse_Nm=None, excess_rmse_Nm=None, noise_std_Nm=None),
-        model_adequate=True,
-        suspected_effect=None,
-        explanation=f"{reason} {advice}",
-        **inputs.stated(),
-    )
-    return diagnosis, features
+    judgement = unjudged(features, inputs.wheel.anomalies)
+    diagnosis = concluded(inputs, stages, judgement, lambda _: ("inconclusive", reason))
+    fit = Residuals(rmse_Nm=None, excess_rmse_Nm=None, noise_std_Nm=None)
+    return diagnosis.model_copy(update={"fit": fit, "explanation": f"{reason} {advice}"}), features

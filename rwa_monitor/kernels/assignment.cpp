@@ -722,13 +722,13 @@ tuple<NewPath, NewIntegers, IndexTable, IndexTable> switching_path(
 // its segments begin and end, and their statistics; log-likelihood of the samples, and the same with the laws'.
 tuple<NewPath, IndexTable, IndexTable, NewIntegers, NewMatrix, double, double> weigh(
     const Scores& scores, Integers start, Integers taken, Integers index, FloatCube pairs, int64_t slots,
-    FloatCube table, const Cases& cases, double variance, double scatter) {
+    const Cases& cases, double variance, double scatter) {
     auto [path, borders, system, direction] = switching_path(scores.actions, index, start, taken);
     auto statistics = chain_of(pairs, borders);
     for (auto& node : borders) node = node == 0 ? 0 : node > index.size() ? slots : index[node - 1];
     const double log_evidence = evidence_of_cases(
-        {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, table, statistics, cases,
-        variance, scatter);
+        {path.configurations, path.starts, path.sojourns, path.unattributed}, borders, statistics, cases, variance,
+        scatter);
     const double score = add_up_laws(scores, start, taken) + log_evidence;
     return {path, system, direction, borders, statistics, log_evidence, score};
 }

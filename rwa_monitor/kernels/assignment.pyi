@@ -52,7 +52,6 @@ def weigh(
     index: IntArray,
     pairs: FloatArray,
     slots: int,
-    table: FloatArray,
     cases: Cases,
     variance: float,
     scatter: float,
@@ -67,7 +66,7 @@ def weigh(
         The sufficient statistics between all pairs of nodes, see `estimation.Level`.
     slots
         Length of the window.
-    table, cases
+    cases
         What is known before it, see `friction_model.prior_tables`.
     variance, scatter
         See `friction_model.solve`.

@@ -210,15 +210,15 @@ using SwitchingPath = PathOf<Integers>;
 
 // See friction_model.Cases.
 struct Cases {
-    FloatCube states;
+    FloatCube laws, states;
     IntegerMatrix choice;
     Floats log_prior, rest;
-    FIELDS(states, choice, log_prior, rest)
+    FIELDS(laws, states, choice, log_prior, rest)
 };
 
 // The log evidence of `solve_cases` alone, without the posterior.
 double evidence_of_cases(
-    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
-    const Cases& cases, double variance, double scatter);
+    const SwitchingPath& path, Integers borders, FloatMatrix statistics, const Cases& cases, double variance,
+    double scatter);
 
 }  // namespace rwa

@@ -20,13 +20,13 @@ struct Model {
     int64_t unknowns() const { return levels.shape[1] + 1; }
 };
 
-Model lay_out(const SwitchingPath& path, Integers borders, FloatCube table) {
+Model lay_out(const SwitchingPath& path, Integers borders, FloatCube laws) {
     const auto [configurations, starts, sojourns, unattributed] = path;
     Model model;
     model.column.assign(configurations.size(), -1);
     for (int64_t s = 0, at = 0; s < sojourns.size(); ++s) {
         for (const int64_t end = at + sojourns[s]; at < end; ++at) {
-            const auto law = table.row(s).row(configurations[at]);
+            const auto law = laws.row(s).row(configurations[at]);
             if (law[0] == 0.0 && law[1] == 0.0) continue;
             model.free.push_back({s, law[0], law[1]});
             model.column[at] = model.free.size();
@@ -159,8 +159,8 @@ struct Conditioned {
     NewIntegers block;
     double squares = 0.0, log_determinant = 0.0;  // the squared misses of the prior's mean; of prior and segments
 
-    Conditioned(const SwitchingPath& path, Integers borders, FloatCube table, const Cases& cases)
-        : model(lay_out(path, borders, table)), prior(prior_of_states(cases, model)), mean(model.unknowns()),
+    Conditioned(const SwitchingPath& path, Integers borders, const Cases& cases)
+        : model(lay_out(path, borders, cases.laws)), prior(prior_of_states(cases, model)), mean(model.unknowns()),
           response(mean.size()), log_variance(mean.size()), precision({model.unknowns(), model.unknowns()}),
           block(mean.size()) {}
 
@@ -225,9 +225,9 @@ double normalise(NewFloats& scores) {
 
 // Log evidence, mean, standard deviation, covariance of the mixture of all cases' posteriors; the model's column.
 tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
-    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
-    const Cases& cases, double variance, double scatter) {
-    Conditioned one(path, borders, table, cases);
+    const SwitchingPath& path, Integers borders, FloatMatrix statistics, const Cases& cases, double variance,
+    double scatter) {
+    Conditioned one(path, borders, cases);
     const int64_t count = cases.choice.shape[0], unknowns = one.mean.size();
     NewMatrix means({count, unknowns}), covariance({unknowns, unknowns});
     NewCube covariances({count, unknowns, unknowns});
@@ -262,9 +262,9 @@ tuple<double, NewFloats, NewFloats, NewMatrix, NewIntegers> solve_cases(
 }  // namespace
 
 double evidence_of_cases(
-    const SwitchingPath& path, Integers borders, FloatCube table, FloatMatrix statistics,
-    const Cases& cases, double variance, double scatter) {
-    Conditioned one(path, borders, table, cases);
+    const SwitchingPath& path, Integers borders, FloatMatrix statistics, const Cases& cases, double variance,
+    double scatter) {
+    Conditioned one(path, borders, cases);
     NewFloats scores(cases.choice.shape[0]);
     for (int64_t c : range(scores.size())) {
         one.condition(cases.choice.row(c), statistics, variance, scatter);

@@ -5,7 +5,6 @@ from rwa_monitor.switching.friction_model import Cases
 def solve_cases(
     path: SwitchingPath,
     borders: IntArray,
-    table: FloatArray,
     statistics: FloatArray,
     cases: Cases,
     variance: float,
@@ -19,8 +18,6 @@ def solve_cases(
         Who jumped when.
     borders
         int64 (segments + 1,), slots at which segments begin and end.
-    table
-        See `friction_model.law_table`.
     statistics
         float64 (6, segments), see `RunningSums.between`.
     cases
@@ -38,7 +35,6 @@ def solve_cases(
 def evidence_of_cases(
     path: SwitchingPath,
     borders: IntArray,
-    table: FloatArray,
     statistics: FloatArray,
     cases: Cases,
     variance: float,

@@ -253,11 +253,11 @@ def action_table(systems: int) -> IntArray:
 
 def _rank(inputs: _Inputs, scores: Scores, starts: IntArray, taken: IntArray, level: Level) -> list[_Ranked]:
     """Score the best paths, see `find_paths`, by the full likelihood, best first."""
-    table, cases = prior_tables(inputs.priors)
+    cases = prior_tables(inputs.priors)
     slots, variance, scatter = inputs.evidence.slots, inputs.variance, level_scatter(inputs.variance)
     ranked = []
     for start, actions in zip(starts, taken, strict=True):
-        weighed = weigh(scores, start, actions, level.at, level.pairs, slots, table, cases, variance, scatter)
+        weighed = weigh(scores, start, actions, level.at, level.pairs, slots, cases, variance, scatter)
         ranked.append(_Ranked(SwitchingPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 

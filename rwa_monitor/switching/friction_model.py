@@ -32,6 +32,8 @@ class Cases(NamedTuple):
 
     Attributes
     ----------
+    laws
+        See `law_table`.
     states
         float64 (states, 1 + systems, 2): mean and std of the base and of each system's anomaly in each of its states.
         A part with fewer states repeats its first.
@@ -43,6 +45,7 @@ class Cases(NamedTuple):
         Standard deviation of an unattributed jump; mean and standard deviation of the slope.
     """
 
+    laws: FloatArray
     states: FloatArray
     choice: IntArray
     log_prior: FloatArray
@@ -91,8 +94,7 @@ def solve(
     scatter
         Variance of the levels about the model, as `estimation.level_scatter`.
     """
-    table, cases = prior_tables(priors)
-    return _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
+    return _posterior(path, solve_cases(path, borders, statistics, prior_tables(priors), variance, scatter))
 
 
 def _posterior(path: SwitchingPath, solved: tuple[float, FloatArray, FloatArray, FloatArray, IntArray]) -> Posterior:
@@ -100,10 +102,10 @@ def _posterior(path: SwitchingPath, solved: tuple[float, FloatArray, FloatArray,
     return Posterior(evidence, mean, std, covariance, path.split(column))
 
 
-def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
-    """Return the priors as kernels take them: of friction laws, and of everything else."""
+def prior_tables(priors: Priors) -> Cases:
+    """Return the priors as kernels take them."""
     rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
-    return law_table(priors.laws), Cases(*case_table(priors.base, priors.anomaly), rest)
+    return Cases(law_table(priors.laws), *case_table(priors.base, priors.anomaly), rest)
 
 
 def measure(
@@ -121,11 +123,11 @@ def measure(
     path, borders, statistics, priors, variance, scatter
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
-    table = law_table(priors.laws).copy()
-    table[table.any(axis=-1), 1] = FLAT_STD
+    laws = law_table(priors.laws).copy()
+    laws[laws.any(axis=-1), 1] = FLAT_STD
     flat, unchanged = Case(1.0, priors.base[0].mean, FLAT_STD), Case(1.0, 0.0, 0.0)
-    _, cases = prior_tables(priors._replace(base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
-    found = _posterior(path, solve_cases(path, borders, table, statistics, cases, variance, scatter))
+    cases = prior_tables(priors._replace(base=(flat,), anomaly=((unchanged,),) * len(priors.laws)))
+    found = _posterior(path, solve_cases(path, borders, statistics, cases._replace(laws=laws), variance, scatter))
     free = 1 + sum(int(np.count_nonzero(column >= 0)) for column in found.column)
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
     moving = [float(column.size) for column in found.column if column.size and (column >= 0).all()]

@@ -92,8 +92,8 @@ def test_the_posterior_is_that_of_the_normal_equations(spread):
     evidence = -0.5 * miss @ np.linalg.solve(gram, miss) - 0.5 * np.linalg.slogdet(gram)[1]
     evidence -= 0.5 * squares[1].sum() / variance - 0.5 * (np.log(variance / n).sum() + count * np.log(variance))
     path = SwitchingPath(configurations, starts, np.array([4, 3]), np.array([alone]))
-    cases = Cases(np.array([[base, *anomaly]]), np.zeros((1, 3), dtype=np.int64), np.zeros(1), rest)
-    found = solve_cases(path, borders, table, statistics, cases, variance, scatter)
+    cases = Cases(table, np.array([[base, *anomaly]]), np.zeros((1, 3), dtype=np.int64), np.zeros(1), rest)
+    found = solve_cases(path, borders, statistics, cases, variance, scatter)
     assert found[0] == pytest.approx(evidence, rel=1e-9)
     assert found[1] == pytest.approx(expected, rel=1e-9, abs=1e-12)
     assert found[2] == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-9)
