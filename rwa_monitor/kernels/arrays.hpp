@@ -73,7 +73,7 @@ using std::iota, std::swap;
 using std::ranges::all_of, std::ranges::any_of, std::ranges::copy, std::ranges::copy_n,
     std::ranges::fill, std::ranges::fill_n, std::ranges::find, std::ranges::lower_bound, std::ranges::max_element,
     std::ranges::min_element, std::ranges::none_of, std::ranges::nth_element, std::ranges::partial_sort,
-    std::ranges::reverse, std::ranges::sort, std::ranges::stable_sort, std::ranges::upper_bound;
+    std::ranges::reverse, std::ranges::sort, std::ranges::stable_sort;
 using std::array, std::int64_t, std::move, std::size_t, std::tie, std::tuple;
 #ifdef RWA_ONBOARD
 template <typename T>

@@ -309,15 +309,14 @@ struct Entry {
     array<double, MOST_SYSTEMS> mean{}, variance{};
 };
 
-// The entries kept as a tree, and the complete paths (last entry and score); how many entries were expanded, and the
-// highest bound of what the budget cut.
+// The entries kept as a tree, and those of complete paths, best first; how many entries were expanded, and the highest
+// bound of what the budget cut.
 struct Expansion {
     struct Node {
         int64_t before, action;  // at the root the number of the start
     };
     vector<Node> tree;
-    NewIntegers last;
-    NewFloats score;
+    vector<Entry> leaves;
     int64_t expanded = 0;
     double lost = -INFINITY;
 };
@@ -542,12 +541,12 @@ Expansion expand(const Scores& scores, const Bounds& bounds, double cutoff, int6
         }
         swap(entries, following);
     }
-    for (const auto& [state, node, score, mean, variance] : entries) {
-        double total = score + scores.fit(state.last, candidates + 1);
-        for (int64_t s : range(systems)) total += scores.stay(s, state.configuration[s], state.since[s]);
-        found.last.push_back(node);
-        found.score.push_back(total);
+    for (auto& [state, node, score, mean, variance] : entries) {
+        score += scores.fit(state.last, candidates + 1);
+        for (int64_t s : range(systems)) score += scores.stay(s, state.configuration[s], state.since[s]);
     }
+    stable_sort(entries, std::greater(), &Entry::score);
+    found.leaves = move(entries);
     return found;
 }
 
@@ -623,20 +622,17 @@ struct Found {
     double lost;
 };
 
-// The best of all expanded paths, traced back from their leaves in the tree.
+// The best of all expanded paths, traced back in the tree.
 Found search_once(
     const Scores& scores, const Bounds& bounds, double cutoff, int64_t budget, size_t kept, int64_t paths) {
     const Expansion all = expand(scores, bounds, cutoff, budget, kept);
-    NewIntegers best(all.score.size());
-    iota(best.begin(), best.end(), 0);
-    stable_sort(best, std::greater(), [&](int64_t leaf) { return all.score[leaf]; });
     const int64_t systems = scores.configurations.size(), candidates = scores.signs.shape[0];
-    const int64_t count = min<int64_t>(best.size(), paths);
+    const int64_t count = min<int64_t>(all.leaves.size(), paths);
     Found found{
         NewFloats(count), IndexTable({count, systems}), IndexTable({count, candidates}), all.expanded, all.lost};
     for (int64_t path : range(count)) {
-        found.score[path] = all.score[best[path]];
-        const Expansion::Node* node = &all.tree[all.last[best[path]]];
+        found.score[path] = all.leaves[path].score;
+        const Expansion::Node* node = &all.tree[all.leaves[path].node];
         for (auto k = candidates - 1; k >= 0; --k, node = &all.tree[node->before]) found.taken(path, k) = node->action;
         const NewIntegers start = start_of(node->action, scores.configurations);
         copy(start, found.start.row(path).begin());

@@ -95,37 +95,6 @@ vector<Candidate> accept(
     return accepted;
 }
 
-}  // namespace
-
-tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums) {
-    const auto [left, right] = halves(k - w, k, k + w, sums);
-    if (left.n < 1.0 || right.n < 1.0) return {0.0, 0.0};
-    const Sums whole = prefix_moments(k + w, sums) - prefix_moments(k - w, sums);
-    const double xl = left.x / left.n, xr = right.x / right.n;
-    const double el = left.z / left.n - slope * xl, er = right.z / right.n - slope * xr;
-    const double spread = max(whole.xx - left.n * xl * xl - right.n * xr * xr, 0.0);
-    const double tilt = whole.xz - slope * whole.xx - left.n * xl * el - right.n * xr * er;
-    const double step = (xr - xl) / (spread + weight);
-    const double jump = er - el - step * tilt;
-    return {jump * jump / (1.0 / left.n + 1.0 / right.n + (xr - xl) * step), jump};
-}
-
-void sort_in_turn(vector<Peak>& peaks) {
-    sort(peaks, [](const Peak& a, const Peak& b) {
-        return tie(a.scale, b.statistic, a.index) < tie(b.scale, a.statistic, b.index);
-    });
-}
-
-NewIntegers kept_apart(const vector<Peak>& peaks) {
-    NewIntegers taken;
-    for (const Peak& peak : peaks) {
-        const auto near = [&](int64_t slot) { return abs(slot - peak.index) <= peak.scale; };
-        if (none_of(taken, near)) taken.push_back(peak.index);
-    }
-    sort(taken);
-    return taken;
-}
-
 // The most likely slot of a jump near k where the noise is AR(1). With the levels left and right of k, the likelihood
 // of each slot follows from the innovations e_k - φ e_{k-1}, in which a jump is a spike: coloured noise hides where a
 // jump is less than it hides that there is one.
@@ -161,8 +130,6 @@ int64_t refine_in_colour(
     return best;
 }
 
-namespace {
-
 // Refine the accepted between their final neighbours, then take away the weakest while it fails the threshold.
 void settle(
     vector<Candidate>& accepted, int64_t slots, double slope, double correlation, const SumArrays& sums,
@@ -195,6 +162,37 @@ void settle(
     }
 }
 
+}  // namespace
+
+tuple<double, double> contrast(int64_t k, int64_t w, double slope, double weight, const SumArrays& sums) {
+    const auto [left, right] = halves(k - w, k, k + w, sums);
+    if (left.n < 1.0 || right.n < 1.0) return {0.0, 0.0};
+    const Sums whole = prefix_moments(k + w, sums) - prefix_moments(k - w, sums);
+    const double xl = left.x / left.n, xr = right.x / right.n;
+    const double el = left.z / left.n - slope * xl, er = right.z / right.n - slope * xr;
+    const double spread = max(whole.xx - left.n * xl * xl - right.n * xr * xr, 0.0);
+    const double tilt = whole.xz - slope * whole.xx - left.n * xl * el - right.n * xr * er;
+    const double step = (xr - xl) / (spread + weight);
+    const double jump = er - el - step * tilt;
+    return {jump * jump / (1.0 / left.n + 1.0 / right.n + (xr - xl) * step), jump};
+}
+
+void sort_in_turn(vector<Peak>& peaks) {
+    sort(peaks, [](const Peak& a, const Peak& b) {
+        return tie(a.scale, b.statistic, a.index) < tie(b.scale, a.statistic, b.index);
+    });
+}
+
+NewIntegers kept_apart(const vector<Peak>& peaks) {
+    NewIntegers taken;
+    for (const Peak& peak : peaks) {
+        const auto near = [&](int64_t slot) { return abs(slot - peak.index) <= peak.scale; };
+        if (none_of(taken, near)) taken.push_back(peak.index);
+    }
+    sort(taken);
+    return taken;
+}
+
 // Choose the candidates of a window among the peaks of all scales, in any order: estimate the slope, and choose given
 // that, until both agree.
 Columns choose(
@@ -217,8 +215,6 @@ Columns choose(
         for (auto& slots_around : exclude) slots_around /= 2;
     }
 }
-
-}  // namespace
 
 STAGE(changepoints, contrast, refine_in_colour, choose)
 

@@ -118,11 +118,7 @@ struct Softened {
 };
 
 // Of a measured value: under nominal and under anomalous, and the probability that it lies in no learned band.
-struct Densities {
-    double nominal, anomalous, stray;
-};
-
-Densities level_density(double value, const Softened& level) {
+array<double, 3> level_density(double value, const Softened& level) {
     const double low = level.numbers[0], high = level.numbers[1], soft = level.numbers[2];
     const double stray_share = level.numbers[6], reach = level.reach;
     const double far = 1.0 + abs(value - 0.5 * (low + high)) / reach;
@@ -141,7 +137,7 @@ Densities level_density(double value, const Softened& level) {
     return {nominal, anomalous, everything > 0.0 ? max(0.0, 1.0 - 0.5 * inside / everything) : 1.0};
 }
 
-// `Densities` (3, n, offsets) of measured values with each offset added; 1, 1 and NaN where a value is not finite or its
+// `level_density` (3, n, offsets) of measured values with each offset added; 1, 1 and NaN where a value is not finite or its
 // configuration was not learned.
 NewCube densities(
     Integers configuration, Floats value, Floats std, Floats offset, FloatMatrix numbers) {
@@ -155,8 +151,8 @@ NewCube densities(
         }
         const Softened level(std[i], numbers.row(q).data);
         for (int64_t j : range(offset.size())) {
-            const auto [nominal, anomalous, stray] = level_density(value[i] + offset[j], level);
-            found(0, i, j) = nominal, found(1, i, j) = anomalous, found(2, i, j) = stray;
+            const auto density = level_density(value[i] + offset[j], level);
+            for (int64_t part : range(3)) found(part, i, j) = density[part];
         }
     }
     return found;

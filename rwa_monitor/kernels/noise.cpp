@@ -16,10 +16,14 @@ constexpr double GAUSSIAN_RATIO = 17.32;  // 99.5 % quantile over the median of 
 constexpr double LIGHT_TAIL = 1.05;       // a ratio this close to it is Gaussian: its standard error is 1.5 %
 constexpr double LEAST_SHARE = 0.8;  // of the variance by mean squares: heavy tails make a robust one smaller
 
-// Lower edge, width and middle of a bin of the statistic's histogram [torque²].
-double edge_of(int64_t bin) { return std::bit_cast<double>((FIRST_BIN + bin) << BIN_SHIFT); }
-double width_of(int64_t bin) { return edge_of(bin + 1) - edge_of(bin); }
-double middle_of(int64_t bin) { return edge_of(bin) + 0.5 * width_of(bin); }
+// Between the bins of the statistic's histogram [torque²].
+constexpr auto bin_edges = [] {
+    array<double, BINS + 1> edges{};
+    for (int64_t i : range(BINS + 1)) edges[i] = std::bit_cast<double>((FIRST_BIN + i) << BIN_SHIFT);
+    return edges;
+}();
+double width_of(int64_t bin) { return bin_edges[bin + 1] - bin_edges[bin]; }
+double middle_of(int64_t bin) { return 0.5 * (bin_edges[bin] + bin_edges[bin + 1]); }
 
 // A scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's.
 double lean(double measured, double borrowed, double independent) {
@@ -47,12 +51,12 @@ double trimmed_variance(Integers counts, int64_t total) {
         while (before[place] >= kept) --place;
         // Within a bin counts are taken as evenly spread.
         const double rest = kept - before[place];
-        weighted = weight_before[place] + rest * (edge_of(place) + 0.5 * rest / counts[place] * width_of(place));
+        weighted = weight_before[place] + rest * (bin_edges[place] + 0.5 * rest / counts[place] * width_of(place));
         variance = weighted / kept / KEPT_MEAN;
         seen = before[place];
         int64_t end = place;
-        for (; end < BINS && edge_of(end + 1) <= JUMPED * variance; ++end) seen += counts[end];
-        if (end < BINS) seen += counts[end] * max(JUMPED * variance - edge_of(end), 0.0) / width_of(end);
+        for (; end < BINS && bin_edges[end + 1] <= JUMPED * variance; ++end) seen += counts[end];
+        if (end < BINS) seen += counts[end] * max(JUMPED * variance - bin_edges[end], 0.0) / width_of(end);
         const double last = jumped;
         jumped = min(max(1.0 - seen / total - JUMPED_RATE, 0.0), MOST_JUMPED);
         if (jumped == last) break;  // as nearly always, at once: nothing jumps

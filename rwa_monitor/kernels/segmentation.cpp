@@ -35,15 +35,15 @@ void append(Parabolas& envelope, const Parabola& p, double from, double to, cons
 }
 
 // The mean of each block of samples, from their running sums, and how many samples it has.
-VECTORISED void block_means(Floats running, int64_t block, NewFloats& means, NewFloats& weights) {
+void block_means(Floats running, int64_t block, NewFloats& means, NewFloats& weights) {
     const int64_t size = running.size() - 1, count = (size + block - 1) / block;
-    means.assign(count, 0.0);
-    weights.assign(count, block);
-    weights[count - 1] = size - (count - 1) * block;
-    const double* __restrict sums = running.data;
-    double* __restrict mean = means.data();
-    for (int64_t i : range(count - 1)) mean[i] = (sums[(i + 1) * block] - sums[i * block]) / weights[i];
-    mean[count - 1] = (sums[size] - sums[(count - 1) * block]) / weights[count - 1];
+    means.resize(count);
+    weights.resize(count);
+    for (int64_t i : range(count)) {
+        const int64_t begin = i * block, end = min(begin + block, size);
+        weights[i] = end - begin;
+        means[i] = (running[end] - running[begin]) / weights[i];
+    }
 }
 
 // Move each jump, in order, to the best sample around it; the first and the last edge are the ends of the sequence.

@@ -281,23 +281,22 @@ def _result(
     direction = best.direction.copy()
     direction[alone, 0] = np.sign(jump[alone])
     # One entry for each candidate, and a second one where two systems jump at once, of which each has its own share.
-    reported = np.ones_like(best.system, dtype=np.bool_)
-    reported[:, 1] = double
-    place = reported.ravel().nonzero()[0]
-    size, size_std = jump[place // 2], std[place // 2]
-    if place.size > double.size:
+    reported = np.stack([np.ones_like(double), double], axis=1)
+    row = reported.nonzero()[0]
+    system, size, size_std = best.system[reported], jump[row], std[row]
+    if double.any():
         scatter = level_scatter(inputs.variance)
         posterior = solve(path, best.borders, best.statistics, inputs.priors, inputs.variance, scatter)
-        for entry in np.flatnonzero(double[place // 2]):
-            who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
+        for entry in np.flatnonzero(double[row]):
+            who, slot = int(system[entry]), int(index[row[entry]])
             size[entry], size_std[entry] = _own_jump(posterior, starts, who, slot)
     assignment = Assignment(
-        index=index[place // 2],
-        system=best.system.ravel()[place],
-        direction=direction.ravel()[place],
+        index=index[row],
+        system=system,
+        direction=direction[reported],
         jump=size,
         jump_std=size_std,
-        confidence=sure.ravel()[place],
+        confidence=sure[reported],
         configurations=path.split(path.configurations),
         starts=starts,
         log_score=best.score,
