@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, Self
 
 import numpy as np
 
-from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, extend_sums, range_moments
+from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, range_moments
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 
@@ -41,7 +41,7 @@ class RunningSums:
     Parameters
     ----------
     x, z
-        float64 (slots,), the samples; kept by reference, to be filled in slot order before `extend`.
+        float64 (slots,), the samples; kept by reference, to be filled in slot order before they are added.
     used
         bool (slots,), the samples that enter the sums.
 
@@ -52,14 +52,17 @@ class RunningSums:
     running
         float64 (6,), the centred sums over all slots added.
     slots
-        Slots that have been added.
+        Slots that have been added, by `kernels.running_sums.extend_sums`: up to a multiple of BLOCK, or the last slot
+        of all. Then the sums do not depend on the steps in which they are extended.
 
     Examples
     --------
     >>> import numpy as np
+    >>> from rwa_monitor.kernels.running_sums import extend_sums
     >>> x = np.arange(100.0)
     >>> sums = RunningSums(x, 2.0 * x, np.ones(100, dtype=np.bool_))
-    >>> sums.extend(100)
+    >>> extend_sums(sums.arrays, sums.running, 0, 100)
+    >>> sums.slots = 100
     >>> float(sums.between(np.array([10]), np.array([13]))[4, 0])  # Σxz: 2·(10² + 11² + 12²)
     730.0
     """
@@ -75,14 +78,6 @@ class RunningSums:
     def count(self) -> int:
         """Used samples so far."""
         return int(self.running[0])
-
-    def extend(self, stop: int) -> None:
-        """Add all slots up to `stop`: a multiple of BLOCK, or the last slot of all.
-
-        Then the sums do not depend on the steps in which they are extended.
-        """
-        extend_sums(self.arrays, self.running, self.slots, stop)
-        self.slots = stop
 
     @property
     def mean(self) -> tuple[float, float]:
@@ -128,7 +123,6 @@ class RunningSums:
 
 
 STRETCHES: Final = 20
-HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its double
 
 
 class Structure(NamedTuple):
@@ -189,7 +183,7 @@ class StructureSums(NamedTuple):
             counts=np.zeros(blocks, dtype=np.int64),
             near_zero=np.zeros((4, blocks)),
             zeros=np.zeros(5),
-            ripple=np.full((stretches, HARMONICS), np.nan),
+            ripple=np.full((stretches, 2 * MAX_HARMONIC), np.nan),  # `torque_ripple` holds a harmonic and its double
         )
 
     def turns(self, filled: int) -> IntArray:

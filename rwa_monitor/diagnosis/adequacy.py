@@ -35,7 +35,6 @@ from scipy import special
 
 from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.noise import NORMAL_MEDIAN, ar_coefficient, median_size
-from rwa_monitor.changepoints.running_sums import HARMONICS
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.kernels.running_sums import BLOCK, STRIDE
@@ -276,7 +275,7 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
         return None
     shown = np.isfinite(ripple)
     power = np.where(shown, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
-    over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(shown, axis=0)]
+    over_chance = power / _ripple_by_chance(*ripple.shape)[np.count_nonzero(shown, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is looked at first: as nearly always, nothing is left to allow for.
     found, (least, most) = over_chance[strongest], RIPPLE_COLOUR
@@ -286,10 +285,10 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
 
 
 @functools.lru_cache(maxsize=256)
-def _ripple_by_chance(stretches: int) -> FloatArray:
+def _ripple_by_chance(stretches: int, harmonics: int) -> FloatArray:
     """Return the summed power that white noise exceeds in any harmonic with `RIPPLE_CHANCE`; over 0 … stretches."""
     shown = np.arange(stretches + 1)
-    return np.asarray(special.chdtri(2.0 * np.maximum(shown, 1), RIPPLE_CHANCE / HARMONICS))
+    return np.asarray(special.chdtri(2.0 * np.maximum(shown, 1), RIPPLE_CHANCE / harmonics))
 
 
 def _spectral_peak(autocovariance: FloatArray) -> float:

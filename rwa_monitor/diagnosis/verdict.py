@@ -170,7 +170,7 @@ def verdict_of(findings: Findings) -> tuple[Verdict, str]:
                 f" ({_range(one)}) or anomalous{BELOW_NOMINAL if _below(one) else ''}."
             )
     for one in findings.anomalies:
-        if _outside(one, one.std, adequate=adequate):
+        if _outside(one, adequate=adequate):
             where = "may lie" if lacking else "lies"
             return "inconclusive", _sentence(
                 f"{title(one.name)}, {_estimate(one)}, {where} outside its nominal range ({_range(one)}){lacking},"
@@ -319,13 +319,13 @@ def _below(one: AnomalyDiagnosis) -> bool:
     return one.estimate is not None and one.nominal_low is not None and one.estimate < one.nominal_low
 
 
-def _outside(one: AnomalyDiagnosis, std: float, *, adequate: bool) -> bool:
-    """Return whether an estimate contradicts that its friction is nominal, `std` [the anomaly's unit] its deviation.
+def _outside(one: AnomalyDiagnosis, *, adequate: bool) -> bool:
+    """Return whether an estimate contradicts that its friction is nominal.
 
-    It does outside the nominal range by more than that. Where the friction model does not fit, the deviation holds what
-    is missing, and the range must hold all of it.
+    It does outside the nominal range by more than its standard deviation. Where the friction model does not fit, the
+    deviation holds what is missing, and the range must hold all of it.
     """
     if one.estimate is None or one.nominal_low is None or one.nominal_high is None:
         return False
     beyond = max(one.estimate - one.nominal_high, one.nominal_low - one.estimate)
-    return beyond > (std if adequate else -std)
+    return beyond > (one.std if adequate else -one.std)

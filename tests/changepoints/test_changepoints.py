@@ -10,6 +10,7 @@ from rwa_monitor.changepoints.evidence import Threshold, peaks_behind_gaps, vari
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import choose, contrast
+from rwa_monitor.kernels.running_sums import extend_sums
 from rwa_monitor.kernels.wglr import CHUNK, MAX_SCALE, wglr
 from tests.switching.assignment_windows import sums_of
 
@@ -170,7 +171,8 @@ def test_a_gap_at_the_end_of_a_short_window_looks_at_no_slot_behind_it() -> None
     used = np.ones(6_000, dtype=np.bool_)
     used[1_000:4_000] = False
     sums = RunningSums(np.ones(6_000), np.ones(6_000), used)
-    sums.extend(4_000)  # what lies behind was never written: it may be anything
+    extend_sums(sums.arrays, sums.running, 0, 4_000)
+    sums.slots = 4_000  # what lies behind was never written: it may be anything
     assert peaks_behind_gaps(sums).index.size == 0
 
 

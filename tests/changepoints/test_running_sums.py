@@ -5,16 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure, StructureSums, stretch_hop
-from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, count_signs, extend_structure
+from rwa_monitor.changepoints.running_sums import RunningSums, Structure, StructureSums, stretch_hop
+from rwa_monitor.kernels.running_sums import BLOCK, STRETCH, STRIDE, count_signs, extend_structure, extend_sums
 from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 
 
 def _sums(x, z, used, step=BLOCK):
     sums = RunningSums(x, z, used)
-    for stop in range(step, x.size, step):
-        sums.extend(stop)
-    sums.extend(x.size)
+    for stop in (*range(step, x.size, step), x.size):
+        extend_sums(sums.arrays, sums.running, sums.slots, stop)
+        sums.slots = stop
     return sums
 
 
@@ -187,7 +188,7 @@ def test_the_ripple_is_the_power_at_multiples_of_the_angle() -> None:
     slots = np.arange(STRETCH)
     e = z - np.polyval(np.polyfit(slots, z, 1), slots)
     angle = 0.61 * np.concatenate(([0.0], np.cumsum(0.5 * (x[1:] + x[:-1]))))
-    wave = np.exp(1j * np.outer(np.arange(1, HARMONICS + 1), angle))
+    wave = np.exp(1j * np.outer(np.arange(1, 2 * MAX_HARMONIC + 1), angle))
     there = np.isfinite(power)
-    assert there.sum() > HARMONICS // 2
+    assert there.sum() > MAX_HARMONIC
     np.testing.assert_allclose(power[there], (2.0 * np.abs(wave @ e) ** 2 / (e @ e))[there], rtol=1e-9)

@@ -4,23 +4,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.changepoints.running_sums import HARMONICS, RunningSums, Structure
+from rwa_monitor.changepoints.running_sums import RunningSums, Structure
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
+from rwa_monitor.kernels.running_sums import extend_sums
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.assignment import Scores, action_table
 from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods, tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
+from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
 NO_CANDIDATES = Candidates(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
-NO_STRUCTURE = Structure(np.zeros(0), np.zeros((4, 0)), np.zeros((0, HARMONICS)), zero_runs=0, plateaus=0)
+NO_STRUCTURE = Structure(np.zeros(0), np.zeros((4, 0)), np.zeros((0, 2 * MAX_HARMONIC)), zero_runs=0, plateaus=0)
 
 
 def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> RunningSums:
     """Running sums of samples that are all there."""
     sums = RunningSums(x, z, np.ones(x.size, dtype=np.bool_) if used is None else used)
-    sums.extend(x.size)
+    extend_sums(sums.arrays, sums.running, 0, x.size)
+    sums.slots = x.size
     return sums
 
 

@@ -93,7 +93,8 @@ def test_evidence_is_that_of_the_whole_gaussian():
         sums = sums_of(x, z)
         moments = sums.between(borders[:-1], borders[1:])
         closed = solve(path, borders, moments, priors, std**2, scatter).log_evidence
-        alone = evidence_of_cases(path, borders, moments, prior_tables(priors), std**2, scatter)
+        cases = prior_tables(priors)
+        alone = evidence_of_cases(path, borders, moments, cases, std**2, scatter)
         assert alone == pytest.approx(closed, abs=1e-9)
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []

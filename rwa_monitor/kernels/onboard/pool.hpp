@@ -55,8 +55,6 @@ struct Pooled {
     void deallocate(T* memory, std::size_t) { pool->give_back(memory); }
     template <typename Other>
     bool operator==(const Pooled<Other>&) const { return true; }
-    template <typename Other>
-    bool operator!=(const Pooled<Other>&) const { return false; }
 };
 
 }  // namespace rwa
