@@ -17,12 +17,10 @@ struct Chain {
     FIELDS(means, entered, never, turn)
 };
 
-// See duration_likelihoods.FirstSojourn.
-struct FirstSojourn {
-    int64_t configuration;
-    Floats ends;
-    double lasts;
-    FIELDS(configuration, ends, lasts)
+// See duration_likelihoods.Onset.
+struct Onset {
+    int64_t configuration, age;
+    FIELDS(configuration, age)
 };
 
 // P(τ ≥ slots) of the broad law of this mean: (1 + (slots - 1) / mean)^-2.
@@ -50,13 +48,15 @@ double log_first(double unknown, double known, int64_t q, int64_t configuration)
 
 // Fill the tables of one system, which hold -inf, from the survivals (Q, points), see laws.pyi.
 void tabulate(
-    Floats at, int64_t slots, FloatMatrix survivals, const Chain& chain, const FirstSojourn& first,
+    Floats at, int64_t slots, FloatMatrix survivals, const Chain& chain, const Onset& first,
     Array<double, 3> jump, Matrix<double> stay, Array<double, 4> missed) {
     const int64_t count = at.size(), configurations = chain.means.size(), pairs = count * (count - 1) / 2;
     for (int64_t q : range(configurations)) {
         const double mean = chain.means[q];
         const double *survival = survivals.row(q).data, *following = survival + pairs;
         const double *begun = following + pairs, *left = begun + count;
+        const double *late = left + count, *later = late + count, *whole = later + count;
+        const double alive = soft_survival(whole[0], first.age + 1.0, mean);
         for (int64_t i : range(count)) {
             double* row = &jump(q, 1 + i, 1);
             for (int64_t j : range(i + 1, count)) {
@@ -66,9 +66,11 @@ void tabulate(
         for (int64_t k : range(count)) {
             stay(q, 1 + k) = log(soft_survival(left[k], slots - at[k], mean));
             const double ended = chain.entered[q] * soft_survival(begun[k], at[k], mean);
-            jump(q, 0, 1 + k) = log_first(ended, first.ends[k], q, first.configuration);
+            const double known = soft_pmf(late[k], later[k], first.age + at[k], mean) / alive;
+            jump(q, 0, 1 + k) = log_first(ended, known, q, first.configuration);
         }
-        stay(q, 0) = log_first(chain.never[q], first.lasts, q, first.configuration);
+        const double known = soft_survival(whole[1], first.age + slots, mean) / alive;
+        stay(q, 0) = log_first(chain.never[q], known, q, first.configuration);
         if (q + 1 == configurations) continue;
         const double both = mean + chain.means[q + 1];  // of two sojourns in a row, up or down, seen as one
         const double log_up = log(MISSED_SHARE) + chain.turn(q, UP) + log(2.0 / both);

@@ -1,7 +1,7 @@
 from typing import Final
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.duration_likelihoods import Chain, FirstSojourn
+from rwa_monitor.switching.duration_likelihoods import Chain, Onset
 
 SOFT_SHARE: Final[float]
 LEVEL_NUMBERS: Final[int]
@@ -11,7 +11,7 @@ def tabulate(
     slots: int,
     survivals: FloatArray,
     chain: Chain,
-    first: FirstSojourn,
+    first: Onset,
     jump: FloatArray,
     stay: FloatArray,
     missed: FloatArray,
@@ -24,7 +24,8 @@ def tabulate(
         float64 (m,), the candidates' slots, and the length of the window.
     survivals
         float64 (Q, points), P(τ ≥ slots) of the laws, not softened: at the durations between all pairs of candidates
-        (i < j, row by row), at these + 1, from the window's begin to each candidate, and from each to its end.
+        (i < j, row by row), at these + 1, from the window's begin to each candidate, and from each to its end; of the
+        first sojourn, since its begin: at each candidate, at these + 1, at the window's first slot and at its end.
     chain, first
         The system's laws, and what is known of its first sojourn.
     jump, stay, missed

@@ -35,7 +35,7 @@ Number = float | FloatArray
 
 
 class Onset(NamedTuple):
-    """What is known of a system's first sojourn: its configuration, and the slots it lasted before the window."""
+    """What is known of a system's first sojourn: its configuration, -1 for nothing, and its slots before the window."""
 
     configuration: int
     age: int
@@ -71,17 +71,6 @@ class SoftLaw(NamedTuple):
 
     law: DurationLaw
     mean: float
-
-    def pmf(self, slots: FloatArray) -> FloatArray:
-        """Return P(τ = slots) for slots ≥ 1."""
-        own = self.law.survival(slots) - self.law.survival(slots + 1.0)
-        return np.asarray((1.0 - SOFT_SHARE) * own + SOFT_SHARE * broad_pmf(slots, self.mean))
-
-    def survival(self, slots: FloatArray) -> FloatArray:
-        """Return P(τ ≥ slots) for slots ≥ 1."""
-        return np.asarray(
-            (1.0 - SOFT_SHARE) * self.law.survival(slots) + SOFT_SHARE * _broad_survival(slots, self.mean)
-        )
 
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean for start = 1."""
@@ -145,13 +134,15 @@ def tabulated_durations(
     at = index.astype(np.float64)
     begin, end = np.triu_indices(at.size, 1)
     between = at[end] - at[begin]
-    durations = np.concatenate((between, between + 1.0, at, slots - at))  # in the order in which `tabulate` takes them
     for s, system in enumerate(systems):
         laws, chain = _laws_of(system, slots)
         tables.turn[s, : len(laws)] = chain.turn
-        survivals = np.stack([law.law.survival(durations) for law in laws])  # not softened
-        entered = _first_sojourn(first[s], laws, at, slots)
-        tabulate(at, slots, survivals, chain, entered, tables.jump[s], tables.stay[s], tables.missed[s])
+        known = first[s] or Onset(-1, 0)
+        late, whole = known.age + at, (known.age + 1.0, known.age + slots)
+        # In the order in which `tabulate` takes them, not softened.
+        durations = np.concatenate((between, between + 1.0, at, slots - at, late, late + 1.0, whole))
+        survivals = np.stack([law.law.survival(durations) for law in laws])
+        tabulate(at, slots, survivals, chain, known, tables.jump[s], tables.stay[s], tables.missed[s])
     return tables
 
 
@@ -187,26 +178,6 @@ def _laws_of(system: SwitchingSystem, slots: int) -> tuple[tuple[SoftLaw, ...], 
         turn = np.log(np.stack([1.0 - up, up], axis=1))
     never = pi / cycle * np.array([law.survival_sum(slots) for law in soft])
     return soft, Chain(np.array([law.mean for law in soft]), pi / cycle, never, turn)
-
-
-class FirstSojourn(NamedTuple):
-    """What an earlier window showed of a first sojourn: its configuration (-1: nothing), and how long it goes on.
-
-    `ends`, float64 (points,): probability that it ends after so many slots; `lasts`: that it outlasts the window.
-    """
-
-    configuration: int
-    ends: FloatArray
-    lasts: float
-
-
-def _first_sojourn(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, slots: int) -> FirstSojourn:
-    """Return what is known of a first sojourn that would end `after` slots of the window."""
-    if first is None:
-        return FirstSojourn(-1, after, 0.0)
-    law = laws[first.configuration]
-    alive, gone = law.survival(np.array([first.age + 1.0, float(first.age + slots)]))
-    return FirstSojourn(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
 
 
 def log_probability(

@@ -81,9 +81,12 @@ def test_soft_law_keeps_mean_and_allows_everything():
     law = Uniform(low=10_000, high=20_000)
     soft = soften(law)
     assert soft.survival_sum(1) == pytest.approx(law.mean(), rel=1e-3)
-    assert (soft.pmf(np.array([1.0, 500.0, 80_000.0])) > 0).all()
-    near = np.arange(79_000, 81_000)
-    assert soft.survival_sum(79_000) - soft.survival_sum(81_000) == pytest.approx(soft.survival(near).sum(), rel=1e-9)
+    system, slots = SwitchingSystem(name="a", durations=(law, law)), 160_000
+    table = tabulated_durations((system,), np.array([1, 2, 501, 80_001]), slots, (None,))
+    assert np.isfinite(table.jump[0, 0, 1, 2:]).all()
+    near = np.arange(79_000, 79_100)
+    stay = tabulated_durations((system,), slots - near[::-1], slots, (None,)).stay[0, 0, 1:]
+    assert soft.survival_sum(79_000) - soft.survival_sum(79_100) == pytest.approx(np.exp(stay).sum(), rel=1e-9)
 
 
 def test_earlier_windows_tell_the_first_configuration():
