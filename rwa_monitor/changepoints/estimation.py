@@ -98,7 +98,6 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
         viscous=slope,
         viscous_std=slope_std,
         rmse=rmse,
-        excess_rmse=rmse - noise.std if total else 0.0,
     )
 
 

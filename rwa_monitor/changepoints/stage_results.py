@@ -142,8 +142,8 @@ class Estimate:
         float64 (m,), standard deviation of each jump: the slope's share is common to both levels.
     viscous, viscous_std
         Shared viscous coefficient, normalised.
-    rmse, excess_rmse
-        Root mean square residual, and the same less the noise's standard deviation, normalised.
+    rmse
+        Root mean square residual, normalised.
     """
 
     index: IntArray
@@ -153,7 +153,6 @@ class Estimate:
     viscous: float
     viscous_std: float
     rmse: float
-    excess_rmse: float
 
 
 class SwitchingPath(NamedTuple):

@@ -272,7 +272,7 @@ def concluded(
         Gives the verdict and its reason.
     """
     wheel, fits, features = inputs.wheel, stages.fits, judgement.features
-    torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
+    torque, viscous, noise = wheel.torque_unit_Nm, viscous_unit(wheel), inputs.evidence.noise.std
     findings = Findings(
         inputs,
         anomalies_of(inputs, judgement),
@@ -301,8 +301,8 @@ def concluded(
         changepoints=changepoints_of(stages.assignment, wheel, inputs.start_ns),
         fit=Residuals(
             rmse_Nm=scaled(stages.estimate.rmse, torque),
-            excess_rmse_Nm=scaled(stages.estimate.excess_rmse, torque),
-            noise_std_Nm=scaled(inputs.evidence.noise.std, torque),
+            excess_rmse_Nm=scaled(stages.estimate.rmse - noise, torque),
+            noise_std_Nm=scaled(noise, torque),
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
@@ -319,7 +319,7 @@ def too_few(inputs: DiagnosisInput) -> tuple[Diagnosis, Features]:
     features, none = Features(*unknown, systems), (slots,) * len(systems)
     stages = Stages(
         Assignment(slots, slots, slots, values, values, values, none, none, 0.0, 0, pruned=False),
-        Estimate(slots, values, values, values, *unknown),
+        Estimate(slots, values, values, values, *unknown[:3]),
         Components(*unknown, (), ()),
         features,
         features,

@@ -72,7 +72,6 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
         viscous=slope,
         viscous_std=float(slope_std),
         rmse=rmse,
-        excess_rmse=rmse - noise.std if x.size else 0.0,
     )
     return Intervals(friction, rejection(n, level, noise, both))
 

@@ -74,12 +74,13 @@ def test_levels_slope_and_stds_are_those_of_least_squares(prior, share):
 
 def test_rmse_is_that_of_the_residuals_and_excess_is_near_zero_with_the_true_jumps():
     x, z, index = _record(n=20_000, jumps=((6000, 0.5), (14_000, -0.3)))
-    fit = estimate(_evidence(x, z), index)
+    window = _evidence(x, z)
+    fit = estimate(window, index)
     level = fit.level[np.searchsorted(index, np.arange(z.size), side="right")]
     assert fit.rmse == pytest.approx(np.sqrt(np.mean((z - level - fit.viscous * x) ** 2)), rel=1e-9)
-    assert abs(fit.excess_rmse) < 4 * SIGMA / np.sqrt(2 * z.size)  # four standard errors of a standard deviation
-    one_level = estimate(_evidence(x, z), np.zeros(0, dtype=np.int64))
-    assert one_level.excess_rmse > 0.1
+    assert abs(fit.rmse - window.noise.std) < 4 * SIGMA / np.sqrt(2 * z.size)  # four standard errors of a standard deviation
+    one_level = estimate(window, np.zeros(0, dtype=np.int64))
+    assert one_level.rmse - window.noise.std > 0.1
 
 
 def test_at_constant_speed_the_slope_is_unknown_without_a_prior_and_the_nominal_one_with_it():
