@@ -130,6 +130,6 @@ def jumps_of_ideal_search(window: LabelledWindow) -> list[AttributedChangepoint]
         each = noise.std**2 * noise.long_run_factor / n
     statistic = np.nan_to_num(jump**2 / (each[:-1] + each[1:]))
     candidates = Candidates(index, np.full(index.size, ORACLE_SCALE), statistic, jump)
-    assignment, _ = assign(replace(evidence, candidates=candidates, noise=noise), wheel)
+    assignment, _ = assign(evidence._replace(candidates=candidates, noise=noise), wheel)
     # A place beside which there is no sample shows no jump.
     return changepoints_of(replace(assignment, jump=np.nan_to_num(assignment.jump)), wheel)

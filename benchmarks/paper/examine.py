@@ -89,7 +89,7 @@ def examine(labelled: LabelledWindow) -> Examined:
     true_jumps = np.unique(labelled.telemetry.truth.changepoints.index)
     return Examined(
         outcome=replace(outcome, features={**outcome.features, HARD: features}),
-        naive_excess_rmse=naive.excess_rmse,
+        naive_excess_rmse=naive.rmse - evidence.noise.std,
         fitted={
             "paper": _fitted(window, evidence, _accepted(as_paper)),
             "joint": _fitted(window, evidence, _accepted(jointly)),
@@ -114,7 +114,7 @@ def _fitted(window: Window, evidence: Evidence, index: IntArray) -> Fitted:
     levels = estimate(evidence, index)
     residual = np.abs(window.z - levels.viscous * window.x - _level_of_slots(levels, window.z.size))
     bins = np.minimum((residual[window.moving] / ERROR_STEP).astype(np.int64), ERROR_BINS - 1)
-    return Fitted(levels.excess_rmse, np.bincount(bins, minlength=ERROR_BINS))
+    return Fitted(levels.rmse - evidence.noise.std, np.bincount(bins, minlength=ERROR_BINS))
 
 
 def _level_of_slots(levels: Estimate, slots: int) -> FloatArray:

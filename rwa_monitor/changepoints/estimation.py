@@ -6,7 +6,6 @@ about their own means, and the levels follow: O(m) from the running sums, withou
 """
 
 import math
-from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -104,8 +103,7 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
 # ---- residuals of short blocks, from running sums: no sample is read again -------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Blocks:
+class Blocks(NamedTuple):
     """Blocks of equal length, in order; arrays (blocks,).
 
     Attributes

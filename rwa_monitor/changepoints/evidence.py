@@ -9,7 +9,7 @@ Nothing depends on how the slots arrive: work is done in steps that end at fixed
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated, Final, NamedTuple
 
@@ -331,7 +331,7 @@ class WindowAccumulator:
         )
         outlier, _ = self._outliers(variances, quantiles)
         candidates = choose(evidence, self._scales, variances, outlier, self.slope_prior)
-        return replace(evidence, candidates=candidates)
+        return evidence._replace(candidates=candidates)
 
     def _temperature(self) -> Temperature | None:
         """Return the temperature at which the window's viscous friction was taken; None where it follows none."""

@@ -95,8 +95,7 @@ class Temperature(NamedTuple):
     unknown: float
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
+class Evidence(NamedTuple):
     """All that later stages see of a window: candidates, sums and noise, never the samples.
 
     Attributes

@@ -201,11 +201,8 @@ def _false_alarms(
     statistic = np.abs(signal.fftconvolve(noise, contrast[None, ::-1], mode="valid", axes=1)) > threshold
     above = statistic[:, begin]
     # The run of samples above the threshold that holds the middle one.
-    after = np.argmin(statistic[:, begin:], axis=1)
-    before = np.argmin(statistic[:, begin::-1], axis=1)
-    # argmin gives 0 where all are above: a run longer than what was looked at counts with the length seen.
-    after = np.where(statistic[:, begin:].all(axis=1), statistic.shape[1] - begin, after)
-    before = np.where(statistic[:, begin::-1].all(axis=1), begin + 1, before)
+    ended = np.pad(statistic, ((0, 0), (1, 1)))  # a run longer than what was looked at counts with the length seen
+    after, before = (np.argmin(ended[:, begin + 1 :: step], axis=1) for step in (1, -1))
     run = np.maximum(after + before - 1, 1)
     return weight * above, weight * above / run
 

@@ -73,9 +73,10 @@ class Coefficient(NamedTuple):
     @property
     def prior(self) -> float:
         """The probability of the anomaly before the window."""
-        if self.before is None:
+        before = self.before
+        if before is None:
             return self.rate
-        return self.before.held * self._anomalous(self.before) + (1.0 - self.before.held) * self._rate_after_change()
+        return before.held * self._anomalous(before) + (1.0 - before.held) * self._rate_after_change(before)
 
     def log_evidence(self, value: FloatArray, std: FloatArray) -> FloatArray:
         """Return the log density of measuring `value` ± `std`, (n,) each, if nominal (row 0) or anomalous (row 1)."""
@@ -86,14 +87,14 @@ class Coefficient(NamedTuple):
 
     def log_parts(self, value: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the log of p(class, value, held) and of p(class, value, changed), float64 (2, n) each."""
-        changed = self._log_joint(value, std, self._rate_after_change())
-        if self.before is None:
-            return np.full_like(changed, -np.inf), changed
-        mean, narrowed, log_predicted = _filtered(self.before, value, std)
+        before = self.before
+        assert before is not None, "without earlier windows nothing is held"
+        changed = self._log_joint(value, std, self._rate_after_change(before))
+        mean, narrowed, log_predicted = _filtered(before, value, std)
         held = log_predicted + self._log_joint(mean, narrowed, self.rate)
-        held -= np.logaddexp(*self._log_joint(np.array([self.before.mean]), np.array([self.before.std]), self.rate))
+        held -= np.logaddexp(*self._log_joint(np.array([before.mean]), np.array([before.std]), self.rate))
         with np.errstate(divide="ignore"):
-            return held + np.log(self.before.held), changed + np.log1p(-self.before.held)
+            return held + np.log(before.held), changed + np.log1p(-before.held)
 
     def _log_joint(self, value: FloatArray, std: FloatArray, rate: float) -> FloatArray:
         return np.asarray(log_densities(self.levels, value, std) + np.log(np.array([[1.0 - rate], [rate]])))
@@ -103,8 +104,8 @@ class Coefficient(NamedTuple):
         joint = self._log_joint(np.array([before.mean]), np.array([before.std]), self.rate)[:, 0]
         return float(np.exp(joint[1] - np.logaddexp(joint[0], joint[1])))
 
-    def _rate_after_change(self) -> float:
-        return self.rate if self.before is None else rate_after_change(self._anomalous(self.before), self.rate)
+    def _rate_after_change(self, before: Tracked) -> float:
+        return rate_after_change(self._anomalous(before), self.rate)
 
     def informative(self, std: float) -> bool:
         """Return whether a measurement this good distinguishes nominal from anomalous at all."""

@@ -8,7 +8,7 @@ model and the carried state, of nothing else.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -75,8 +75,7 @@ class TemperatureUncertainty(NamedTuple):
 KNOWN: Final = TemperatureUncertainty()
 
 
-@dataclass(frozen=True, slots=True)
-class Stages:
+class Stages(NamedTuple):
     """Results of stages 2 and 3, whether the friction model fits, and what the temperature leaves open.
 
     `measured` are the features as this window alone measures them; in `features`, viscous friction also holds what

@@ -78,7 +78,8 @@ def test_rmse_is_that_of_the_residuals_and_excess_is_near_zero_with_the_true_jum
     fit = estimate(window, index)
     level = fit.level[np.searchsorted(index, np.arange(z.size), side="right")]
     assert fit.rmse == pytest.approx(np.sqrt(np.mean((z - level - fit.viscous * x) ** 2)), rel=1e-9)
-    assert abs(fit.rmse - window.noise.std) < 4 * SIGMA / np.sqrt(2 * z.size)  # four standard errors of a standard deviation
+    # Four standard errors of a standard deviation.
+    assert abs(fit.rmse - window.noise.std) < 4 * SIGMA / np.sqrt(2 * z.size)
     one_level = estimate(window, np.zeros(0, dtype=np.int64))
     assert one_level.rmse - window.noise.std > 0.1
 
