@@ -198,19 +198,18 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     turns = np.flatnonzero(np.diff(direction[one_way]))
     found = []
     for left, right in zip(one_way[turns].tolist(), one_way[turns + 1].tolist(), strict=True):
-        before, before_n = _mean_beside(blocks, direction, range(max(left - SIDE_BLOCKS + 1, 0), left + 1), left)
-        after, after_n = _mean_beside(blocks, direction, range(right, right + SIDE_BLOCKS), right)
+        before, before_n = _mean_beside(blocks, direction, slice(max(left - SIDE_BLOCKS + 1, 0), left + 1), left)
+        after, after_n = _mean_beside(blocks, direction, slice(right, right + SIDE_BLOCKS), right)
         std = 0.5 * math.sqrt(variance * (1.0 / before_n + 1.0 / after_n))
         found.append(0.5 * (after - before) * direction[right] / max(std, smallest))
     return np.array(found)
 
 
-def _mean_beside(blocks: Blocks, direction: FloatArray, near: range, own: int) -> tuple[float, float]:
+def _mean_beside(blocks: Blocks, direction: FloatArray, near: slice, own: int) -> tuple[float, float]:
     """Return the mean friction of the near blocks of one interval and direction with block `own`, and its samples."""
-    place = slice(near.start, near.stop)
-    alike = blocks.usable[place] & (blocks.interval[place] == blocks.interval[own])
-    n = np.where(alike & (direction[place] == direction[own]), blocks.n[place], 0.0)
-    return float(n @ blocks.friction[place] / n.sum()), float(n.sum())
+    alike = blocks.usable[near] & (blocks.interval[near] == blocks.interval[own])
+    n = np.where(alike & (direction[near] == direction[own]), blocks.n[near], 0.0)
+    return float(n @ blocks.friction[near] / n.sum()), float(n.sum())
 
 
 # ---- near zero -------------------------------------------------------------------------------------------------------

@@ -53,6 +53,7 @@ class _Tables(NamedTuple):
 # A state: configuration of each system, and the candidate of its last jump. It stands for the paper's (q, τ).
 _State = tuple[tuple[int, ...], tuple[int, ...]]
 _Choices = tuple[int, ...]
+_Best = dict[_State, tuple[float, _Choices, tuple[int, ...]]]  # by state its score, the choices, and the start
 
 
 def assign(
@@ -128,12 +129,10 @@ def _programme(
     tables: list[_Tables], directions: IntArray, rejection: FloatArray
 ) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
     """Run the dynamic programme; return the choice per candidate, the start, the score, states expanded, cut or not."""
-    best: dict[_State, tuple[float, _Choices, tuple[int, ...]]] = {
-        (q, (NOT_YET,) * len(tables)): (0.0, (), q) for q in product(*(range(len(t.turn)) for t in tables))
-    }
+    best: _Best = {(q, (NOT_YET,) * len(tables)): (0.0, (), q) for q in product(*(range(len(t.turn)) for t in tables))}
     expanded, pruned = 0, False
     for k, direction in enumerate(directions):
-        found: dict[_State, tuple[float, _Choices, tuple[int, ...]]] = {}
+        found: _Best = {}
         for state, (score, choices, start) in best.items():
             expanded += 1
             for choice, following, gain in _options(tables, state, k, int(direction), float(rejection[k])):

@@ -38,13 +38,11 @@ def histogram(values: FloatArray, low: float, high: float, bins: int) -> FloatAr
 
     Bins are half-open and cover [low, high]; values outside count in the end bins. All zero without values.
     """
-    counts = np.zeros(bins)
     values = values[np.isfinite(values)]
     if values.size == 0 or high <= low:
-        return counts
+        return np.zeros(bins)
     bin_of = np.clip(np.floor((values - low) / (high - low) * bins), 0, bins - 1).astype(np.int64)
-    np.add.at(counts, bin_of, 1.0 / values.size)
-    return counts
+    return np.bincount(bin_of, np.full(values.size, 1.0 / values.size), bins).astype(np.float64)
 
 
 def svm_features(bins: int, low: float, high: float, values: FloatArray) -> FloatArray:

@@ -132,12 +132,9 @@ def _estimate(
     posterior, samples = solver(path, borders, segments, priors, variance, level_scatter(variance)), segments[0]
     base, base_variance = float(posterior.mean[0]), float(posterior.covariance[0, 0])
     if path.unattributed.size:
-        weights = np.zeros(posterior.mean.size)
+        weights, later = np.zeros(posterior.mean.size), borders[:-1] >= path.unattributed[:, None]
         weights[0] = 1.0
-        first_free = posterior.mean.size - 1 - path.unattributed.size
-        total = max(float(samples.sum()), 1.0)
-        for j, slot in enumerate(path.unattributed):
-            weights[first_free + j] = float(samples[borders[:-1] >= slot].sum()) / total
+        weights[-1 - path.unattributed.size : -1] = (later * samples).sum(axis=1) / max(float(samples.sum()), 1.0)
         base, base_variance = float(weights @ posterior.mean), float(weights @ posterior.covariance @ weights)
     components = Components(
         base_dry=base,

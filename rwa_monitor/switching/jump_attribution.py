@@ -286,18 +286,17 @@ def confused_share(chains: Chains, visits: Sequence[Sequence[Visit]], i: int, j:
 
     The mean probability, by size and duration, that a visit belongs to the other of the two.
     """
+    lots = {k: [visit for visit in visits[k] if visit.configuration == 1] for k in (i, j)}
     confusion = []
-    for own in (i, j):
-        for visit in visits[own]:
-            if visit.configuration == 1:
-                worth = []
-                for k in (i, j):
-                    width = float(np.hypot(chains.spread[k, 1], visit.std))
-                    size = (visit.friction - chains.size[k, 1]) / width
-                    slots = (np.log(visit.slots) - chains.mu[k, 1]) / chains.sigma[k, 1]
-                    count = sum(1 for other in visits[k] if other.configuration == 1)
-                    worth.append(np.log(count / (width * chains.sigma[k, 1])) - 0.5 * (size**2 + slots**2))
-                confusion.append(1.0 - float(special.softmax(worth)[(i, j).index(own)]))
+    for number, lot in enumerate(lots.values()):
+        for visit in lot:
+            worth = []
+            for k, others in lots.items():
+                width = float(np.hypot(chains.spread[k, 1], visit.std))
+                size = (visit.friction - chains.size[k, 1]) / width
+                slots = (np.log(visit.slots) - chains.mu[k, 1]) / chains.sigma[k, 1]
+                worth.append(np.log(len(others) / (width * chains.sigma[k, 1])) - 0.5 * (size**2 + slots**2))
+            confusion.append(1.0 - float(special.softmax(worth)[number]))
     return float(np.mean(confusion))
 
 
