@@ -25,10 +25,7 @@ tuple<int64_t, int64_t, int64_t> assign_slots(
     int64_t before = frontier - 1, ahead_count = 0, used = 0;
     for (int64_t k : range(time_ns.size())) {
         const int64_t doubled = 2 * (time_ns[k] - origin_ns) + period_ns;
-        int64_t slot = before + 1;  // nearly always: spare the division
-        const int64_t beyond = doubled - 2 * period_ns * slot;
-        if (beyond < 0 || beyond >= 2 * period_ns) slot = floor_divide(doubled, 2 * period_ns);
-        const int64_t step = slot - before;
+        const int64_t slot = floor_divide(doubled, 2 * period_ns), step = slot - before;
         const bool far = abs(step) > window_slots;
         if ((far && !passed) || (k > 0 && slot > furthest)) return {k, ahead_count, used};
         slots[k] = slot;

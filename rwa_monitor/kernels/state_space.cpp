@@ -20,7 +20,6 @@ struct Gains {
 struct Covariance {
     double ll = 0.0, la = 0.0, aa = 0.0;
 
-    bool operator==(const Covariance&) const = default;
     void predict(double power, double coloured) {
         la *= power;
         aa = power * power * aa + coloured * (1.0 - power * power);
@@ -51,21 +50,16 @@ struct Covariance {
 double filter_gains(Floats sign, Integers gap, Integers jumps, const NoiseLaw& law, Matrix<double> gains) {
     Covariance jumping, smooth;
     double log_determinant = 0.0, power = law.correlation;
-    int64_t last_gap = 1, next = 0;
+    int64_t next = 0;
     for (int64_t k : range(gap.size())) {
         if (gap[k] == 0) {
             jumping = smooth = {law.level, 0.0, law.coloured};
         } else {
-            if (gap[k] != last_gap) {
-                power = gap[k] == 1 ? law.correlation : pow(law.correlation, gap[k]);
-                last_gap = gap[k];
-            }
+            power = gap[k] == 1 ? law.correlation : pow(law.correlation, gap[k]);
             jumping.predict(power, law.coloured);
             smooth.predict(power, law.coloured);
         }
-        const bool alike = jumping == smooth;  // far from jumps, to the last bit
-        const Gains without_jumps = smooth.update(sign[k], law.white);
-        log_determinant += log(without_jumps.variance);
+        log_determinant += log(smooth.update(sign[k], law.white).variance);
         gains(k, 3) = power;
         if (next < jumps.size() && jumps[next] == k) {
             ++next;
@@ -73,8 +67,7 @@ double filter_gains(Floats sign, Integers gap, Integers jumps, const NoiseLaw& l
             gains(k, 0) = gains(k, 1) = gains(k, 2) = 0.0;
             continue;
         }
-        const auto [variance, of_level, of_coloured] = alike ? without_jumps : jumping.update(sign[k], law.white);
-        if (alike) jumping = smooth;
+        const auto [variance, of_level, of_coloured] = jumping.update(sign[k], law.white);
         gains(k, 0) = 1.0 / sqrt(variance), gains(k, 1) = of_level, gains(k, 2) = of_coloured;
     }
     return log_determinant;
@@ -109,6 +102,7 @@ void whiten_rows(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix 
 void whiten(Matrix<double> columns, Floats sign, Integers gap, FloatMatrix gains) {
     int64_t j = 0;
     whiten_rows<4>(columns, sign, gap, gains, j);
+    whiten_rows<2>(columns, sign, gap, gains, j);
     whiten_rows<1>(columns, sign, gap, gains, j);
 }
 

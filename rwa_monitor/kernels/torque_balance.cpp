@@ -40,7 +40,7 @@ void bridge(Floats speed, Vector<double> result, int64_t half, double period_s, 
 
 // The noise of a torque from the median of its fourth differences, which a step or a bend hardly moves. In a narrow
 // window a step is in as many of them as not: those over the largest step are left out there.
-double noise_of(Floats torque, NewFloats& differences) {
+double noise_of(Floats torque) {
     const int64_t n = torque.size();
     const bool narrow = n - IN_A_STEP < MANY_DIFFERENCES;
     double largest = -1.0;
@@ -49,7 +49,7 @@ double noise_of(Floats torque, NewFloats& differences) {
         const double step = abs(torque[i + 1] - torque[i]);
         if (step > largest) largest = step, at = i;
     }
-    differences.clear();
+    NewFloats differences;
     for (int64_t i : range(n - 4)) {
         const double outer = torque[i + 4] + torque[i], inner = torque[i + 3] + torque[i + 1];
         const double difference = abs(outer - 4.0 * inner + 6.0 * torque[i + 2]);
@@ -143,9 +143,8 @@ void rounding_error(
     Floats speed, Floats torque, Floats weights, double per_torque, double noise_gain, double least_Nm,
     double least_share, int64_t reach, bool soft, Vector<double> error) {
     const int64_t half = weights.size(), n = speed.size();
-    NewFloats shape(2 * reach + 1), differences;  // the speed that the torque alone would give [rad/s]
+    NewFloats shape(2 * reach + 1);  // the speed that the torque alone would give [rad/s]
     const Vector<double> bend(shape);
-    differences.reserve(2 * half + 1);
     for (int64_t k : range(half, n - half)) {
         const double here = torque[k];
         if (isnan(here) || isnan(speed[k])) continue;
@@ -171,7 +170,7 @@ void rounding_error(
             enough = least_share * abs(here - off - slope_of(speed.slice(k - half, k + half + 1)) / per_torque);
         }
         if (abs(off) + uncertain <= enough) continue;
-        const double noise = noise_of(near_torque, differences);
+        const double noise = noise_of(near_torque);
         const bool sudden = abs(off) > OVER_NOISE * noise;
         if (!(sudden || soft)) continue;
         if (!sudden) {
