@@ -397,7 +397,6 @@ void list_offers(
     vector<Offer>& offers) {
     const auto systems = scores.configurations.size(), actions = scores.actions.shape[0];
     const double unattributed = scores.unattributed + size_term(scores, k, 0.0, scores.unattributed_variance);
-    const double highest = size_term(scores, k, scores.size[k - 1], 0.0);
     const double rest = bounds.rest(k, k), rest_fit = bounds.rest_fit(k, k);
     vector<Weighed> steps(systems * STEPS);
     offers.clear();
@@ -415,28 +414,17 @@ void list_offers(
         const double fit = scores.fit(last, k);
         offer(REJECT, entry.score, min(bounds.rest(last, k), bounds.rest_fit(last, k) + by_own));
         offer(NO_SYSTEM, entry.score + (fit + unattributed), min(rest, rest_fit + by_own));
-        // Most steps end here, before they are weighed: not even a perfect size would bring them within reach.
-        const double best = entry.score + fit + highest + rest;
-        if (best < cutoff - ROUNDING) continue;
         weigh_steps(scores, bounds, entry, k, steps.data());
         for (int64_t a : range(NO_SYSTEM + 1, actions)) {
             const int64_t* action = &scores.actions(a, 0);
             const Weighed& one = steps[action[0] * STEPS + action[1]];
-            if (best + one.law < cutoff - ROUNDING || one.law == -INFINITY) continue;
             const bool two = action[3] >= 0;
+            const Weighed other = two ? steps[action[2] * STEPS + action[3]] : Weighed{};
+            if (one.law == -INFINITY || other.law == -INFINITY) continue;
             if ((!two || action[1] % 2 == action[3] % 2) && !scores.signs(k - 1, action[1] % 2)) continue;
-            double score = entry.score + (fit + one.law), own = by_own + one.own;
-            double mean = one.mean, variance = one.variance;
-            if (two) {
-                const Weighed& other = steps[action[2] * STEPS + action[3]];
-                if (other.law == -INFINITY) continue;
-                score += other.law;
-                own += other.own;
-                mean += other.mean;
-                variance += other.variance;
-            }
-            const double follows = min(rest, rest_fit + own);
-            offer(a, score + size_term(scores, k, mean, variance), follows);
+            const double score = entry.score + (fit + one.law) + other.law, own = by_own + one.own + other.own;
+            const double size = size_term(scores, k, one.mean + other.mean, one.variance + other.variance);
+            offer(a, score + size, min(rest, rest_fit + own));
         }
     }
 }
