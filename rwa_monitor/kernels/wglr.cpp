@@ -27,19 +27,15 @@ void fill_prefix(
             break;
         }
     }
-    double* at[PREFIXES];
     double sums[PREFIXES];
-    for (int64_t row : range(PREFIXES)) {
-        at[row] = &prefix(row, HISTORY + begin - chunk);
-        sums[row] = *at[row];
-    }
+    for (int64_t row : range(PREFIXES)) sums[row] = prefix(row, HISTORY + begin - chunk);
     for (int64_t k : range(begin, stop)) {
         if (used[k]) {
             const double u = x[k] - x_centre, e = (z[k] - z_centre) - slope * u;
             const double terms[PREFIXES] = {1.0, u, e, u * u, u * e};
             for (int64_t row : range(PREFIXES)) sums[row] += terms[row];
         }
-        for (int64_t row : range(PREFIXES)) *++at[row] = sums[row];
+        for (int64_t row : range(PREFIXES)) prefix(row, HISTORY + k + 1 - chunk) = sums[row];
     }
 }
 
