@@ -223,9 +223,7 @@ struct Window {
     // Centre the slope's prior on what the window has shown so far; takes effect with the next slot.
     void learn_slope(int64_t slots) {
         double variance = 0.0;
-        for (double v : variances) {
-            if (isfinite(v)) variance = max(variance, v);
-        }
+        for (double known : variances) variance = max(variance, known);  // NaN is never the larger
         if (variance == 0.0) return;
         vector<Peak> peaks = detector.above(CERTAIN_STATISTIC, variances);
         sort_in_turn(peaks);

@@ -19,6 +19,9 @@ struct Parabola {
 };
 using Parabolas = vector<Parabola>;  // of one function, from left to right
 
+// Where a part of a function ends; the last one's end is `last`.
+double end_of(const Parabolas& parts, size_t i, double last) { return i + 1 < parts.size() ? parts[i + 1].edge : last; }
+
 // Append the lesser of a parabola and a constant on [from, to).
 void append(Parabolas& envelope, const Parabola& p, double from, double to, const Parabola& constant) {
     const auto put = [&](const Parabola& part, double start, double end) {
@@ -155,13 +158,10 @@ void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabo
 // The least of two envelopes and a constant.
 void least_of(const Parabolas& first, const Parabolas& second, const Parabola& constant, Parabolas& out) {
     out.clear();
-    const auto end_of = [](const Parabolas& parts, size_t i) {
-        return i + 1 < parts.size() ? parts[i + 1].edge : INFINITY;
-    };
     double from = -INFINITY;
     for (size_t i = 0, j = 0; i < first.size() && j < second.size();) {
         const Parabola &p = first[i], &q = second[j];
-        const double p_end = end_of(first, i), q_end = end_of(second, j), to = min(p_end, q_end);
+        const double p_end = end_of(first, i, INFINITY), q_end = end_of(second, j, INFINITY), to = min(p_end, q_end);
         const auto [falling, rising] = crossings(p, q);
         const double fall = clamp(falling, from, to), rise = clamp(rising, from, to);
         const bool inside = q.bend >= p.bend;  // q is less between the crossings, else outside
@@ -231,15 +231,14 @@ NewIntegers fpop(Floats z, Floats weight, double penalty) {
             p.least += p.bend * share * apart * apart;
             p.centre += share * apart;
             p.bend += w;
-            const double end = i + 1 < cost.size() ? cost[i + 1].edge : high;
-            const double off = min(max(p.centre, p.edge), end) - p.centre;
+            const double off = min(max(p.centre, p.edge), end_of(cost, i, high)) - p.centre;
             const double within = p.bend * off * off + p.least;
             if (within < least) least = within, last[t] = p.history;
         }
         const Parabola constant{0.0, 0.0, least + penalty, low, t};
         capped.clear();
         for (size_t i : range(cost.size())) {
-            append(capped, cost[i], cost[i].edge, i + 1 < cost.size() ? cost[i + 1].edge : high, constant);
+            append(capped, cost[i], cost[i].edge, end_of(cost, i, high), constant);
         }
         if (low < high) swap(cost, capped);
     }

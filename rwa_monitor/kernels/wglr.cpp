@@ -119,15 +119,14 @@ void Detector::keep(
     const double* statistic, const double* jump, int64_t first, int64_t count, int64_t scale, double floor) {
     for (int64_t j : range(count)) {
         if (statistic[j] <= floor) continue;
-        const ScannedPeak peak{scale, first + j, statistic[j], jump[j], false};
+        ScannedPeak peak{scale, first + j, statistic[j], jump[j], false};
         int64_t& last = open[scale][jump[j] > 0.0];
         if (last < 0 || peak.index - peaks[last].index > scales[scale]) {
             last = peaks.size();
             peaks.push_back(peak);
         } else if (peak.statistic > peaks[last].statistic) {
-            const bool final = peaks[last].final;
+            peak.final = peaks[last].final;
             peaks[last] = peak;
-            peaks[last].final = final;
         }
     }
 }
