@@ -66,32 +66,17 @@ class DurationLikelihoods(NamedTuple):
     missed: FloatArray
 
 
-class SoftLaw(NamedTuple):
-    """A duration law with its share of the broad law."""
-
-    law: DurationLaw
-    mean: float
-
-    def survival_sum(self, start: int) -> float:
-        """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean for start = 1."""
-        broad = self.mean**2 * float(special.zeta(2.0, self.mean + start - 1))  # Σ_r m² / (m + r - 1)²
-        return (1 - SOFT_SHARE) * self.law.survival_sum(start) + SOFT_SHARE * broad
-
-
-def _broad_survival(slots: FloatArray, mean: Number) -> FloatArray:
-    """Return P(τ ≥ slots) of the broad law."""
-    share = mean / (mean + slots - 1.0)
-    return share * share
+def soft_survival_sum(law: DurationLaw, start: int) -> float:
+    """Return Σ_{r ≥ start} P(τ ≥ r) of the law mixed with its broad companion [slots]; the mean for start = 1."""
+    mean = law.mean()
+    broad = mean**2 * float(special.zeta(2.0, mean + start - 1))  # Σ_r m² / (m + r - 1)²
+    return (1 - SOFT_SHARE) * law.survival_sum(start) + SOFT_SHARE * broad
 
 
 def broad_pmf(slots: FloatArray, mean: Number) -> FloatArray:
     """Return P(τ = slots) of the broad law."""
-    return _broad_survival(slots, mean) - _broad_survival(slots + 1.0, mean)
-
-
-def soften(law: DurationLaw) -> SoftLaw:
-    """Return the law mixed with its broad companion."""
-    return SoftLaw(law, law.mean())
+    share, following = mean / (mean + slots - 1.0), mean / (mean + (slots + 1.0) - 1.0)
+    return share * share - following * following
 
 
 def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -> tuple[Onset | None, ...]:
@@ -135,13 +120,13 @@ def tabulated_durations(
     begin, end = np.triu_indices(at.size, 1)
     between = at[end] - at[begin]
     for s, system in enumerate(systems):
-        laws, chain = _laws_of(system, slots)
-        tables.turn[s, : len(laws)] = chain.turn
+        chain = _chain_of(system, slots)
+        tables.turn[s, : system.configurations] = chain.turn
         known = first[s] or Onset(-1, 0)
         late, whole = known.age + at, (known.age + 1.0, known.age + slots)
         # In the order in which `tabulate` takes them, not softened.
         durations = np.concatenate((between, between + 1.0, at, slots - at, late, late + 1.0, whole))
-        survivals = np.stack([law.law.survival(durations) for law in laws])
+        survivals = np.stack([law.survival(durations) for law in system.durations])
         tabulate(at, slots, survivals, chain, known, tables.jump[s], tables.stay[s], tables.missed[s])
     return tables
 
@@ -168,16 +153,15 @@ class Chain(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def _laws_of(system: SwitchingSystem, slots: int) -> tuple[tuple[SoftLaw, ...], Chain]:
-    """Return a system's soft laws, and what else of them does not depend on what happened in a window of `slots`."""
-    soft = tuple(soften(law) for law in system.durations)
-    pi = jumping_chain_law(system)
-    cycle = sum(float(p) * law.survival_sum(1) for p, law in zip(pi, soft, strict=True))
+def _chain_of(system: SwitchingSystem, slots: int) -> Chain:
+    """Return what of a system's laws does not depend on what happened in a window of `slots`."""
+    laws, pi = system.durations, jumping_chain_law(system)
+    cycle = sum(float(p) * soft_survival_sum(law, 1) for p, law in zip(pi, laws, strict=True))
     up = np.array([system.probability_up(q) for q in range(system.configurations)])
     with np.errstate(divide="ignore"):
         turn = np.log(np.stack([1.0 - up, up], axis=1))
-    never = pi / cycle * np.array([law.survival_sum(slots) for law in soft])
-    return soft, Chain(np.array([law.mean for law in soft]), pi / cycle, never, turn)
+    never = pi / cycle * np.array([soft_survival_sum(law, slots) for law in laws])
+    return Chain(np.array([law.mean() for law in laws]), pi / cycle, never, turn)
 
 
 def log_probability(
