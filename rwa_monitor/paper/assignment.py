@@ -87,21 +87,20 @@ def assign(
         price, unless `hard`; where none is possible even so, all changepoints are unattributed. The levels are those
         between the changepoints that were not rejected.
     """
-    all_of_them = estimate(signal, index, noise, w)
-    sizes = np.diff(all_of_them.friction.level)
-    directions = np.where(sizes >= 0, 1, -1)  # Δf_i
+    levels, rejection = estimate(signal, index, noise, w)
+    jump, std = np.diff(levels.level), levels.jump_std
+    directions = np.where(jump >= 0, 1, -1)  # Δf_i
     tables = [_tables(system, index) for system in wheel.fss]
-    choices, start, score, states, pruned = _programme(tables, directions, all_of_them.rejection)
+    choices, start, score, states, pruned = _programme(tables, directions, rejection)
     if choices is None and not hard:
         # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
         tables = [_softened(table) for table in tables]
-        choices, start, score, more, pruned = _programme(tables, directions, all_of_them.rejection)
+        choices, start, score, more, pruned = _programme(tables, directions, rejection)
         states += more
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
     accepted = system != REJECTED
-    remaining = estimate(signal, index[accepted], noise, w)
-    jump, std = sizes, all_of_them.friction.jump_std
-    jump[accepted], std[accepted] = np.diff(remaining.friction.level), remaining.friction.jump_std
+    remaining, _ = estimate(signal, index[accepted], noise, w)
+    jump[accepted], std[accepted] = np.diff(remaining.level), remaining.jump_std
     direction = np.where(accepted, directions, 0).astype(np.int64)
     configurations, starts = _sojourns(start, system, direction, index)
     assignment = Assignment(
@@ -117,7 +116,7 @@ def assign(
         states=states,
         pruned=pruned,
     )
-    return assignment, remaining.friction
+    return assignment, remaining
 
 
 def _softened(tables: _Tables) -> _Tables:

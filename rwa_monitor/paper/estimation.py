@@ -5,7 +5,7 @@ the corner. So f_v follows from the sums about the intervals' means, and F_i fro
 """
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -17,23 +17,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and shows no f_v
 
 
-class Intervals(NamedTuple):
-    """What the estimation hands on of N_cp changepoints.
-
-    Attributes
-    ----------
-    friction
-        F̂ and f̂_v with their standard deviations. An interval without a used sample has the level of the one before
-        it. Where the window does not show f_v, it is 0 with infinite standard deviation.
-    rejection
-        float64 (N_cp,), c_rjct: what it costs in log-likelihood to merge the intervals beside a changepoint.
-    """
-
-    friction: Estimate
-    rejection: FloatArray
-
-
-def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCALE) -> Intervals:
+def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCALE) -> tuple[Estimate, FloatArray]:
     """Estimate the level of each interval and the shared viscous coefficient.
 
     Parameters
@@ -44,6 +28,14 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
         int64 (N_cp,), changepoints, ascending.
     w
         Half-width by which they were found [samples].
+
+    Returns
+    -------
+    friction
+        F̂ and f̂_v with their standard deviations. An interval without a used sample has the level of the one before
+        it. Where the window does not show f_v, it is 0 with infinite standard deviation.
+    rejection
+        float64 (N_cp,), c_rjct: what it costs in log-likelihood to merge the intervals beside a changepoint.
     """
     interval = np.searchsorted(index, np.arange(signal.x.size), side="right")
     used = kept(signal.used, interval, index, w // 2)
@@ -73,7 +65,7 @@ def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate, w: int = SCA
         viscous_std=float(slope_std),
         rmse=rmse,
     )
-    return Intervals(friction, rejection(n, level, noise, both))
+    return friction, rejection(n, level, noise, both)
 
 
 def kept(used: BoolArray, interval: IntArray, index: IntArray, error: int) -> BoolArray:
