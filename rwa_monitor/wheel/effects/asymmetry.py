@@ -34,7 +34,6 @@ class CoulombAsymmetry(MeanEffect):
     """
 
     name = "coulomb_asymmetry"
-    title = "Coulomb asymmetry"
     formula = r"\tau = \varepsilon \cdot \mathrm{level}(t) \cdot \operatorname{sign}^2(\omega)"
     separate_by = "Sizes of the same jump in both directions; the current with the motor off (it shows a bias)."
     parity = "even"
@@ -68,7 +67,6 @@ class ViscousAsymmetry(MeanEffect):
     """
 
     name = "viscous_asymmetry"
-    title = "Viscous asymmetry"
     formula = r"\tau = D_v\, |\omega|"
     separate_by = "Both directions at two speeds each."
     parity = "even"
@@ -102,7 +100,6 @@ class TorqueBias(MeanEffect):
     """
 
     name = "torque_bias"
-    title = "Torque bias"
     formula = r"\tau = \tau_0 = K_T I_0, \qquad I_0 = I_{\mathrm{measured}} - I"
     separate_by = "Sizes of the same jump in both directions; the current with the motor off."
     parity = "even"

@@ -14,7 +14,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final, Literal, Protocol, Self
+from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
 
@@ -224,7 +224,9 @@ class Effect:
     not_exported: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:
-        """Take out of a docstring what it explains."""
+        """Take out of a docstring what it explains; an effect without a title has its name for one."""
+        if "name" in vars(cls) and not hasattr(cls, "title"):
+            cls.title = cls.name.replace("_", " ").capitalize()
         found = EXPLAINED.fullmatch(inspect.cleandoc(cls.__doc__ or ""))
         if found is not None:
             texts = (" ".join(part.split()) for part in found.groups(default=""))
@@ -298,10 +300,6 @@ class Effect:
     def is_of_tachometer(self) -> bool:
         """Whether the effect changes the speed that is read."""
         return type(self).read_speed is not Effect.read_speed
-
-    def __repr__(self) -> str:
-        """Show name and values."""
-        return f"{type(self).__name__}({', '.join(f'{k}={v:g}' for k, v in self.values.items())})"
 
 
 Memory = FloatArray | None
@@ -429,16 +427,9 @@ def since_last(usable: BoolArray, state: FloatArray) -> tuple[IntArray, FloatArr
 Recursion = Callable[[FloatArray, BoolArray, float, float, FloatArray], FloatArray]
 
 
-class Recorded(Protocol):
-    """A channel of which is written down what becomes of it, instead of computed; see `rwa_monitor.export`."""
-
-    def follow(self, recursion: str, usable: BoolArray, parameter: float, state: FloatArray) -> FloatArray:
-        """Return what a recursion makes of it, by its name."""
-
-
 def follow(
     recursion: Recursion,
-    values: FloatArray | Recorded,
+    values: Any,
     usable: BoolArray,
     period_s: float,
     parameter: float,
@@ -447,7 +438,8 @@ def follow(
 ) -> tuple[FloatArray, FloatArray]:
     """Return what a recursion of the kernels, which names the other arguments, makes of values, and its memory.
 
-    `start` is its memory at the start of a record.
+    `start` is its memory at the start of a record. `values` is float64 (n,), or a channel of which is written down what
+    becomes of it, instead of computed (`rwa_monitor.export`).
     """
     state = begun(memory, *start)
     if isinstance(values, np.ndarray):

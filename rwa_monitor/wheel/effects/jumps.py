@@ -10,7 +10,7 @@ from scipy import special
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.durations import DurationLaw, Geometric, Weibull
+from rwa_monitor.wheel.durations import Geometric, Weibull
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, Parameter, Shape, curvature_std, most_likely, stack
 from rwa_monitor.wheel.effects.noise_laws import BINS
 from rwa_monitor.wheel.effects.switching_base import (
@@ -296,11 +296,9 @@ class WrongDurationLaw(SwitchingEffect):
     )
 
     def change_system(self, system: SwitchingSystem) -> SwitchingSystem:
-        laws = tuple(self._law(law.mean()) for law in system.durations)
+        factor, shape = self.values["duration_factor"], self.values["weibull_shape"]
+        laws = tuple(weibull_of_mean(factor * law.mean(), shape) for law in system.durations)
         return system.model_copy(update={"durations": laws})
-
-    def _law(self, mean_slots: float) -> DurationLaw:
-        return weibull_of_mean(self.values["duration_factor"] * mean_slots, self.values["weibull_shape"])
 
     @classmethod
     def fit(cls, system: SwitchingSystem, sojourns: Sojourns) -> LikelihoodFit:

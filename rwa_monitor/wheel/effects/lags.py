@@ -43,7 +43,6 @@ class LubricantLag(MeanEffect):
     """
 
     name = "lubricant_lag"
-    title = "Lubricant lag"
     follows_acceleration = True
     formula = r"\tau = b\, (\omega - \omega_f), \qquad T_f\, \dot\omega_f = \omega - \omega_f"
     separate_by = "Speed steps after dwells of different length."

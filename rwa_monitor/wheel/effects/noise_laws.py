@@ -35,7 +35,6 @@ class ColouredNoise(NoiseEffect):
     """
 
     name = "coloured_noise"
-    title = "Coloured noise"
     formula = r"n_k = \varphi\, n_{k-1} + \sqrt{1 - \varphi^2}\, e_k"
     separate_by = "The autocorrelation over several lags, on a stretch of constant speed."
     parameters = (Parameter("ar_coefficient", "-", 0.0, 0.99, 0.5),)

@@ -162,7 +162,6 @@ class TachometerQuantisation(NoiseEffect):
     """
 
     name = "tachometer_quantisation"
-    title = "Tachometer quantisation"
     follows_acceleration = True
     formula = (
         r"\omega_{\mathrm{read}} = \Delta \operatorname{round}(\omega/\Delta), \qquad n_k = -J\, \frac{q_{k+1} - "

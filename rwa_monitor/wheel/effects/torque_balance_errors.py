@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
 from rwa_monitor.wheel.effects.drag_laws import SENSOR_LAG, ORIGIN_degC, lagged_temperature
 
@@ -172,26 +172,17 @@ class CurrentDelay(MeanEffect):
 
         In the search `motor_torque_rate_Nm_s` must be given, from neighbours that leave out every sample entering
         the friction of the slot. Without it a backward difference of K_T I is taken, which shares the slot's own
-        noise: good for simulation and for removing a known effect, not for finding one.
+        noise: good for simulation and for removing a known effect, not for finding one. It is 0 at the first usable
+        slot of a record, NaN where there is no torque; the memory is the last torque and the slots since.
         """
         if channels.motor_torque_rate_Nm_s is not None:
             return stack(channels.motor_torque_rate_Nm_s), None
-        state = begun(memory, np.nan, 0.0)
-        motor_torque = channels.optional("motor_torque_Nm")
-        usable = channels.good & np.isfinite(motor_torque)
-        return stack(backward_difference(motor_torque, usable, channels.sample_period_s, state)), state
-
-
-def backward_difference(values: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
-    """Return the rate of change since the last usable slot, float64 (n,); 0 at the first of a record, NaN elsewhere.
-
-    `state`, float64 (2,), is the last value (NaN at the start) and the slots since; changed in place.
-    """
-    rate = np.full(values.size, np.nan)
-    at, since = since_last(usable, state[1:])
-    if at.size:
-        there = values[at]
-        rate[at] = (there - np.append(state[0], there[:-1])) / (since * period_s)
-        rate[at[0]] = 0.0 if np.isnan(state[0]) else rate[at[0]]
-        state[0] = there[-1]
-    return rate
+        state, motor_torque = begun(memory, np.nan, 0.0), channels.optional("motor_torque_Nm")
+        rate = np.full(motor_torque.size, np.nan)
+        at, since = since_last(channels.good & np.isfinite(motor_torque), state[1:])
+        if at.size:
+            there = motor_torque[at]
+            rate[at] = (there - np.append(state[0], there[:-1])) / (since * channels.sample_period_s)
+            rate[at[0]] = 0.0 if np.isnan(state[0]) else rate[at[0]]
+            state[0] = there[-1]
+        return stack(rate), state

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape, begun, since_last, stack
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
@@ -17,29 +17,22 @@ MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order t
 
 
 def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
-    """Return the wheel's angle [rad], NaN where unknown: as measured, else the speed's integral and its memory."""
+    """Return the wheel's angle [rad], float64 (n,), NaN where unknown: as measured, else the speed's integral.
+
+    That is by the trapezoidal rule, 0 at the first usable slot of a record; across a gap as if the speed had changed
+    evenly: the wheel turns on. Its memory is the angle, the last ω, and the slots since.
+    """
     if channels.measured_angle_rad is not None:
         return np.where(channels.moving, channels.measured_angle_rad, np.nan), memory
-    state = begun(memory, 0.0, np.nan, 0.0)
-    return turned_angle(channels.speed_rad_s, channels.moving, channels.sample_period_s, state), state
-
-
-def turned_angle(speed_rad_s: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
-    """Integrate the speed by the trapezoidal rule; across a gap as if the speed had changed evenly: the wheel turns on.
-
-    `state`, float64 (3,), is the angle, the last ω (NaN at the start), and the slots since; changed in place. Returns
-    the angle [rad], float64 (n,), 0 at the first usable slot of a record, NaN where not usable; the same bits however a
-    record is cut into pieces.
-    """
-    angle = np.full(speed_rad_s.size, np.nan)
-    at, since = since_last(usable, state[2:])
+    state, angle = begun(memory, 0.0, np.nan, 0.0), np.full(len(channels), np.nan)
+    at, since = since_last(channels.moving, state[2:])
     if at.size:
-        speed = speed_rad_s[at]
-        turned = 0.5 * (np.append(state[1], speed[:-1]) + speed) * period_s * since
+        speed = channels.speed_rad_s[at]
+        turned = 0.5 * (np.append(state[1], speed[:-1]) + speed) * channels.sample_period_s * since
         turned[0] = 0.0 if np.isnan(state[1]) else turned[0]
         angle[at] = np.cumsum(np.append(state[0], turned))[1:]
         state[:2] = angle[at[-1]], speed[-1]
-    return angle
+    return angle, state
 
 
 def angle_range_turns(channels: Channels) -> float:
@@ -90,7 +83,6 @@ class TorqueRipple(MeanEffect):
     """
 
     name = "torque_ripple"
-    title = "Torque ripple"
     formula = (
         r"\tau = \sum_{m = 1, 2} \left(a_m \cos(m h \theta) + b_m \sin(m h \theta)\right), \qquad \theta = \int "
         r"\omega\, dt"

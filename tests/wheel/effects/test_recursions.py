@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from rwa_monitor.kernels.effects import dahl_bristle, first_order_lag
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.wheel.effects.torque_balance_errors import backward_difference
-from rwa_monitor.wheel.effects.torque_ripple import coherent_slots, turned_angle
+from rwa_monitor.wheel.effects.torque_balance_errors import CurrentDelay
+from rwa_monitor.wheel.effects.torque_ripple import angle_turned, coherent_slots
+from tests.wheel.effects.records import channels_of
 
 
 def start() -> FloatArray:
@@ -31,8 +32,8 @@ def test_the_state_is_held_through_a_gap() -> None:
 
 
 def test_a_rate_across_a_gap_is_over_the_time_since() -> None:
-    usable = np.array([True, True, False, False, True])
-    rate = backward_difference(np.array([0.0, 1.0, np.nan, np.nan, 7.0]), usable, 0.5, np.array([np.nan, 0.0]))
+    torque = np.array([0.0, 1.0, np.nan, np.nan, 7.0])
+    rate = CurrentDelay.columns(channels_of(np.ones(5), 0.5, motor_torque_Nm=torque), {})[0][:, 0]
     assert rate[[0, 1, 4]].tolist() == [0.0, 2.0, 4.0]
     assert np.isnan(rate[2:4]).all()
 
@@ -42,8 +43,8 @@ def test_the_wheel_turns_on_through_a_gap() -> None:
     speed = np.linspace(10.0, 40.0, 64)
     usable = np.ones(64, dtype=bool)
     usable[20:31] = False
-    whole = turned_angle(speed, np.ones(64, dtype=bool), 0.125, np.array([0.0, np.nan, 0.0]))
-    holed = turned_angle(np.where(usable, speed, np.nan), usable, 0.125, np.array([0.0, np.nan, 0.0]))
+    whole, _ = angle_turned(channels_of(speed))
+    holed, _ = angle_turned(channels_of(np.where(usable, speed, np.nan)))
     assert whole[-1] == pytest.approx(25.0 * 63 * 0.125, rel=1e-12)
     np.testing.assert_allclose(holed[usable], whole[usable], rtol=1e-12)
 
