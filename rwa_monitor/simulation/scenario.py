@@ -28,15 +28,15 @@ from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.random import Generator
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray
+from rwa_monitor.samples import BoolArray, ChannelName, FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile
 from rwa_monitor.wheel.effects.noise_laws import autoregress
 from rwa_monitor.wheel.file_content import Strict, TomlFile
 from rwa_monitor.wheel.torque_balance import inertia_of, torque_constant_of
-from rwa_monitor.wheel.wheel import EffectBlock, NoNegative, Positive, Wheel
+from rwa_monitor.wheel.wheel import EffectBlock, NoNegative, Positive, Wheel, built_in_wheel
 
 MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and truth; more is a wrong unit
 
@@ -45,7 +45,6 @@ SPEED_NOISE: Final = 0.01 / 300.0  # of the nominal speed: 0.01 rad/s at 300 rad
 SPEED_QUANTUM: Final = 0.005 / 300.0  # of the nominal speed: 24-bit period counter, well below its noise
 CURRENT_NOISE: Final = 2.0e-5  # of the maximum current: 0.1 mA at 5 A
 CURRENT_QUANTUM: Final = 2.0**-15  # of the maximum current: 16-bit converter over ± the maximum
-FALLBACK_MAX_CURRENT_A: Final = 5.0  # A, of the built-in wheel; for wheels without [limits]
 
 
 class Sensors(Strict):
@@ -60,9 +59,10 @@ class Sensors(Strict):
     temperature_noise_K: NoNegative = 0.02  # a thermistor with averaging
 
     def for_wheel(self, wheel: Wheel) -> dict[str, float]:
-        """Return all values by name, where one is None what is usual for this wheel."""
+        """Return all values by name, where one is None what is usual for this wheel, or the built-in one."""
         speed = wheel.speed_unit_rad_s
-        current = wheel.limits.max_current_A or FALLBACK_MAX_CURRENT_A
+        current = wheel.limits.max_current_A or built_in_wheel().limits.max_current_A
+        assert current is not None
         usual = {
             "speed_noise_rad_s": SPEED_NOISE * speed,
             "speed_quantum_rad_s": SPEED_QUANTUM * speed,
@@ -129,7 +129,7 @@ class Fault(Strict):
     kind: Literal["gap", "dropout", "stuck", "spikes"]
     start_s: NoNegative
     duration_s: Positive
-    channel: str = "speed_rad_s"
+    channel: ChannelName = "speed_rad_s"
     share: Annotated[float, Field(gt=0, le=1)] = 0.01
     size: float = 0.0
 
@@ -145,7 +145,7 @@ class Fault(Strict):
     def apply(self, values: FloatArray, hit: BoolArray, rng: Generator) -> FloatArray:
         """Return the channel with the fault in it, float64 (n,)."""
         faulty = values.copy()
-        if self.kind in ("dropout", "gap"):
+        if self.kind == "dropout":
             faulty[hit] = np.nan
         elif self.kind == "stuck" and hit.any():
             faulty[hit] = values[int(np.argmax(hit)) - 1]
@@ -229,7 +229,7 @@ class Scenario(TomlFile):
     duration_s: Positive = 10_000.0
     start_ns: Annotated[int, Field(ge=0, lt=2**62)] = 0
     friction_given: bool = True
-    channels: tuple[str, ...] | None = None
+    channels: tuple[ChannelName, ...] | None = None
 
     speed: SpeedProfile = SpeedProfile()
     base: Base = Base()
@@ -239,14 +239,6 @@ class Scenario(TomlFile):
     sensors: Sensors = Sensors()
     effect: Annotated[tuple[EffectBlock, ...], Field(max_length=32)] = ()
     fault: Annotated[tuple[Fault, ...], Field(max_length=1000)] = ()
-
-    @field_validator("channels")
-    @classmethod
-    def _known_channels(cls, channels: tuple[str, ...] | None) -> tuple[str, ...] | None:
-        for name in channels or ():
-            if name not in CHANNELS:
-                raise ValueError(f"{name!r} is none of {', '.join(CHANNELS)}")
-        return channels
 
     def factor_at(self, name: str, time_s: FloatArray) -> FloatArray:
         """Return an anomaly's factor at times from the beginning of the record [s]; 1 without such an anomaly."""
@@ -277,6 +269,3 @@ class Scenario(TomlFile):
         if not self.friction_given:
             inertia_of(wheel)
             torque_constant_of(wheel)
-        for fault in self.fault:
-            if fault.kind != "gap" and fault.channel not in CHANNELS:
-                raise InputError("scenario", f"{fault.channel!r} is none of {', '.join(CHANNELS)}", "fault.channel")
