@@ -17,6 +17,7 @@ from itertools import islice
 from typing import Final
 
 import numpy as np
+from scipy.constants import zero_Celsius
 
 from benchmarks.accuracy.campaign import in_processes
 from benchmarks.page import add_output_option, counted, page, put_out, section, table
@@ -30,7 +31,7 @@ from rwa_monitor.simulation.datasets import ORBIT_SWING_K, RECIPES, LabelledWind
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario, Temperature
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
-from rwa_monitor.wheel.effects.drag_laws import REFERENCE_K, SEASON_K, ZERO_CELSIUS_K
+from rwa_monitor.wheel.effects.drag_laws import REFERENCE_K, SEASON_K
 from rwa_monitor.wheel.wheel import Wheel
 
 ANOMALIES: Final = ("dry", "viscous", "fss_1", "fss_2")
@@ -83,7 +84,7 @@ def _without_temperature(window: LabelledWindow) -> LabelledWindow:
     wheel = window.wheel
     (law,) = viscous_effects(wheel)
     assert wheel.nominal is not None
-    year_K = Temperature().mean_degC + np.linspace(-SEASON_K, SEASON_K, SEASONS) + ZERO_CELSIUS_K
+    year_K = Temperature().mean_degC + np.linspace(-SEASON_K, SEASON_K, SEASONS) + zero_Celsius
     factor = np.exp(law.values["activation_temperature_K"] * (1.0 / year_K - 1.0 / REFERENCE_K))
     mean = float(np.mean(factor))
     spread = {

@@ -13,12 +13,13 @@ from typing import Annotated, Any, Final, Literal, Self, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import PlainSerializer, PlainValidator
+from scipy import constants
 
 from rwa_monitor.errors import InputError
 
 NANOSECONDS_PER_SECOND: Final = 1_000_000_000
-SECONDS_PER_HOUR: Final = 3_600.0
-SECONDS_PER_DAY: Final = 86_400.0
+SECONDS_PER_HOUR: Final = constants.hour
+SECONDS_PER_DAY: Final = constants.day
 TINY: Final = 1e-300  # of what is divided by
 # Of samples: sent as they are measured, kept before and sent in any order, or of a recording that is played again.
 Timeliness = Literal["live", "stored", "replay"]

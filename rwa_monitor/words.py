@@ -15,7 +15,8 @@ from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 # make equal diagnoses differ.
 RELEASE: Final = "0.1.0"
 SOFTWARE: Final = f"rwa-monitor {RELEASE}"
-FIRST_UTC_S: Final = 631_152_000  # 1990: a clock with less does not count from 1970, so that it gives no UTC
+# A clock with less does not count from 1970, so that it gives no UTC.
+FIRST_UTC_NS: Final = int(np.datetime64("1990", "ns").astype(np.int64))
 Log = Callable[[str], None]  # takes a line of a log
 FEW: Final = 8  # names in one line
 
@@ -30,7 +31,7 @@ def time_text(time_ns: int) -> str:
     >>> time_text(10_000_000_000)
     '10.000 s'
     """
-    if time_ns < FIRST_UTC_S * NANOSECONDS_PER_SECOND:
+    if time_ns < FIRST_UTC_NS:
         return f"{time_ns / NANOSECONDS_PER_SECOND:.3f} s"
     return f"{np.datetime64((time_ns + 500_000) // 1_000_000, 'ms')}Z"
 

@@ -32,7 +32,7 @@ from rwa_monitor.export.model import INPUTS, FrictionModel, Part, literal
 from rwa_monitor.kernels.noise import CHI_MEDIAN
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.motion import wheel_angle
-from rwa_monitor.simulation.record import COUPLING_ROUNDS, couple
+from rwa_monitor.simulation.record import COUPLING_ROUNDS, ORBITAL_SWING_K, couple
 from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect, NoiseEffect
 from rwa_monitor.wheel.effects.catalogue import viscous_effects
 from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
@@ -40,7 +40,6 @@ from rwa_monitor.words import SOFTWARE
 
 SLOTS: Final = 20_001  # of a sweep
 SWEEP_S: Final = 2_000.0  # s, from rest to the largest speed, down to the opposite one, and back to rest
-SWING_K: Final = 5.0  # K to both sides, over the sweep: the largest of an orbit (`simulation.record`)
 
 
 def sweep(model: FrictionModel, top_rad_s: float) -> Channels:
@@ -57,7 +56,7 @@ def sweep(model: FrictionModel, top_rad_s: float) -> Channels:
         acceleration_rad_s2=rate,
         angle_rad=wheel_angle(speed, period_s),
         motor_torque_Nm=None if inertia is None else inertia * rate + base_law(model, speed),
-        bearing_temperature_degC=ORIGIN_degC + SWING_K * np.sin(2.0 * np.pi * time / SWEEP_S),
+        bearing_temperature_degC=ORIGIN_degC + ORBITAL_SWING_K[-1] * np.sin(2.0 * np.pi * time / SWEEP_S),
         dry_level_Nm=level,
         sample_period_s=period_s,
         good=np.ones(SLOTS, dtype=np.bool_),

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from rwa_monitor.changepoints.evidence import UNKNOWN_K, ViscousSpeed
 from rwa_monitor.kernels.ingest import HANGING_SLOTS, HANGS, OUTSTANDING_SLOTS, STANDS_OUT, judge
+from rwa_monitor.kernels.running_sums import BLOCK
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.wheel.effects.base import Channels, Memory, begun
 from rwa_monitor.wheel.effects.catalogue import effect_torque, mean_effects, viscous_effects
-from rwa_monitor.wheel.effects.drag_laws import ORIGIN_degC
+from rwa_monitor.wheel.effects.drag_laws import SEASON_K, ORIGIN_degC
 from rwa_monitor.wheel.torque_balance import (
     Source,
     differentiate_over_gaps,
@@ -349,14 +350,13 @@ def _good(ring: RingBuffer, start: int, stop: int) -> BoolArray:
 # samples arrive.
 
 
-BLOCK_SLOTS: Final = 64
+BLOCK_SLOTS: Final = BLOCK
 TEMPERATURE: Final = "bearing_temperature_degC"
 
 
 # A bearing's temperature that is not known is as far off as it may have moved: as fast as one that swings by ±3 K in
 # 95 min, an orbit's eclipses, and no further than the seasons go. Working assumptions.
 DRIFT_K_S: Final = 3.3e-3
-LARGEST_ERROR_K: Final = 15.0
 STUCK_S: Final = 300.0  # in which that drift is 1 K: shorter repetitions do no harm
 STUCK_RUNS: Final = 10.0  # times the longest repetition of one value before
 BEARING_DEGC: Final = (-100.0, 200.0)  # °C: no lubricant lasts beyond
@@ -405,7 +405,7 @@ def held_temperature(
     stuck = (most_before > 0.0) & (repeated_for > np.maximum(STUCK_RUNS * most_before, STUCK_S / period_s))
     age_s = period_s * np.where(stuck, np.maximum(repeated_for, missing_for), missing_for)
     unknown = np.isnan(held)
-    error = np.where(unknown, LARGEST_ERROR_K, np.minimum(DRIFT_K_S * age_s, LARGEST_ERROR_K))
+    error = np.where(unknown, SEASON_K, np.minimum(DRIFT_K_S * age_s, SEASON_K))
     memory = np.array([held[-1], missing_for[-1], repeated_for[-1], most_before[-1]])
     return np.where(unknown, start_degC, held)[1:], error[1:], memory
 

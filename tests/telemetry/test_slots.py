@@ -7,7 +7,8 @@ import numpy as np
 from hypothesis import given
 
 from rwa_monitor.samples import FloatArray
-from rwa_monitor.telemetry.slots import DRIFT_K_S, LARGEST_ERROR_K, STUCK_S, RingBuffer, held_temperature
+from rwa_monitor.telemetry.slots import DRIFT_K_S, STUCK_S, RingBuffer, held_temperature
+from rwa_monitor.wheel.effects.drag_laws import SEASON_K
 
 CAPACITY = 13
 
@@ -110,7 +111,7 @@ def test_before_the_first_reading_nothing_is_known() -> None:
     measured[:100] = np.nan
     temperature, error = held(measured)
     assert (temperature[:100] == 20.0).all()
-    assert (error[:100] == LARGEST_ERROR_K).all()
+    assert (error[:100] == SEASON_K).all()
     assert error[100] == 0.0
 
 
@@ -121,7 +122,7 @@ def test_a_restless_channel_that_repeats_one_value_is_as_old_as_that() -> None:
     since_s = PERIOD_S * (np.arange(SLOTS) - 3000)
     assert (error[since_s <= STUCK_S] == 0.0).all()
     late = since_s > STUCK_S
-    np.testing.assert_allclose(error[late], np.minimum(DRIFT_K_S * since_s[late], LARGEST_ERROR_K))
+    np.testing.assert_allclose(error[late], np.minimum(DRIFT_K_S * since_s[late], SEASON_K))
 
 
 def test_coarse_digits_and_a_quiet_bearing_are_believed() -> None:

@@ -11,6 +11,7 @@ from scipy import special
 from rwa_monitor.kernels.effects import forward, smooth
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.effects.base import Channels, LikelihoodFit, NoiseEffect, Parameter, usable_residuals
+from rwa_monitor.wheel.effects.noise_laws import HeavyTailedNoise
 
 FEWEST_BURSTS: Final = 5  # fewer are chance, or what was seen once
 BESIDE_BURST: Final = 32  # slots to each side with which a burst's drag is compared
@@ -42,7 +43,6 @@ class CageInstability(NoiseEffect):
     """
 
     name = "cage_instability"
-    title = "Cage instability"
     comes_and_goes = True
     formula = (
         r"\tau = g(t)\, m \operatorname{sign}(\omega), \quad \sigma = \sigma_0 \left(1 + g(t)\, b\right), \qquad "
@@ -154,7 +154,7 @@ FIRST_STAY: Final = 100.0  # slots, mean, where the fit begins
 HALF_WIDTHS: Final = (0.03, 0.06, 0.12, 0.25)  # of bands tried, as shares of the speeds' range
 WIDEST_BAND: Final = 0.3  # half width over the range of the speeds: wider is no band
 FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet and the shaking scale over the bin's
-LEAST_FREEDOM: Final = 2.05  # degrees of freedom: a variance exists
+LEAST_FREEDOM: Final = HeavyTailedNoise.parameters[0].low  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
 MOST_EVALUATIONS: Final = 800
 FIRST_EVALUATIONS: Final = 120  # of each width: enough to find which is best

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import ClassVar, Final
 
 import numpy as np
+from scipy.constants import zero_Celsius
 
 from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.samples import FloatArray
@@ -77,9 +78,8 @@ class Stribeck(MeanEffect):
         return float(strengths[0]) <= MOST_STATIC * dry_Nm
 
 
-ZERO_CELSIUS_K: Final = 273.15  # [K]
 ORIGIN_degC: Final = 20.0  # where laws of the temperature are one or zero: a convention
-REFERENCE_K: Final = ZERO_CELSIUS_K + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
+REFERENCE_K: Final = zero_Celsius + ORIGIN_degC  # [K] where ν = ν₀: it shifts strength into the base slope
 SEASON_K: Final = 15.0  # [K] to either side over a year in orbit; a working assumption
 LEAST_K: Final = 0.5  # [K] within a record: less is the resolution of a housekeeping sensor, and shows no lag
 LAG_REACH_S: Final = 300.0  # [s] of a round of fitting; several follow each other
@@ -155,7 +155,7 @@ class ViscosityTemperature(MeanEffect):
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
         temperature, memory = lagged_temperature(channels, shape, memory)
-        exponent = shape["activation_temperature_K"] * (1.0 / (temperature + ZERO_CELSIUS_K) - 1.0 / REFERENCE_K)
+        exponent = shape["activation_temperature_K"] * (1.0 / (temperature + zero_Celsius) - 1.0 / REFERENCE_K)
         return stack(channels.speed_rad_s * np.expm1(exponent)), memory
 
 
@@ -235,7 +235,6 @@ class SaturatingDrag(MeanEffect):
     """
 
     name = "saturating_drag"
-    title = "Saturating drag"
     formula = r"\tau = c\, \frac{\omega / \omega_s}{\left(1 + |\omega / \omega_s|^b\right)^{1/b}}"
     separate_by = "Dwells over the whole speed range, some well above the bend: a plateau, or a power that goes on."
     choice_deviance: ClassVar[float] = 2.0 * float(np.log(RARER))
@@ -312,7 +311,7 @@ class SublinearViscous(MeanEffect):
         drag = channels.direction * np.power(np.abs(channels.speed_rad_s), shape["exponent"])
         activation_K = shape["activation_temperature_K"]
         if activation_K != 0.0:
-            temperature_K = channels.optional("bearing_temperature_degC") + ZERO_CELSIUS_K
+            temperature_K = channels.optional("bearing_temperature_degC") + zero_Celsius
             drag = drag * np.exp(shape["exponent"] * activation_K * (1.0 / temperature_K - 1.0 / REFERENCE_K))
         return drag
 
@@ -338,7 +337,6 @@ class LoadDependence(MeanEffect):
     """
 
     name = "load_dependence"
-    title = "Load dependence"
     follows_acceleration = True
     formula = r"\tau = c\, |K_T I|\, \operatorname{sign}(\omega)"
     separate_by = (
