@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.constants import milli
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
@@ -21,7 +22,6 @@ from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 __all__ = ["discrepancy", "gains", "window"]
 
-MILLI: Final = 1e3  # N m to mN m
 COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")  # Okabe and Ito, of the switching systems
 NOT_OF_A_SYSTEM: Final = "#555555"
 GROUND: Final = "0.6"
@@ -59,7 +59,7 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
     top.set(ylabel="speed\n[rad/s]", title=f"{diagnosis.verdict}: {diagnosis.reason.split(' (')[0]}")
     top.title.set_fontsize(9)
     dry = _without_viscous(friction_Nm[inside], speed_rad_s, diagnosis)
-    middle.plot(minutes[::every], MILLI * dry[::every], ".", ms=1.0, color=GROUND)
+    middle.plot(minutes[::every], dry[::every] / milli, ".", ms=1.0, color=GROUND)
     middle.set_ylabel("friction less\nviscous [mN m]")
     for jump in diagnosis.changepoints:
         middle.axvline(
@@ -92,12 +92,12 @@ def _draw_systems(axis: Axes, diagnosis: Diagnosis, colours: dict[str, str]) -> 
     a_slot = end / diagnosis.samples
     for name, system in diagnosis.friction.fss.items():
         at = [a_slot * index for index in system.start_index]
-        torque = [MILLI * value for value in system.friction_Nm]
+        torque = [value / milli for value in system.friction_Nm]
         if at:
             axis.step([*at, end], [*torque, torque[-1]], where="post", color=colours.get(name), label=name)
         anomaly = diagnosis.anomalies.get(name)
         if anomaly is not None and anomaly.active and anomaly.nominal_high is not None:
-            bound = MILLI * anomaly.nominal_high
+            bound = anomaly.nominal_high / milli
             axis.axhline(bound, ls=":", lw=0.9, color=colours.get(name), label=f"nominal bound of {name}")
     if axis.get_legend_handles_labels()[0]:
         axis.legend(fontsize=7, loc="upper right")

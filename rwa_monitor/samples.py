@@ -17,7 +17,7 @@ from scipy import constants
 
 from rwa_monitor.errors import InputError
 
-NANOSECONDS_PER_SECOND: Final = 1_000_000_000
+NANOSECONDS_PER_SECOND: Final = int(constants.giga)
 SECONDS_PER_HOUR: Final = constants.hour
 SECONDS_PER_DAY: Final = constants.day
 TINY: Final = 1e-300  # of what is divided by

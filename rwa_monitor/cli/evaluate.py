@@ -58,7 +58,7 @@ def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
     if json:
         kinds = {kind: {name: asdict(one) for name, one in rows.items()} for kind, rows in scores.items()}
         rows = {name: asdict(one) for name, one in overall.items()}
-        counts = {"windows": found.windows, "timelines": len(found.overall)}
+        counts = {"windows": len(windows), "timelines": len(found.overall)}
         click.echo(dumps({**counts, "kinds": kinds, "overall": rows}))
     else:
         _print([*scores.items(), ("overall", overall)])

@@ -139,8 +139,7 @@ def _time_since_slew(channels: Channels) -> FloatArray | None:
     if not slewing.any() or slewing.all():
         return None
     last = np.maximum.accumulate(np.where(slewing, np.arange(slewing.size), -1))
-    since = np.where(last >= 0, (np.arange(slewing.size) - last) * channels.sample_period_s, np.nan)
-    return np.asarray(since, dtype=np.float64)
+    return np.where(last >= 0, (np.arange(slewing.size) - last) * channels.sample_period_s, np.nan)
 
 
 def _since_jump(problem: Problem, extended: Model) -> tuple[Draw, Expected]:

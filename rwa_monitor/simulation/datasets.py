@@ -41,7 +41,6 @@ BASE_CUT: Final = 3.0  # standard deviations
 PAPER_JUMP_RATE: Final = (0.63, 2.93)
 
 HARD_JUMP_SIGMAS: Final = (3.0, 6.0)  # jumps of `hard` in standard deviations of the noise
-HARD_AR_COEFFICIENT: Final = 0.5
 HARD_GAPS: Final = (1, 4)  # gaps a window, both included
 HARD_GAP_S: Final = (1.0, 60.0)  # s: a lost packet to a short outage
 HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly; each of its combinations occurs
@@ -315,7 +314,7 @@ def _hard(wheel: Wheel, number: int, windows: int, rng: Generator) -> Scenario:
         anomalies={
             name: Anomaly(factor=HARD_SEVERITIES[name]) for name, on in zip(wheel.anomalies, active, strict=True) if on
         },
-        noise=FrictionNoise(law="ar1", ar_coefficient=HARD_AR_COEFFICIENT),
+        noise=FrictionNoise(law="ar1"),
         fault=gaps,
     )
 

@@ -15,7 +15,7 @@ import json
 import os
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
@@ -62,9 +62,8 @@ def read_labels(path: Path, *, must_exist: bool = True) -> list[LabelledFile]:
     InputError
         If it cannot be used; names the file, the row, the column and the reason.
     """
-    source = display_name(path)
-    (_, header), *rows = _rows(path)
-    names = _anomaly_names(header, source)
+    source, rows = display_name(path), _rows(path)
+    names = _anomaly_names(next(rows)[1], source)
     labelled = [_labelled_file(fields, names, path, row, must_exist=must_exist) for row, fields in rows]
     if not labelled:
         raise InputError(source, "names no file")
@@ -79,19 +78,25 @@ def read_events(path: Path) -> list[LabelledEvent]:
     InputError
         If it cannot be used; names the file, the row, the column and the reason.
     """
-    source = display_name(path)
-    (_, header), *rows = _rows(path)
-    if header != EVENT_COLUMNS:
+    source, rows = display_name(path), _rows(path)
+    if next(rows)[1] != EVENT_COLUMNS:
         raise InputError(source, f"the header must be {','.join(EVENT_COLUMNS)}", "row 1")
     return [_labelled_event(fields, source, row) for row, fields in rows]
 
 
-def _rows(path: Path) -> list[tuple[str, list[str]]]:
-    """Return the rows of a CSV file, each with its place, the header first, also where it is missing."""
+def _rows(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Yield the rows of a CSV file, each with its place, the header first, also where it is missing."""
     reader = csv.reader(io.StringIO(read_text(path, MAX_LABELS_BYTES)), strict=True)
     try:
-        header = ("row 1", next(reader, []))
-        return [header, *((f"row {reader.line_num}", fields) for fields in reader if fields)]  # a blank line is none
+        yield "row 1", (header := next(reader, []))
+        for fields in filter(None, reader):  # a blank line is none
+            if len(fields) != len(header):
+                raise InputError(
+                    display_name(path),
+                    f"has {len(fields)} fields, the header has {len(header)}",
+                    f"row {reader.line_num}",
+                )
+            yield f"row {reader.line_num}", fields
     except csv.Error as error:
         raise InputError(display_name(path), f"is no CSV: {error}", f"row {reader.line_num}") from error
 
@@ -119,10 +124,7 @@ def _anomaly_names(header: list[str], source: str) -> list[str]:
 
 def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str, *, must_exist: bool) -> LabelledFile:
     """Check one row of `labels`."""
-    source = display_name(labels)
-    if len(fields) != len(names) + 1:
-        raise InputError(source, f"has {len(fields)} fields, the header has {len(names) + 1}", row)
-    file, *flags = fields
+    source, (file, *flags) = display_name(labels), fields
     for name, flag in zip(names, flags, strict=True):
         if flag not in ("0", "1"):
             raise InputError(source, f"{flag[:40]!r} is neither 0 nor 1", f"{row}, column {name}")
@@ -136,8 +138,6 @@ def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str, 
 
 def _labelled_event(fields: list[str], source: str, row: str) -> LabelledEvent:
     """Check one row of a table of events."""
-    if len(fields) != len(EVENT_COLUMNS):
-        raise InputError(source, f"has {len(fields)} fields, the header has {len(EVENT_COLUMNS)}", row)
     wheel, kind, *times = fields
     for column, time in zip(EVENT_COLUMNS[2:], times, strict=True):
         if not TIME.fullmatch(time):
@@ -248,7 +248,6 @@ class JudgedWindow(Message):
 class JudgedTimelines(NamedTuple):
     """Alarms and events of each kind of anomaly, and those of any kind together, where overlapping events are one."""
 
-    windows: int
     kinds: dict[str, list[Timeline]]
     overall: list[Timeline]
 
@@ -273,7 +272,7 @@ def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> JudgedTime
     """
     windows, source = list(diagnoses), display_name(labels)
     judged = list(dict.fromkeys(name for window in windows for name in window.anomalies))
-    header = _rows(labels)[0][1]
+    _, header = next(_rows(labels))
     if header[:1] == ["wheel"]:
         kinds, groups = judged, _by_wheel(windows, read_events(labels), judged, source)
     elif header[:1] == ["file"]:
@@ -292,7 +291,7 @@ def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> JudgedTime
     timelines = {kind: [group.timeline([kind]) for group in groups] for kind in kinds}
     together = [group.timeline(kinds) for group in groups]
     overall = [one._replace(events=union(one.events, (one.start_ns, one.end_ns))) for one in together]
-    return JudgedTimelines(len(windows), timelines, overall)
+    return JudgedTimelines(timelines, overall)
 
 
 class _Group:

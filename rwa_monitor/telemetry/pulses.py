@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.noise import CHI_MEDIAN
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.words import counted
 
 REACH: Final = 5  # steps to each side, at least, whose median is the usual step; a turn, where that is more
@@ -81,7 +81,9 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
         )
     step = np.diff(time)
     usual = _usual(step, min(max(REACH, pulses_per_turn), step.size // 2))
-    regular = _is_regular(step / usual)
+    off = np.abs(step / usual - 1.0)  # regular is what differs from the usual step by no more than most do
+    most_off = np.clip(SPREADS / math.sqrt(CHI_MEDIAN) * float(np.median(off)), LEAST_OFF, MOST_OFF)
+    regular = off <= most_off
     if float(np.mean(regular)) < LEAST_REGULAR:
         raise InputError(
             source,
@@ -115,12 +117,6 @@ def _usual(step: FloatArray, reach: int) -> FloatArray:
 
     padded = np.concatenate([before(step), step, before(step[::-1])[::-1]])
     return median_filter(padded, 2 * reach + 1)[reach:-reach]
-
-
-def _is_regular(ratio: FloatArray) -> BoolArray:
-    """Return which steps, over the usual one, differ from that by no more than most do."""
-    off = np.abs(ratio - 1.0)
-    return np.asarray(off <= np.clip(SPREADS / math.sqrt(CHI_MEDIAN) * float(np.median(off)), LEAST_OFF, MOST_OFF))
 
 
 def _means(values: FloatArray, borders: IntArray) -> FloatArray:

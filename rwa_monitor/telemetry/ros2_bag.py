@@ -162,14 +162,6 @@ def _field(message: Any, path: str) -> Any:
 # ---- the bag ---------------------------------------------------------------------------------------------------------
 
 
-class _Topic(NamedTuple):
-    """A channel of the bag that the map names."""
-
-    name: str
-    type: MessageType
-    series: list[_Series]
-
-
 class _Bag:
     """Goes over the records of a bag and hands the messages of the map's topics to their series."""
 
@@ -180,7 +172,8 @@ class _Bag:
             for series in wheel.series.values():
                 self._series.setdefault(series.spec.topic, []).append(series)
         self._schemas: dict[int, Schema] = {}
-        self._topics: dict[int, _Topic | None] = {}  # None: a topic that the map does not name
+        # Name and type of each channel of the bag; None: a topic that the map does not name.
+        self._topics: dict[int, tuple[str, MessageType] | None] = {}
         self._names: set[str] = set()
         self._seen: Counter[str] = Counter()
         self._lost: list[str] = []
@@ -246,7 +239,7 @@ class _Bag:
             if channel_id not in self._topics:
                 self._undescribed += 1
             elif (topic := self._topics[channel_id]) is not None:
-                self._decode(topic, content[MESSAGE_HEAD.size :], {"log": log_ns, "publish": publish_ns})
+                self._decode(*topic, content[MESSAGE_HEAD.size :], {"log": log_ns, "publish": publish_ns})
         elif opcode == Opcode.SCHEMA:
             schema = Schema.read(stream_of(content))
             if schema.id not in self._schemas:
@@ -257,10 +250,10 @@ class _Bag:
             if channel.id not in self._topics:
                 wanted = channel.topic in self._series
                 self._names.add(channel.topic if wanted else channel.topic[:MAX_PART])
-                self._topics[channel.id] = self._topic(channel) if wanted else None
+                self._topics[channel.id] = (channel.topic, self._type(channel)) if wanted else None
 
-    def _topic(self, channel: Channel) -> _Topic:
-        """Return how to decode a topic; raises InputError where it cannot be."""
+    def _type(self, channel: Channel) -> MessageType:
+        """Return the type of a topic's messages; raises InputError where it cannot be."""
         schema = self._schemas.get(channel.schema_id)
         place = f"topic {channel.topic}"
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
@@ -268,27 +261,24 @@ class _Bag:
             raise InputError(self._source, f"holds {how}; cdr by ros2msg is wanted", place)
         self._count("channels of the map's topics", 1, MAX_COLUMNS)
         try:
-            kind = MessageType(schema.name, schema.data)
+            return MessageType(schema.name, schema.data)
         except ValueError as error:
             raise InputError(self._source, f"{schema.name} is no message type: {first_line(error)}", place) from error
-        return _Topic(channel.topic, kind, self._series[channel.topic])
 
-    def _decode(self, topic: _Topic, data: bytes, times: dict[str, int]) -> None:
+    def _decode(self, topic: str, kind: MessageType, data: bytes, times: dict[str, int]) -> None:
         self._count("messages of the map's topics", 1, MAX_ROWS)
         try:
             if len(data) > MAX_MESSAGE_BYTES:
                 raise ValueError(f"it has {len(data):,} bytes; the limit is {MAX_MESSAGE_BYTES:,}")
-            message = topic.type.decode(data)
-            for series in topic.series:
+            message = kind.decode(data)
+            for series in self._series[topic]:
                 series.take(message, times)
         except (ArithmeticError, TypeError, ValueError, struct.error) as error:  # bytes that are not as in the schema
             self._refused += 1
-            self._first_refused = self._first_refused or f"topic {topic.name}: {first_line(error)}"
+            self._first_refused = self._first_refused or f"topic {topic}: {first_line(error)}"
 
 
 # ---- types of messages, and messages by their type -------------------------------------------------------------------
-
-FEW_VALUES: Final = 64  # a message may have beside one for each byte
 
 # A field's type; whether there are many, and of how many it always has; its name; the equals sign of a constant.
 _FIELD: Final = re.compile(r"([\w/]+)(?:<=\d+)?(\[(?:(\d{1,9})|<=\d+)?\])?\s+([a-zA-Z]\w*)\s*(=?).*", re.ASCII)
@@ -368,7 +358,7 @@ class _Cdr:
         self._data, self._types = data[4:], types
         self._order: Literal["<", ">"] = "<" if data[1] else ">"
         self._at = 0
-        self._left = len(data) + FEW_VALUES
+        self._left = len(data) + MAX_DEPTH  # values: one for each byte, and as many beside
 
     def value(self, kind: str, depth: int = 0) -> Any:
         """Read a text, or the fields of a type by their names."""

@@ -220,8 +220,6 @@ def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
 # ---- CSV: comma-separated UTF-8, one header row; read as text, so that every bad value can be named ------------------
 
 
-FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
-
 _DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
 _LARGEST_INT64: Final = np.iinfo(np.int64).max
 _PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which the column's name ends
@@ -239,15 +237,15 @@ def _read_csv(path: Path, source: str) -> tuple[Layout, IntArray, dict[str, Floa
     names = _header(content, reader, source)
     layout = lay_out(names, source)
     times, channels = [], {name: [np.zeros(0)] for name in layout.channels}
-    row = FIRST_DATA_ROW
+    first = row = reader.line_num + 1  # as a person counts: the header is row 1
     for rows in _rows(reader, len(names), source):
         times.append(_nanoseconds([fields[layout.time_at].strip() for fields in rows], layout.time, source, row))
         for name, at in layout.channels.items():
             channels[name].append(_numbers([fields[at].strip() for fields in rows], name, source, row))
         row += len(rows)
-    check_rows(row - FIRST_DATA_ROW, source)
+    check_rows(row - first, source)
     time_ns = np.concatenate(times)
-    _check_time(time_ns, layout.time, source, FIRST_DATA_ROW)
+    _check_time(time_ns, layout.time, source, first)
     return layout, time_ns, {name: np.concatenate(parts) for name, parts in channels.items()}
 
 
@@ -287,7 +285,7 @@ def _header(content: bytes, reader: Any, source: str) -> list[str]:
 
 def _rows(reader: Any, count: int, source: str) -> Iterator[list[list[str]]]:
     """Yield the rows after the header, many at once, as their fields; an empty line is a row of empty fields."""
-    done = 1  # the header
+    done = reader.line_num
     try:
         while rows := [fields or [""] * count for fields in islice(reader, ROWS_AT_ONCE)]:
             for row, fields in enumerate(rows, start=done + 1):
@@ -459,4 +457,4 @@ def _column_nanoseconds(column: Any, name: str, source: str) -> IntArray:
         reason = f"{seconds[at]} is not a time that 64 bits of nanoseconds hold"
         raise InputError(source, reason, f"row {at + 1}, column {name}")
     rest_ns = np.rint((seconds - whole) * NANOSECONDS_PER_SECOND)
-    return np.asarray(whole.astype(np.int64) * NANOSECONDS_PER_SECOND + rest_ns.astype(np.int64), dtype=np.int64)
+    return whole.astype(np.int64) * NANOSECONDS_PER_SECOND + rest_ns.astype(np.int64)

@@ -172,7 +172,7 @@ class Lognormal(_RoundedContinuous):
     sigma: Annotated[float, Field(gt=0, le=5)]
 
     def _tail(self, value: FloatArray) -> FloatArray:
-        return np.asarray(special.ndtr(-(np.log(value) - self.mu) / self.sigma), dtype=np.float64)
+        return special.ndtr(-(np.log(value) - self.mu) / self.sigma)
 
     def _excess(self, value: float) -> float:
         far = (np.log(value) - self.mu) / self.sigma

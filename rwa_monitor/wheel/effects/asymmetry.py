@@ -1,7 +1,5 @@
 """What differs between the directions of rotation: dry friction, viscous friction, or an offset of the torque."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from rwa_monitor.samples import FloatArray

@@ -1,7 +1,5 @@
 """Cage instability: in a band of speeds the cage whirls, in bursts, and drags and shakes at once."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Final
 

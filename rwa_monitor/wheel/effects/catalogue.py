@@ -1,7 +1,5 @@
 """All effects, found by importing every module of this package: adding an effect is adding one class."""
 
-from __future__ import annotations
-
 import pkgutil
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

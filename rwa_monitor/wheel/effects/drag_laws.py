@@ -1,7 +1,5 @@
 """Drag beside the base law's: near zero, by another power of the speed, with an end, by the load or the temperature."""
 
-from __future__ import annotations
-
 from typing import ClassVar, Final
 
 import numpy as np

@@ -6,8 +6,6 @@ carrier. No structure has more than three constants. Structures are classes like
 of it: a wheel file names them as the effect "formula" with the key `law`, which is looked up and never evaluated.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Jumps of the dry friction that wheel.toml does not have: of another shape, of one more system, or at other times."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Final
 

@@ -1,7 +1,5 @@
 """Drag of what was before: it lags the speed, or the sign of the speed, or drifts with time."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np

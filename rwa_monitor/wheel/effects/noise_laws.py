@@ -1,7 +1,5 @@
 """Noise of another law than white and Gaussian: coloured, with heavy tails, or of a spread that follows the speed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """What a tachometer makes of the speed: it comes in steps, and near zero the electronics see no motion at all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Final, NamedTuple
 

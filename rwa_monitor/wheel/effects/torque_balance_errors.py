@@ -1,7 +1,5 @@
 """What is taken for friction where the torque balance has a wrong constant, or channels of different times."""
 
-from __future__ import annotations
-
 from typing import ClassVar
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Torque ripple: a torque that repeats with the wheel's angle."""
 
-from __future__ import annotations
-
 from typing import Final
 
 import numpy as np
