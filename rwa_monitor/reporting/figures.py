@@ -113,7 +113,8 @@ def view_picture(view: View, title: str, x_label: str, y_label: str, both: bool)
     """Draw one residual view: the base model's residual and, if `both`, the extended model's."""
     figure = Figure(figsize=(5.4, 3.4), layout="constrained")
     axis = figure.subplots()
-    axis.plot(view.base.x, view.expected, color="black", lw=0.8, ls="--", label="if nothing were missing")
+    expected = np.broadcast_to(view.base.expected, view.base.x.shape)
+    axis.plot(view.base.x, expected, color="black", lw=0.8, ls="--", label="if nothing were missing")
     extended = [(view.extended, EXTENDED, "s", "extended")] if both else []
     for curve, colour, marker, label in (*extended, (view.base, BASE, "o", "as it is")):
         error = STANDARD_ERRORS * curve.error

@@ -28,39 +28,29 @@ FAR: Final = 4.0  # standard deviations, beyond which samples are counted for th
 
 
 class Curve(NamedTuple):
-    """One model's residual in a view: bin centres, values and their standard errors, and the test's p-value."""
+    """One model's residual in a view: bin centres, values and their standard errors, and the test's p-value.
+
+    `expected` is what an adequate model would give: one value, or one for each x.
+    """
 
     x: FloatArray
     y: FloatArray
     error: FloatArray
     p_value: float
+    expected: float | FloatArray = 0.0
 
 
 class View(NamedTuple):
-    """One view.
-
-    Attributes
-    ----------
-    name
-        Short identifier.
-    base, extended
-        The residual of the two models.
-    expected
-        Values that an adequate model would give at `base.x` (zeros for means).
-    """
+    """One view: a short identifier, and the residual of the two models."""
 
     name: str
     base: Curve
     extended: Curve
-    expected: FloatArray
 
 
-# What draws one model's residual (s·torque [N m], float64 (n,)) in a view.
-Draw = Callable[[FloatArray, Model], Curve]
-# What an adequate model would give: one value, or one for each x.
-Expected = float | FloatArray
-# What makes a view of records and their extended model; None where they do not allow it.
-Maker = Callable[[Problem, Model], tuple[Draw, Expected] | None]
+# What draws one model's residual (s·torque [N m], float64 (n,)): of records and their extended model, the residual and
+# its model; None where the records do not allow it.
+Draw = Callable[[Problem, Model, FloatArray, Model], Curve | None]
 
 
 def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
@@ -73,13 +63,13 @@ def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
     base, extended
         First and last nested model; may be the same.
     """
-    before, after = base_residual(problem, extended), extended.fit.residual
+    residual = base_residual(problem, extended)
     views = []
-    for name, make in VIEWS.items():
-        if (made := make(problem, extended)) is not None:
-            draw, expected = made
-            shown, gained = draw(before, base), draw(after, extended)
-            views.append(View(name, shown, gained, np.broadcast_to(expected, shown.x.shape)))
+    for name, draw in VIEWS.items():
+        before = draw(problem, extended, residual, base)
+        after = draw(problem, extended, extended.fit.residual, extended)
+        if before is not None and after is not None:
+            views.append(View(name, before, after))
     return views
 
 
@@ -120,17 +110,16 @@ def binned(problem: Problem, quantity: FloatArray, residual: FloatArray) -> Curv
     return Curve(centre, mean, error, _chance(mean / error))
 
 
-def _over(quantity: Callable[[Channels], FloatArray | None], *, along: bool = True) -> Maker:
-    """Return the maker of a view over a quantity of the channels; the residual is taken along the rotation or not."""
+def _over(quantity: Callable[[Channels], FloatArray | None], *, along: bool = True) -> Draw:
+    """Return what draws a view over a quantity of the channels; the residual is taken along the rotation or not."""
 
-    def make(problem: Problem, _: Model) -> tuple[Draw, Expected] | None:
+    def draw(problem: Problem, _: Model, residual: FloatArray, __: Model) -> Curve | None:
         per_record = [values for record in problem.records if (values := quantity(record.channels)) is not None]
         if len(per_record) < len(problem.records):
             return None
-        joined, sign = problem.gather(per_record), 1.0 if along else problem.sign
-        return lambda residual, _: binned(problem, joined, residual * sign), 0.0
+        return binned(problem, problem.gather(per_record), residual if along else residual * problem.sign)
 
-    return make
+    return draw
 
 
 def _time_since_slew(channels: Channels) -> FloatArray | None:
@@ -142,7 +131,7 @@ def _time_since_slew(channels: Channels) -> FloatArray | None:
     return np.where(last >= 0, (np.arange(slewing.size) - last) * channels.sample_period_s, np.nan)
 
 
-def _since_jump(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
+def _since_jump(problem: Problem, extended: Model, residual: FloatArray, _: Model) -> Curve:
     """Show the residual after a jump, in the direction of the jump; before a record's first jump nothing is shown."""
     jumps, level = extended.fit.jumps, extended.fit.level
     here = np.arange(problem.size)
@@ -151,81 +140,64 @@ def _since_jump(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
     begin = problem.starts[np.searchsorted(problem.starts, here, side="right") - 1]
     since_s = np.where(last >= begin, (problem.slot - problem.slot[last]) * _period_s(problem), np.nan)
     sign = np.append(1.0, np.sign(level[jumps] - level[jumps - 1]))[number]
-    return lambda residual, _: binned(problem, since_s, residual * sign), 0.0
+    return binned(problem, since_s, residual * sign)
 
 
 # ---- other views -----------------------------------------------------------------------------------------------------
 
 
-def _slope(problem: Problem, extended: Model) -> tuple[Draw, Expected]:
+def _slope(problem: Problem, extended: Model, residual: FloatArray, _: Model) -> Curve:
     first = segment_starts(problem, extended.fit.jumps)
     x = remove_levels(problem.speed, first)
     energy = np.add.reduceat(x * x, first)
     enough = energy > 1e-3 * energy.max(initial=0.0)
     begin_s = (problem.slot[first] * _period_s(problem))[enough].astype(np.float64)
     error = np.sqrt(problem.noise.long_run_variance / energy[enough])
-
-    def draw(residual: FloatArray, _: Model) -> Curve:
-        slope = np.add.reduceat(x * residual, first)[enough] / energy[enough]
-        return Curve(begin_s, slope, error, _chance(slope / error))
-
-    return draw, 0.0
+    slope = np.add.reduceat(x * residual, first)[enough] / energy[enough]
+    return Curve(begin_s, slope, error, _chance(slope / error))
 
 
-def _spread(problem: Problem, _: Model) -> tuple[Draw, Expected]:
-    def draw(residual: FloatArray, _: Model) -> Curve:
-        squares = binned(problem, problem.speed, residual**2)
-        rms = np.sqrt(np.maximum(squares.y, 0.0))
-        # Relative standard error of a standard deviation from n samples: 1/√(2n).
-        error = rms / np.sqrt(2 * max(problem.size / max(rms.size, 1), 1.0))
-        return Curve(squares.x, rms, error, _chance((rms - np.sqrt(np.mean(residual**2))) / error))
-
-    return draw, problem.noise.std
+def _spread(problem: Problem, _: Model, residual: FloatArray, __: Model) -> Curve:
+    squares = binned(problem, problem.speed, residual**2)
+    rms = np.sqrt(np.maximum(squares.y, 0.0))
+    # Relative standard error of a standard deviation from n samples: 1/√(2n).
+    error = rms / np.sqrt(2 * max(problem.size / max(rms.size, 1), 1.0))
+    p_value = _chance((rms - np.sqrt(np.mean(residual**2))) / error)
+    return Curve(squares.x, rms, error, p_value, problem.noise.std)
 
 
-def _autocorrelation(problem: Problem, _: Model) -> tuple[Draw, Expected]:
+def _autocorrelation(problem: Problem, _: Model, residual: FloatArray, __: Model) -> Curve:
     lags = np.arange(1, min(LAGS, problem.size // 4) + 1)
     error = np.full(lags.size, 1 / np.sqrt(problem.size))
-
-    def draw(residual: FloatArray, _: Model) -> Curve:
-        values = np.array([residual[lag:] @ residual[:-lag] for lag in lags]) / (residual @ residual)
-        # The test of Ljung and Box, Biometrika 65, 1978.
-        statistic = problem.size * (problem.size + 2) * np.sum(values**2 / (problem.size - lags))
-        return Curve(lags.astype(np.float64), values, error, float(stats.chi2.sf(statistic, lags.size)))
-
-    return draw, 0.0
+    values = np.array([residual[lag:] @ residual[:-lag] for lag in lags]) / (residual @ residual)
+    # The test of Ljung and Box, Biometrika 65, 1978.
+    statistic = problem.size * (problem.size + 2) * np.sum(values**2 / (problem.size - lags))
+    return Curve(lags.astype(np.float64), values, error, float(stats.chi2.sf(statistic, lags.size)))
 
 
-def _tails(problem: Problem, _: Model) -> tuple[Draw, Expected]:
+def _tails(problem: Problem, _: Model, residual: FloatArray, __: Model) -> Curve:
     at = np.linspace(0.5, 5.0, 19)
     expected = 2 * stats.norm.sf(at)
     error = np.sqrt(np.maximum(expected * (1 - expected), 1 / problem.size) / problem.size)
-
-    def draw(residual: FloatArray, _: Model) -> Curve:
-        scaled = np.abs(residual) / (np.median(np.abs(residual)) / stats.norm.ppf(0.75))
-        share = np.array([np.mean(scaled > threshold) for threshold in at])
-        beyond = int(np.count_nonzero(scaled > FAR))
-        return Curve(at, share, error, float(stats.binom.sf(beyond - 1, problem.size, 2 * stats.norm.sf(FAR))))
-
-    return draw, expected
+    scaled = np.abs(residual) / (np.median(np.abs(residual)) / stats.norm.ppf(0.75))
+    share = np.array([np.mean(scaled > threshold) for threshold in at])
+    beyond = int(np.count_nonzero(scaled > FAR))
+    return Curve(at, share, error, float(stats.binom.sf(beyond - 1, problem.size, 2 * stats.norm.sf(FAR))), expected)
 
 
-def _jump_rate(problem: Problem, extended: Model) -> tuple[Draw, Expected] | None:
+def _jump_rate(problem: Problem, extended: Model, _: FloatArray, model: Model) -> Curve | None:
     if extended.fit.jumps.size < MIN_PER_BIN:
         return None
     edges = np.quantile(problem.speed, np.linspace(0, 1, JUMP_RATE_BINS + 1))
     time_s = np.histogram(problem.speed, edges)[0] * _period_s(problem)
-
-    def draw(_: FloatArray, model: Model) -> Curve:
-        count = np.histogram(problem.speed[model.fit.jumps], edges)[0]
-        expected = count.sum() * time_s / time_s.sum()
-        p_value = _chance((count - expected) / np.sqrt(np.maximum(expected, 1e-9)))
-        return Curve(0.5 * (edges[1:] + edges[:-1]), count / time_s, np.sqrt(np.maximum(count, 1)) / time_s, p_value)
-
-    return draw, extended.fit.jumps.size / time_s.sum()
+    count = np.histogram(problem.speed[model.fit.jumps], edges)[0]
+    even = count.sum() * time_s / time_s.sum()
+    p_value = _chance((count - even) / np.sqrt(np.maximum(even, 1e-9)))
+    middle, error = 0.5 * (edges[1:] + edges[:-1]), np.sqrt(np.maximum(count, 1)) / time_s
+    return Curve(middle, count / time_s, error, p_value, extended.fit.jumps.size / time_s.sum())
 
 
-def _durations(problem: Problem, extended: Model) -> tuple[Draw, Expected] | None:
+def _durations(problem: Problem, extended: Model, _: FloatArray, model: Model) -> Curve | None:
     """Show the distribution of times between jumps against a memoryless law of the same mean."""
     if extended.fit.jumps.size < MIN_PER_BIN:
         return None
@@ -234,19 +206,16 @@ def _durations(problem: Problem, extended: Model) -> tuple[Draw, Expected] | Non
         gaps = np.diff(problem.slot[model.fit.jumps]) * _period_s(problem)
         return gaps[gaps > 0]
 
-    at = np.quantile(gaps_s(extended), np.linspace(0.05, 0.95, 12))
-
-    def draw(_: FloatArray, model: Model) -> Curve:
-        gaps = gaps_s(model)
-        share = np.array([np.mean(gaps > t) for t in at])
-        error = np.sqrt(np.maximum(share * (1 - share), 1 / gaps.size) / gaps.size)
-        return Curve(at, share, error, float(stats.kstest(gaps, "expon", args=(0, gaps.mean())).pvalue))
-
-    return draw, np.exp(-at / gaps_s(extended).mean())
+    usual, gaps = gaps_s(extended), gaps_s(model)
+    at = np.quantile(usual, np.linspace(0.05, 0.95, 12))
+    share = np.array([np.mean(gaps > t) for t in at])
+    error = np.sqrt(np.maximum(share * (1 - share), 1 / gaps.size) / gaps.size)
+    p_value = float(stats.kstest(gaps, "expon", args=(0, gaps.mean())).pvalue)
+    return Curve(at, share, error, p_value, np.exp(-at / usual.mean()))
 
 
-# What makes each view, in the order of the page; its words stand in the template.
-VIEWS: Final[dict[str, Maker]] = {
+# What draws each view, in the order of the page; its words stand in the template.
+VIEWS: Final[dict[str, Draw]] = {
     "speed": _over(lambda c: np.abs(c.speed_rad_s)),
     "signed_speed": _over(lambda c: c.speed_rad_s, along=False),
     "temperature": _over(lambda c: c.bearing_temperature_degC),

@@ -83,7 +83,8 @@ def test_the_views_show_the_effect_before_and_nothing_after(found: Search) -> No
     assert np.all(views["speed"].base.y[near_zero] > 0)  # extra drag, both directions folded together
     assert {"temperature", "motor_torque", "angle", "time_since_slew", "slope_per_segment", "tails"} <= set(views)
     for view in views.values():
-        assert view.base.x.shape == view.base.y.shape == view.base.error.shape == view.expected.shape
+        assert view.base.x.shape == view.base.y.shape == view.base.error.shape
+        assert np.broadcast_to(view.base.expected, view.base.x.shape).shape == view.extended.x.shape
 
 
 def test_a_plan_ranks_by_separation_and_prefers_what_shows_the_effect(found: Search) -> None:
