@@ -144,8 +144,8 @@ def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[EncodedMessag
     """Give one message for each sample, with what was measured."""
     measured = {name: values for name in CHANNELS if (values := getattr(message, name)) is not None}
     for i, time_ns in enumerate(message.time_ns):
-        found = {name: values[i] for name, values in measured.items()}
-        values = {name: value for name, value in found.items() if value is not None and math.isfinite(value)}
+        found = ((name, values[i]) for name, values in measured.items())
+        values = {name: value for name, value in found if value is not None and math.isfinite(value)}
         yield EncodedMessage(f"{wheel.key}/{TELEMETRY}", "rwa.Telemetry", dump_json(_stamp(time_ns) | values), time_ns)
 
 

@@ -143,7 +143,7 @@ class Hashed(Strict):
         except ValidationError as error:
             raise InputError.of_validation(source, error, what=f"is no {cls.what}: ") from error
 
-    def plain(self) -> dict[str, Any]:
+    def to_tables(self) -> dict[str, Any]:
         """Return the content as dicts, lists, numbers and text."""
         return self.model_dump(mode="json")
 
@@ -153,7 +153,7 @@ class Hashed(Strict):
 
     @cached_property
     def _content_sha256(self) -> str:
-        return hashlib.sha256(canonical_json(self.plain()).encode()).hexdigest()
+        return hashlib.sha256(canonical_json(self.to_tables()).encode()).hexdigest()
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
@@ -212,9 +212,6 @@ class TomlFile(Hashed):
         tables = self.tables()
         head = {key: value for key, value in flat.items() if key not in tables}
         return {self.head: head, **{key: flat[key] for key in tables if flat.get(key)}}
-
-    def plain(self) -> dict[str, Any]:
-        return self.to_tables()
 
     def to_toml(self) -> str:
         """Write the text of the file; `from_toml` gives the same content back."""

@@ -1,9 +1,8 @@
 """All effects, found by importing every module of this package: adding an effect is adding one class."""
 
 import pkgutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from types import ModuleType
 from typing import Final
 
 import numpy as np
@@ -44,21 +43,17 @@ def register(effect: type[Effect]) -> type[Effect]:
     return effect
 
 
-def _effects_of(module: ModuleType) -> Iterator[type[Effect]]:
-    """Yield the effects that a module defines, not those that it imports or that others are derived from."""
-    for value in vars(module).values():
-        is_effect = isinstance(value, type) and issubclass(value, Effect) and value.__module__ == module.__name__
-        if is_effect and "name" in vars(value):  # a base class of a family has no name
-            yield value
-
-
 def _register_package() -> None:
-    """Import all modules of the package and register their effects in the order of their names."""
-    this = __name__.rpartition(".")[2]
-    modules = [info.name for info in pkgutil.iter_modules(effects.__path__) if info.name != this]
-    found = [effect for name in modules for effect in _effects_of(pkgutil.resolve_name(f"{effects.__name__}.{name}"))]
-    for effect in sorted(found, key=lambda effect: effect.name):
-        register(effect)
+    """Import all modules of the package and register the effects that they define, in the order of their names."""
+    found: dict[str, type[Effect]] = {}
+    for info in pkgutil.iter_modules(effects.__path__, f"{effects.__name__}."):
+        if info.name != __name__:
+            for value in vars(pkgutil.resolve_name(info.name)).values():
+                is_effect = isinstance(value, type) and issubclass(value, Effect) and value.__module__ == info.name
+                if is_effect and "name" in vars(value):  # a base class of a family has no name
+                    found[value.name] = value
+    for name in sorted(found):
+        register(found[name])
 
 
 _register_package()
