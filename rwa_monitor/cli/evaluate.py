@@ -52,14 +52,14 @@ def evaluate(diagnoses: Path, labels: Path, json: bool) -> int:
 
     windows, problems = _read(diagnoses)
     cli.log(*problems)
-    found = beside_labels(windows, labels)
-    scores = {kind: _scores(timelines) for kind, timelines in found.kinds.items()}
-    overall = _scores(found.overall)
+    kinds, together = beside_labels(windows, labels)
+    scores = {kind: _scores(timelines) for kind, timelines in kinds.items()}
+    overall = _scores(together)
     if json:
-        kinds = {kind: {name: asdict(one) for name, one in rows.items()} for kind, rows in scores.items()}
+        by_kind = {kind: {name: asdict(one) for name, one in rows.items()} for kind, rows in scores.items()}
         rows = {name: asdict(one) for name, one in overall.items()}
-        counts = {"windows": len(windows), "timelines": len(found.overall)}
-        click.echo(dumps({**counts, "kinds": kinds, "overall": rows}))
+        counts = {"windows": len(windows), "timelines": len(together)}
+        click.echo(dumps({**counts, "kinds": by_kind, "overall": rows}))
     else:
         _print([*scores.items(), ("overall", overall)])
     return cli.UNREADABLE if problems else 0

@@ -53,8 +53,6 @@ EFFECTS: Final = tuple(
         ("lubricant_lag", {"strength_Nm_s_rad": 1.0e-6, "time_constant_s": 50.0}),
     )
 )
-# Names that no record of current, speed and friction separates (benchmarks/blind/equivalence.py has the whole table).
-SAME: Final = (frozenset({"inertia_error", "torque_constant_error"}),)
 
 
 class Hidden(NamedTuple):
@@ -156,11 +154,6 @@ def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: Generator) -> Hidd
     parts = [_pass(wheel, start_ns + i * period_ns, np.random.default_rng(seed), block) for i, seed in enumerate(seeds)]
     samples = concatenate(parts)
     return Hidden(block, samples[samples.time_ns < start_ns + round(duration_s * NANOSECONDS_PER_SECOND)])
-
-
-def same(name: str, other: str) -> bool:
-    """Return whether two names are one answer in the demo."""
-    return name == other or any({name, other} <= group for group in SAME)
 
 
 def _pass(wheel: Wheel, start_ns: int, rng: Generator, effect: EffectBlock) -> Samples:

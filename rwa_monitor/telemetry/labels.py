@@ -245,18 +245,12 @@ class JudgedWindow(Message):
         return frozenset(name for name, one in self.anomalies.items() if one.active and self.verdict == "anomalous")
 
 
-class JudgedTimelines(NamedTuple):
-    """Alarms and events of each kind of anomaly, and those of any kind together, where overlapping events are one."""
-
-    kinds: dict[str, list[Timeline]]
-    overall: list[Timeline]
-
-
-def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> JudgedTimelines:
-    """Put diagnosed windows beside labels.
+def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> tuple[dict[str, list[Timeline]], list[Timeline]]:
+    """Put diagnosed windows beside labels; return alarms and events of each kind, and those of any kind together.
 
     With a labels.csv each wheel of each file is a timeline, and a label an event as long as it; with a table of events
-    each wheel is one, whatever files its windows are from. A timeline goes from its first window to its last.
+    each wheel is one, whatever files its windows are from. A timeline goes from its first window to its last. Of any
+    kind together, overlapping events are one.
 
     Parameters
     ----------
@@ -291,7 +285,7 @@ def beside_labels(diagnoses: Iterable[JudgedWindow], labels: Path) -> JudgedTime
     timelines = {kind: [group.timeline([kind]) for group in groups] for kind in kinds}
     together = [group.timeline(kinds) for group in groups]
     overall = [one._replace(events=union(one.events, (one.start_ns, one.end_ns))) for one in together]
-    return JudgedTimelines(timelines, overall)
+    return timelines, overall
 
 
 class _Group:

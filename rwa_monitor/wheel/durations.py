@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field, model_validator
 from scipy import special
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.wheel.file_content import Strict
+from rwa_monitor.wheel.file_content import Strict, ordered
 
 LONGEST: Final = 10**12  # slots; four thousand years at 8 Hz: longer is a wrong unit, and would leave exact integers
 EXACT_TERMS: Final = 4_096  # of a sum over durations; beyond, the law hardly changes within a slot
@@ -71,11 +71,7 @@ class Uniform(_PiecewiseLinear):
     low: Annotated[int, Field(ge=1, le=LONGEST)]
     high: Annotated[int, Field(ge=1, le=LONGEST)]
 
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) is below low ({self.low})")
-        return self
+    _ordered = model_validator(mode="after")(ordered)
 
     @property
     def knots(self) -> FloatArray:

@@ -98,17 +98,21 @@ class Strict(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+def ordered(content: Any) -> Any:
+    """Return content with the ends of a range, fields named low and high; raises ValueError where high is below low."""
+    (low, begin), (high, end) = (field for field in content if field[0].startswith(("low", "high")))
+    if end < begin:
+        raise ValueError(f"{high} ({end}) is below {low} ({begin})")
+    return content
+
+
 class Range(Strict):
     """From `low` to `high`."""
 
     low: float
     high: float
 
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.high < self.low:
-            raise ValueError(f"high ({self.high}) is below low ({self.low})")
-        return self
+    _ordered = model_validator(mode="after")(ordered)
 
     @property
     def middle(self) -> float:

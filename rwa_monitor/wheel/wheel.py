@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from rwa_monitor.samples import MIN_PERIOD_NS, SECONDS_PER_DAY, period_ns
 from rwa_monitor.wheel.durations import DurationLaw
-from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile, packaged
+from rwa_monitor.wheel.file_content import NotNegative, Range, Strict, TomlFile, ordered, packaged
 
 Positive = Annotated[float, Field(gt=0)]
 NoNegative = Annotated[float, Field(ge=0)]
@@ -91,11 +91,7 @@ class TemperatureRange(Strict):
     low_degC: Annotated[float, Field(gt=-273.15)]
     high_degC: float
 
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.high_degC < self.low_degC:
-            raise ValueError(f"high_degC ({self.high_degC}) is below low_degC ({self.low_degC})")
-        return self
+    _ordered = model_validator(mode="after")(ordered)
 
     @property
     def middle(self) -> float:

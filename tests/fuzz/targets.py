@@ -234,8 +234,8 @@ def read_some_events(data: bytes) -> None:
     anomalies = {name: JudgedAnomaly(active=True) for name in ("dry", "viscous")}
     place = {"wheel": "w", "source": "table.csv", "window_start_ns": 0, "window_end_ns": 100}
     window = JudgedWindow(**place, verdict="anomalous", anomalies=anomalies)
-    found = beside_labels([window], kept("events.csv", data))
-    for timelines in (*found.kinds.values(), found.overall):
+    kinds, overall = beside_labels([window], kept("events.csv", data))
+    for timelines in (*kinds.values(), overall):
         shares = [share for share in asdict(score(timelines)).values() if isinstance(share, float)]
         assert all(-1e-9 <= share <= 1 + 1e-9 for share in shares)
 
