@@ -41,12 +41,9 @@ def beside(recording: Path, suffix: str) -> Path:
 
 @contextmanager
 def opened(path: Path, buffering: int = -1) -> Iterator[BufferedReader]:
-    """Give a file to read from; where the system refuses that in the block, raises the error of `unreadable`."""
-    try:
-        with path.open("rb", buffering) as file:
-            yield cast("BufferedReader", file)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    """Give a file to read from; where the system refuses that in the block, raises as `refusing`."""
+    with refusing(path), path.open("rb", buffering) as file:
+        yield cast("BufferedReader", file)
 
 
 def read_bytes(path: Path, limit: int) -> bytes:
@@ -115,20 +112,18 @@ def first_line(error: Exception) -> str:
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 
-def unreadable(path: Path, error: OSError) -> InputError:
-    """Return the error to raise for a file that the system refuses to read; of a folder, with what lies in it."""
-    if isinstance(error, IsADirectoryError):
-        inside = [name for pattern in ("*.mcap", "*.csv", "*.parquet") for name in sorted(path.glob(pattern))]
-        files = f": {display_name(inside[0])} …" if inside else ""
-        return InputError(display_name(path), f"is a folder; give the files in it{files}")
-    return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
-
-
 @contextmanager
-def refusing(path: Path, what: str, place: str = "") -> Iterator[None]:
-    """Raise InputError, with the option `place`, where the system refuses something in the block, and why."""
+def refusing(path: Path, what: str = "cannot be read", place: str = "") -> Iterator[None]:
+    """Raise InputError, with the option `place`, where the system refuses something in the block, and why.
+
+    Of a folder where a file is needed, with what lies in it.
+    """
     try:
         yield
+    except IsADirectoryError as error:
+        inside = [name for pattern in ("*.mcap", "*.csv", "*.parquet") for name in sorted(path.glob(pattern))]
+        files = f": {display_name(inside[0])} …" if inside else ""
+        raise InputError(display_name(path), f"is a folder; give the files in it{files}", place) from error
     except OSError as error:
         raise InputError(display_name(path), f"{what}: {error.strerror or error}", place) from error
 

@@ -371,19 +371,18 @@ MAX_UNPACKED_BYTES: Final = 4_000_000_000  # of all columns; 20 million rows of 
 def _read_parquet(path: Path, source: str) -> tuple[Layout, IntArray, dict[str, FloatArray]]:
     """Read the rows of a Parquet table, as `_read_csv` does; the first is row 1."""
     pa = arrow()
-    try:
-        if path.stat().st_size > MAX_TABLE_BYTES:
-            raise InputError(source, f"is larger than the limit of {MAX_TABLE_BYTES:,} bytes")
-        with pa.parquet.ParquetFile(path, pre_buffer=False, page_checksum_verification=True) as file:
-            layout = lay_out(file.schema_arrow.names, source)
-            _check_footer(file, (layout.time, *layout.channels), source)
-            table = _read_columns(file, [layout.time, *layout.channels], source)
-    except (pa.ArrowException, EOFError, UnicodeDecodeError) as error:
-        raise InputError(source, f"is no readable Parquet file: {files.first_line(error)}") from error
-    except OSError as error:  # Arrow reports damaged pages so, with a text and without a code
-        if error.errno is not None:
-            raise files.unreadable(path, error) from error
-        raise InputError(source, f"is no readable Parquet file: {files.first_line(error)}") from error
+    with files.refusing(path):
+        try:
+            if path.stat().st_size > MAX_TABLE_BYTES:
+                raise InputError(source, f"is larger than the limit of {MAX_TABLE_BYTES:,} bytes")
+            with pa.parquet.ParquetFile(path, pre_buffer=False, page_checksum_verification=True) as file:
+                layout = lay_out(file.schema_arrow.names, source)
+                _check_footer(file, (layout.time, *layout.channels), source)
+                table = _read_columns(file, [layout.time, *layout.channels], source)
+        except (pa.ArrowException, EOFError, UnicodeDecodeError, OSError) as error:
+            if getattr(error, "errno", None) is not None:  # without a code Arrow reports damaged pages so
+                raise
+            raise InputError(source, f"is no readable Parquet file: {files.first_line(error)}") from error
     time_ns = _column_nanoseconds(table[layout.time], layout.time, source)
     _check_time(time_ns, layout.time, source, 1)
     return layout, time_ns, {name: _column_numbers(table[name]) for name in layout.channels}

@@ -38,13 +38,10 @@ def source_of(samples: Samples, wheel: Wheel, source: str = "") -> Source:
     InputError
         If friction is not given and the wheel's constants, or the channels, do not suffice to derive it.
     """
-    if samples.friction_torque_Nm is not None:
-        return "friction_torque_Nm"
-    if wheel.inertia_kg_m2 is not None and samples.motor_torque_Nm is not None:
-        return "motor_torque_Nm"
     constants = (wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
-    if None not in constants and samples.motor_current_A is not None:
-        return "motor_current_A"
+    for needed, channel in enumerate(FRICTION_CHANNELS):  # each takes one constant more
+        if getattr(samples, channel) is not None and None not in constants[:needed]:
+            return channel
     raise InputError(
         source or f"wheel {wheel.name}",
         "friction_torque_Nm is missing, and friction cannot be derived: that takes motor_current_A with "
