@@ -90,13 +90,10 @@ def _rows(path: Path) -> Iterator[tuple[str, list[str]]]:
     try:
         yield "row 1", (header := next(reader, []))
         for fields in filter(None, reader):  # a blank line is none
+            row = f"row {reader.line_num}"
             if len(fields) != len(header):
-                raise InputError(
-                    display_name(path),
-                    f"has {len(fields)} fields, the header has {len(header)}",
-                    f"row {reader.line_num}",
-                )
-            yield f"row {reader.line_num}", fields
+                raise InputError(display_name(path), f"has {len(fields)} fields, the header has {len(header)}", row)
+            yield row, fields
     except csv.Error as error:
         raise InputError(display_name(path), f"is no CSV: {error}", f"row {reader.line_num}") from error
 

@@ -45,15 +45,15 @@ def register(effect: type[Effect]) -> type[Effect]:
 
 def _register_package() -> None:
     """Import all modules of the package and register the effects that they define, in the order of their names."""
-    found: dict[str, type[Effect]] = {}
+    found: list[type[Effect]] = []
     for info in pkgutil.iter_modules(effects.__path__, f"{effects.__name__}."):
         if info.name != __name__:
             for value in vars(pkgutil.resolve_name(info.name)).values():
                 is_effect = isinstance(value, type) and issubclass(value, Effect) and value.__module__ == info.name
                 if is_effect and "name" in vars(value):  # a base class of a family has no name
-                    found[value.name] = value
-    for name in sorted(found):
-        register(found[name])
+                    found.append(value)
+    for effect in sorted(found, key=lambda effect: effect.name):
+        register(effect)
 
 
 _register_package()
