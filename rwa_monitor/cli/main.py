@@ -130,7 +130,7 @@ def main(ctx: click.Context, settings: Path | None, version: bool) -> None:
         from rwa_monitor.wheel.file_content import MAX_CONTENT_BYTES, parse_toml
 
         source, text = display_name(settings), read_text(settings, MAX_CONTENT_BYTES)
-        tables = parse_toml(text, source, MAX_CONTENT_BYTES, "a settings file")
+        tables = parse_toml(text, source, "a settings file")
         ctx.default_map = _defaults(tables, main, ctx, source, "")
 
 

@@ -165,15 +165,13 @@ def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
     Labels and factors are kept as they are: the caller decides what the piece is meant to show.
     """
     truth = telemetry.truth
-    piece: dict[str, Any] = {}
-    for field in fields(Truth):
-        value = getattr(truth, field.name)
-        if isinstance(value, np.ndarray):
-            piece[field.name] = value[start:stop]
-        elif isinstance(value, dict) and field.name not in ("labels", "factors"):
-            piece[field.name] = {name: array[start:stop] for name, array in value.items()}
-        else:
-            piece[field.name] = value
+
+    def of_piece(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {name: of_piece(one) for name, one in value.items()}
+        return value[start:stop] if isinstance(value, np.ndarray) else value
+
+    piece = {field.name: of_piece(getattr(truth, field.name)) for field in fields(Truth)}
     jumps = truth.changepoints
     inside = (jumps.index > start) & (jumps.index < stop)
     piece["changepoints"] = with_information(

@@ -92,7 +92,8 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
         )
     sure = np.flatnonzero(np.append(regular, False) | np.append(False, regular))
     came = np.diff(sure)
-    true = np.where(regular[sure[:-1]] & (came == 1), 1.0, np.diff(time[sure]) / _means(usual, sure))
+    mean = np.add.reduceat(usual[: sure[-1]], sure[:-1]) / came
+    true = np.where(regular[sure[:-1]] & (came == 1), 1.0, np.diff(time[sure]) / mean)
     breaks = true > MOST_MISSED + 1.0
     true = np.where(breaks, 0.0, np.rint(true))
     odd = true - came
@@ -117,11 +118,6 @@ def _usual(step: FloatArray, reach: int) -> FloatArray:
 
     padded = np.concatenate([before(step), step, before(step[::-1])[::-1]])
     return median_filter(padded, 2 * reach + 1)[reach:-reach]
-
-
-def _means(values: FloatArray, borders: IntArray) -> FloatArray:
-    """Return the mean of the values from each border to the next."""
-    return np.add.reduceat(values[: borders[-1]], borders[:-1]) / np.diff(borders)
 
 
 def _means_over_turns(pulses: Samples, count: IntArray, pulses_per_turn: int) -> Samples:

@@ -313,7 +313,7 @@ Size = TypeVar("Size", float, Fraction)
 
 def wheels_of(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
     """Return the wheels of a map of space packets or of topics; raises InputError naming the key that is wrong."""
-    tables = parse_toml(file.text, file.source, MAX_CONTENT_BYTES, "a telemetry map")
+    tables = parse_toml(file.text, file.source, "a telemetry map")
     blocks = tables.pop("wheel", None)
     if tables:
         raise InputError(file.source, "is not known in a telemetry map; it has [[wheel]] blocks", next(iter(tables)))

@@ -63,7 +63,7 @@ def packaged(package: str, file: str) -> str:
     return content.decode()
 
 
-def parse_toml(text: str, source: str, limit: int, what: str) -> dict[str, Any]:
+def parse_toml(text: str, source: str, what: str) -> dict[str, Any]:
     """Return the tables of a TOML text.
 
     Parameters
@@ -72,8 +72,6 @@ def parse_toml(text: str, source: str, limit: int, what: str) -> dict[str, Any]:
         The file's content.
     source
         Its name, for messages.
-    limit
-        Characters from which it is refused.
     what
         What it should be, for messages: "a wheel file".
 
@@ -82,8 +80,8 @@ def parse_toml(text: str, source: str, limit: int, what: str) -> dict[str, Any]:
     InputError
         If it is too large, its keys are too deep, or it is no TOML.
     """
-    if len(text) > limit:
-        raise InputError(source, f"is larger than {limit} bytes; this is not {what}")
+    if len(text) > MAX_CONTENT_BYTES:
+        raise InputError(source, f"is larger than {MAX_CONTENT_BYTES} bytes; this is not {what}")
     if _LONG_KEY.search(text):
         raise InputError(source, f"has a key of more than {MAX_KEY_PARTS} parts; this is not {what}")
     try:
@@ -192,7 +190,7 @@ class TomlFile(Hashed):
         InputError
             If the text is no TOML, or a key is missing, unknown or out of range; names the key.
         """
-        return cls.from_tables(parse_toml(text, source, cls.limit, f"a {cls.what}"), source)
+        return cls.from_tables(parse_toml(text, source, f"a {cls.what}"), source)
 
     @classmethod
     def from_tables(cls, tables: Mapping[str, Any], source: str) -> Self:

@@ -5,6 +5,7 @@ import pytest
 
 from benchmarks.adequacy.strength import level_columns, orthogonal_rms
 from benchmarks.adequacy.trials import true_channels
+from benchmarks.demo_seeds import same
 from rwa_monitor.messages import SamplesMessage, key_of
 from rwa_monitor.simulation.demo_satellite import (
     EFFECTS,
@@ -14,7 +15,6 @@ from rwa_monitor.simulation.demo_satellite import (
     WINDOW_SECONDS,
     Satellite,
     demo_wheel,
-    same,
     simulate_satellite,
 )
 from rwa_monitor.simulation.motion import SpeedProfile
