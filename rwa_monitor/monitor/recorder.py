@@ -30,9 +30,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import KW_ONLY, dataclass, field
 from hashlib import sha256
+from io import BufferedWriter, FileIO
 from itertools import chain
 from pathlib import Path
-from typing import IO, Any, Final, NamedTuple, cast
+from typing import IO, TYPE_CHECKING, Any, Final, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
@@ -54,6 +55,9 @@ from rwa_monitor.reporting.foxglove import Seen, Translator, layout, schemas
 from rwa_monitor.samples import SECONDS_PER_DAY
 from rwa_monitor.telemetry.files import PIECE_BYTES, make_folder, refusing
 from rwa_monitor.words import SOFTWARE
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer
 
 RECORDING_VERSION: Final = 1
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
@@ -148,17 +152,14 @@ class Recorder:
         inherited
             Outputs for inputs of its predecessor, which did not get to the disk there.
         """
-        try:
+        with self._guarded(now_s):
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
                 part.unlink()  # of a run that was killed while it began a file
             self._writer = self._new_file(self.predecessor, "all", checkpoints, inherited)
-        except OSError as error:
-            self._fail(error, now_s)
-            return
-        self.error = ""
-        self._retry_period_s = messages.PERIOD_S
-        self._begun_s = self._synced_s = now_s
-        self.predecessor = None
+            self.error = ""
+            self._retry_period_s = messages.PERIOD_S
+            self._begun_s = self._synced_s = now_s
+            self.predecessor = None
 
     def _new_file(
         self,
@@ -205,14 +206,12 @@ class Recorder:
         """Bring everything to the disk now."""
         if self._writer is None:
             return
-        try:
+        with self._guarded(now_s):
             if self._ending is not None:
                 self._ending.sync()
             self._writer.sync()
             self._check_free(0)
             self._synced_s = now_s
-        except OSError as error:
-            self._fail(error, now_s)
 
     def maintain(self, now_s: float, checkpoints: Callable[[], Checkpoints], *, busy: bool = False) -> None:
         """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs.
@@ -263,7 +262,7 @@ class Recorder:
         assert self._ending is not None
         assert self._writer is not None
         self._moved_s = now_s
-        try:
+        with self._guarded(now_s):
             # A state must not come to the disk before all that it was made of, nor its outputs be lost.
             self._ending.sync()
             moved = 0
@@ -279,8 +278,6 @@ class Recorder:
                 self._end("all")
                 self._writer.sync()
                 self._writer.size_at_begin = self._writer.size
-        except OSError as error:
-            self._fail(error, now_s)
 
     def _end(self, which: Held) -> None:
         """Close the file before, if wheels are left in it or not, and write into the new one what it was."""
@@ -295,15 +292,12 @@ class Recorder:
         if self._writer is None:
             return
         writer = self._writer
-        try:
+        with self._guarded(now_s):
             self._end("some")
             writer.close()
-        except OSError as error:
-            self._fail(error, now_s)
-            return
-        self._writer = None
-        self._left = {}
-        self.predecessor = Predecessor(writer.path.name, writer.sha256)
+            self._writer = None
+            self._left = {}
+            self.predecessor = Predecessor(writer.path.name, writer.sha256)
 
     def abandon(self) -> None:
         """Close the file as it is, without its end, as a crash would leave it."""
@@ -321,16 +315,22 @@ class Recorder:
             writer = self._ending
         if writer is None:
             return
-        try:
+        with self._guarded(self._synced_s):
             writer.write(message)
-        except OSError as error:
-            self._fail(error, self._synced_s)
 
     # ---- the disk ------------------------------------------------------------------------------------------------
 
+    @contextmanager
+    def _guarded(self, now_s: float) -> Iterator[None]:
+        """Give up the file where the disk fails in the block, and note why."""
+        try:
+            yield
+        except OSError as error:
+            self._fail(error, now_s)
+
     def _ensure_room(self, begin: int, more: int = 0, written: int = 0) -> None:
         """Make room for a file that begins with some bytes, of which some are written already; raises OSError."""
-        needed = max(self.max_file_bytes, 2 * (begin + self._schemas_bytes)) + Sink.GATHERED_BYTES
+        needed = max(self.max_file_bytes, 2 * (begin + self._schemas_bytes)) + HashedFile.GATHERED_BYTES
         self._make_room(needed - written)
         self._check_free(more)
 
@@ -401,40 +401,23 @@ CHUNK_BYTES: Final = 64 * 2**10
 PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
 
 
-class Sink:
-    """The file under an MCAP writer: gathers what is written and passes it on in one piece when flushed.
-
-    A process that is killed then leaves whole records behind, and the hash of the file is known when it is closed.
-    """
+class HashedFile(BufferedWriter):
+    """A new file that gathers what is written, and passes it on whole when flushed; its hash is known when it ends."""
 
     GATHERED_BYTES: Final = 2**20
 
     def __init__(self, path: Path) -> None:
-        self.file = path.open("xb", buffering=0)
+        super().__init__(FileIO(path, "x"), self.GATHERED_BYTES)
         self.digest = sha256()
-        self._size = 0
-        self._gathered = bytearray()
 
-    def write(self, data: bytes) -> int:
-        self._gathered += data
-        self._size += len(data)
-        if len(self._gathered) > self.GATHERED_BYTES:
-            self.flush()
-        return len(data)
-
-    def tell(self) -> int:
-        return self._size
-
-    def flush(self) -> None:
-        written = 0
-        data, self._gathered = bytes(self._gathered), bytearray()
-        while written < len(data):
-            written += self.file.write(data[written:])
+    def write(self, data: ReadableBuffer, /) -> int:
         self.digest.update(data)
+        return super().write(data)
 
     def sync(self) -> None:
+        """Bring everything to the disk."""
         self.flush()
-        os.fdatasync(self.file.fileno())
+        os.fdatasync(self.fileno())
 
 
 class TopicWriter:
@@ -521,9 +504,9 @@ class RecordingWriter(TopicWriter):
         self.path = path
         self.wall_ns = wall_ns
         part = path.with_name(path.name + PART_SUFFIX)
-        self._sink = Sink(part)
+        self._file = HashedFile(part)
         try:
-            super().__init__(cast(IO[bytes], self._sink), message_schemas(), PROFILE)
+            super().__init__(self._file, message_schemas(), PROFILE)
             for name, data in attachments:
                 self.attach(name, data)
             for message in inherited:
@@ -540,12 +523,12 @@ class RecordingWriter(TopicWriter):
     @property
     def size(self) -> int:
         """Bytes written so far."""
-        return self._sink.tell()
+        return self._file.tell()
 
     @property
     def sha256(self) -> str:
         """Hash of what is in the file; final once it is closed."""
-        return self._sink.digest.hexdigest()
+        return self._file.digest.hexdigest()
 
     def channel(self, topic: str, schema: str) -> int:
         """Return the number of a topic's channel, and describe a new one apart from the chunks, too.
@@ -567,20 +550,20 @@ class RecordingWriter(TopicWriter):
     def sync(self) -> None:
         """Bring everything to the disk."""
         self.mcap.flush()  # type: ignore[no-untyped-call]
-        self._sink.sync()
+        self._file.sync()
 
     def close(self) -> None:
         """Write the file's end and close it."""
         try:
             self.finish()
-            self._sink.sync()
+            self._file.sync()
         finally:
-            self._sink.file.close()
+            self._file.close()
 
     def abandon(self) -> None:
         """Close the file as it is, without its end."""
         with suppress(OSError):
-            self._sink.file.close()
+            self._file.close()
 
 
 def _sync_folder(folder: Path) -> None:
@@ -677,7 +660,7 @@ def write_foxglove(paths: Sequence[Path], target: Path) -> Written:
     written, problems, published = 0, list[str](), {message.schema_name() for message in messages.MESSAGES}
     with _new_file(target) as stream, _new_file(layout_of(target)) as layout_file:
         # Large chunks: the file is read at once, and not while a monitor writes.
-        writer = TopicWriter(stream, schemas(), chunk_bytes=Sink.GATHERED_BYTES)
+        writer = TopicWriter(stream, schemas(), chunk_bytes=HashedFile.GATHERED_BYTES)
         for file in files:
             recording = read_recording(file)
             problems += [f"{file}: {problem}" for problem in recording.problems]
