@@ -25,7 +25,6 @@ from benchmarks.window import Window
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import BusOptions, MonitorBus, SamplesPublisher, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.recorder import REFUSED, Recorder
@@ -200,11 +199,10 @@ def _send(endpoint: str, samples: Samples) -> None:
 
 def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     """Take messages from the bus, read their JSON, write them to an MCAP file: no thinking, and nothing is checked."""
-    inbox = Inbox()
     recorded, begin, busy = 0, 0.0, 0.0
     with (
         open_session(BusOptions(mode="peer", listen=(endpoint,))) as session,
-        closing(MonitorBus(session, inbox)) as bus,
+        closing(MonitorBus(session)) as bus,
         (folder / f"bare{RECORDING_SUFFIX}").open("wb") as file,
     ):
         bus.subscribe("rwa/*/*/samples")
@@ -214,7 +212,7 @@ def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
         channel = writer.register_channel("rwa/speed/wheel_1/samples", "json", schema)
         for number in range(messages):
             while (message := bus.take()) is None:
-                inbox.wake.wait(0.1)
+                bus.inbox.wake.wait(0.1)
             if number == 0:
                 begin, busy = time.perf_counter(), time.thread_time()
             content = json.loads(message.payload)
@@ -237,7 +235,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
         wall_ns=clock.wall_ns,
     )
     begin, busy = 0.0, 0.0
-    with open_session(options.bus) as session, closing(MonitorBus(session, Inbox())) as bus:
+    with open_session(options.bus) as session, closing(MonitorBus(session)) as bus:
         logged: list[str] = []
         monitor = Monitor(options, bus, recorder, logged.append, clock)
         monitor.begin(RecoveredState())

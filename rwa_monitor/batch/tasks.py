@@ -283,8 +283,7 @@ def each(
     elif workers == 1:
         yield from (_guarded(task, file) for file in files)
     else:
-        for first in range(0, len(files), BLOCK * workers):
-            yield from _in_processes(task, files[first : first + BLOCK * workers], workers)
+        yield from _in_processes(task, files, workers)
 
 
 def _guarded(task: Task[Result], file: Path) -> Outcome[Result]:
@@ -305,29 +304,26 @@ def _guarded(task: Task[Result], file: Path) -> Outcome[Result]:
 
 def _in_processes(task: Task[Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
     """Yield the outcomes in the order of `files`, from so many processes."""
-    given = 0
-    try:
-        for outcome in _parallel(task, files, workers):
-            yield outcome
-            given += 1
-    except BrokenProcessPool:
-        # Which one ended its process is not known: those that are left are done alone, and only that one ends its own.
-        for file in files[given:]:
-            try:
-                yield from _parallel(task, [file], workers)
-            except BrokenProcessPool:
-                reason = "the process that worked on it was terminated: is there memory left for it?"
-                yield Outcome(file, None, f"{file}: {reason}")
-
-
-def _parallel(task: Task[Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
     from joblib import Parallel, delayed, parallel_config
 
     # One thread of linear algebra, since the last bit depends on their number.
     with parallel_config("loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
         parallel = Parallel(workers, return_as="generator", max_nbytes=None)
-    found: Iterator[Outcome[Result]] = parallel(delayed(_guarded)(task, file) for file in files)
-    return found
+    guarded = delayed(_guarded)
+    for first in range(0, len(files), BLOCK * workers):
+        left = deque(files[first : first + BLOCK * workers])
+        try:
+            for outcome in parallel([guarded(task, file) for file in left]):
+                left.popleft()
+                yield outcome
+        except BrokenProcessPool:
+            # By which one is not known: those that are left are done alone, and only that one ends its process.
+            for file in left:
+                try:
+                    yield from parallel([guarded(task, file)])
+                except BrokenProcessPool:
+                    reason = "the process that worked on it was terminated: is there memory left for it?"
+                    yield Outcome(file, None, f"{file}: {reason}")
 
 
 # ---- on a Dask cluster -----------------------------------------------------------------------------------------------

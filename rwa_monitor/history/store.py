@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from threading import RLock
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import numpy as np
 from sqlalchemy import delete, func, select, tuple_
@@ -182,15 +182,13 @@ class History(Database):
                 self._advance(session, state, level, time_ns, alarms.MONITOR_POLICY, report.reason)
             return _changed(session)
 
-    def add_discrepancy(self, found: Discrepancy) -> bool:
-        """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
+    def add_discrepancy(self, found: Discrepancy) -> None:
+        """Take in a discrepancy report, where no later one of the wheel is known; raises HistoryError as `add`."""
         name, text = {"spacecraft": found.spacecraft, "wheel": found.wheel}, found.to_json().decode()
         with self.session() as session:
             row = session.get(DiscrepancyRow, name)
-            if row is not None and row.end_ns >= found.end_ns:
-                return False
-            session.merge(DiscrepancyRow(**name, end_ns=found.end_ns, message=text))
-            return True
+            if row is None or row.end_ns < found.end_ns:
+                session.merge(DiscrepancyRow(**name, end_ns=found.end_ns, message=text))
 
     def _advance(
         self, session: Session, state: AlarmStateRow, level: Level, time_ns: int, policy: Policy, reason: str
@@ -269,9 +267,9 @@ class History(Database):
             raise InputError(f"alarm {alarm_id}", "is not open")
         return state.alarm, state
 
-    def prune(self) -> int:
-        """Remove what is older than is kept; returns the number of rows removed."""
-        row, removed = EstimateRow, 0
+    def prune(self) -> None:
+        """Remove what is older than is kept."""
+        row = EstimateRow
         latest = select(row.spacecraft, row.wheel, func.max(row.window_end_ns)).group_by(row.spacecraft, row.wheel)
         with self.session() as session:
             for spacecraft, wheel, end_ns in session.execute(latest).all():
@@ -283,9 +281,7 @@ class History(Database):
                     old = (
                         delete(table).filter_by(spacecraft=spacecraft, wheel=wheel).where(end < oldest_ns(end_ns, days))
                     )
-                    result: Any = session.execute(old, execution_options={"synchronize_session": False})
-                    removed += int(result.rowcount)
-        return removed
+                    session.execute(old, execution_options={"synchronize_session": False})
 
     # ---- out -----------------------------------------------------------------------------------------------------
 

@@ -57,8 +57,8 @@ class Message(BaseModel):
 
     @classmethod
     def schema_name(cls) -> str:
-        """Return the name of the schema, such as rwa.Diagnosis."""
-        return f"rwa.{cls.__name__}"
+        """Return the name of the schema, such as rwa.Diagnosis; rwa.Samples of `SamplesMessage`."""
+        return f"rwa.{cls.__name__.removesuffix('Message')}"
 
     @classmethod
     def encoding(cls) -> str:
@@ -196,10 +196,6 @@ class SamplesMessage(Message):
     motor_torque_Nm: Readings | None = None
     motor_voltage_V: Readings | None = None
     bearing_temperature_degC: Readings | None = None
-
-    @classmethod
-    def schema_name(cls) -> str:
-        return "rwa.Samples"
 
     @model_validator(mode="after")
     def _equal_lengths(self) -> Self:

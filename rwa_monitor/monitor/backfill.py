@@ -51,27 +51,22 @@ class Arrival(NamedTuple):
 class Inbox:
     """A bounded queue from Zenoh's threads to ours.
 
-    Parameters
+    Attributes
     ----------
     max_messages, max_bytes
         What it holds at most.
     patience_s
         How long to wait for room, before a message is dropped and counted [s].
-
-    Attributes
-    ----------
     dropped
         Messages dropped so far.
     wake
         Set when something has arrived.
     """
 
-    def __init__(
-        self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES, patience_s: float = TIMEOUT_S
-    ) -> None:
-        self.max_messages = max_messages
-        self.max_bytes = max_bytes
-        self.patience_s = patience_s
+    def __init__(self) -> None:
+        self.max_messages = INBOX_MESSAGES
+        self.max_bytes = INBOX_BYTES
+        self.patience_s = TIMEOUT_S
         self.dropped = 0
         self.wake = Event()
         self._messages: deque[Arrival] = deque()

@@ -245,19 +245,19 @@ class MonitorBus:
     ----------
     session
         An open session; it is left open at the end.
-    inbox
-        Where samples go.
 
     Attributes
     ----------
+    inbox
+        Where samples go.
     backfill
         Closes the gaps in what the inbox gives.
     """
 
-    def __init__(self, session: zenoh.Session, inbox: Inbox) -> None:
+    def __init__(self, session: zenoh.Session) -> None:
         self.session = session
-        self.inbox = inbox
-        self.backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
+        self.inbox = Inbox()
+        self.backfill = Backfill(ask_publisher(session, self.inbox.wake), self.inbox.max_bytes)
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
         self._health = HealthAnswers(session)

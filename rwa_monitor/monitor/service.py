@@ -29,7 +29,6 @@ import zenoh
 from rwa_monitor import __version__, messages
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import REPLAY, Diagnosis, EncodedMessage, Health, SamplesMessage, Status
-from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, BusWatch, MonitorBus, check_wheels, open_session
 from rwa_monitor.monitor.core import Carried, Event, WheelCore, WindowDiagnosed, outputs_of
 from rwa_monitor.monitor.ingest import Counts, Trouble
@@ -518,7 +517,7 @@ def run(
             )
         if session is None:
             session = stack.enter_context(open_session(options.bus))
-        bus = stack.enter_context(closing(MonitorBus(session, Inbox())))
+        bus = stack.enter_context(closing(MonitorBus(session)))
         monitor = Monitor(options, bus, recorder, log, clock)
         stack.callback(monitor.close)
         monitor.begin(recovered)

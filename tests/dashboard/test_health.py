@@ -50,11 +50,10 @@ def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(
 
 
 def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.Session, dashboard: Running) -> None:
-    from rwa_monitor.monitor.backfill import Inbox
     from rwa_monitor.monitor.bus import MonitorBus
 
     key = "rwa/sat/wheel_1/health"
-    with closing(MonitorBus(session, Inbox())) as bus:
+    with closing(MonitorBus(session)) as bus:
         bus.offer_health()
 
         def publish(number: int) -> None:

@@ -84,11 +84,12 @@ def test_estimates_are_kept_longer_than_diagnoses(history: History, monkeypatch:
     windows = [diagnosis(n) for n in range(50)]
     for window in windows:
         history.add(window)
-    assert history.prune() == 47 + 39
+    history.prune()
     assert len(history.windows("sat", "wheel_1")) == 3
     kept = history.estimates("sat", "wheel_1")
     assert [one.window_end_ns for one in kept] == [window.window_end_ns for window in windows[-11:]]
-    assert history.prune() == 0
+    history.prune()
+    assert history.estimates("sat", "wheel_1") == kept
     # An old recording that is imported again does not bring back what was let go.
     assert history.add(*windows) == (0, [])
     assert history.estimates("sat", "wheel_1") == kept
@@ -118,8 +119,8 @@ def test_a_database_that_is_removed_is_reported(tmp_path: Path) -> None:
 
 def test_the_latest_discrepancy_report_of_a_wheel_is_kept(history: History) -> None:
     assert history.discrepancy("sat", "wheel_1") is None
-    assert history.add_discrepancy(discrepancy(2))
-    assert not history.add_discrepancy(discrepancy(1))
+    history.add_discrepancy(discrepancy(2))
+    history.add_discrepancy(discrepancy(1))
     assert history.discrepancy("sat", "wheel_1") == discrepancy(2).to_json()
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from threading import Event
 
 from rwa_monitor.messages import MAX_WHEELS, PERIOD_S, samples_json
-from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import IDLE_WAIT_S, BusOptions, MonitorBus, open_session
 from rwa_monitor.monitor.recorder import MAX_FILE_AGE_S
 from rwa_monitor.monitor.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
@@ -47,7 +46,7 @@ class Sending(Driven):
 
 @contextmanager
 def driven(folder: Path, of_wheel: Wheel, max_file_bytes: int) -> Iterator[Sending]:
-    with open_session(BusOptions()) as session, closing(MonitorBus(session, Inbox())) as bus:
+    with open_session(BusOptions()) as session, closing(MonitorBus(session)) as bus:
         driver = Sending(folder, of_wheel, bus, max_file_bytes)
         yield driver
         driver.monitor.close()

@@ -12,7 +12,6 @@ import pytest
 import zenoh
 
 from rwa_monitor.messages import Status, samples_json
-from rwa_monitor.monitor.backfill import Inbox
 from rwa_monitor.monitor.bus import MonitorBus, SamplesPublisher
 from rwa_monitor.monitor.replay import replay, replay_to_bus
 from rwa_monitor.monitor.service import Clock, Monitor
@@ -111,7 +110,7 @@ def test_what_is_old_by_the_clock_is_stored_in_health_and_status_and_in_no_diagn
     begin_ns = 1_795_000_000_000_000_000
     samples = Samples(samples.time_ns + begin_ns, samples.speed_rad_s, samples.friction_torque_Nm)
     now_ns = begin_ns + 60 * 10**9
-    with closing(MonitorBus(session, Inbox())) as bus:
+    with closing(MonitorBus(session)) as bus:
         one = Monitor(options(), bus, None, lambda _: None, Clock(wall_ns=lambda: now_ns))
         for number, start in enumerate(range(0, len(samples), 256)):
             part = samples[start : start + 256]
@@ -132,7 +131,7 @@ def test_a_clock_that_counts_from_another_day_shows_no_age(
     session: zenoh.Session, listener: Listener, offset_s: int, limit_s: float
 ) -> None:
     samples = telemetry(WINDOW + 100)
-    with closing(MonitorBus(session, Inbox())) as bus:
+    with closing(MonitorBus(session)) as bus:
         clock = Clock(wall_ns=lambda: int(samples.time_ns[-1]) + offset_s * 10**9)
         one = Monitor(options(stored_after_s=limit_s), bus, None, lambda _: None, clock)
         one.receive(KEY, samples_json(samples, "p", 0))
