@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from threading import RLock
-from typing import Final, Self
+from typing import Final
 
 import numpy as np
 from sqlalchemy import delete, func, select, tuple_
@@ -41,7 +41,7 @@ _ALARMS: Final = select(AlarmRow).options(selectinload(AlarmRow.trail))
 
 
 class History(Database):
-    """Diagnoses, estimates and alarms in one database.
+    """Diagnoses, estimates and alarms in one database; use it with `with`.
 
     Parameters
     ----------
@@ -66,12 +66,6 @@ class History(Database):
         super().__init__(place)
         self._wheels: dict[str, set[str]] = {}  # by spacecraft, those that were met
         self.retired = RetiredWheels(self, wall_ns)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self.close()
 
     # ---- in ------------------------------------------------------------------------------------------------------
 

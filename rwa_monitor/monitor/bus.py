@@ -456,7 +456,7 @@ def send(
     speed: float = 1.0,
     batch_samples: int = 256,
     linger_s: float = LINGER_S,
-    stop: Event | None = None,
+    stop: Event,
 ) -> int:
     """Send samples of one or more wheels in the pace of their own time, and close the sinks.
 
@@ -480,7 +480,6 @@ def send(
     int
         Samples sent.
     """
-    stop = Event() if stop is None else stop
     sent = 0
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
     try:

@@ -72,6 +72,8 @@ class WheelCore:
     ----------
     counts
         What became of every sample so far.
+    assignment, windows
+        Gives samples their slots; has the slots, and the windows over them.
 
     Raises
     ------
@@ -93,8 +95,8 @@ class WheelCore:
         self.method = method
         self._sequencer = sequencer or Sequencer()
         self.counts = self._sequencer.counts
-        self._windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
-        self._assignment = SlotAssignment(wheel, self.counts)
+        self.windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
+        self.assignment = SlotAssignment(wheel, self.counts)
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._reported_missing = False
         self._settings_check = SettingsCheck(wheel)
@@ -103,7 +105,7 @@ class WheelCore:
     @property
     def why_masked(self) -> dict[str, int]:
         """Why friction could not be derived from samples whose values are there, and of how many, in words."""
-        friction = self._windows.friction
+        friction = self.windows.friction
         return {
             "where the speed bends too sharply for friction to be derived": friction.at_corners,
             "with the current at its limit": friction.at_limit,
@@ -112,12 +114,7 @@ class WheelCore:
     @property
     def carried(self) -> CarriedState:
         """The state that the windows so far hand to the next one."""
-        return self._windows.carried
-
-    @property
-    def last_sample_ns(self) -> int | None:
-        """Time of the latest sample that was taken into the wheel's grid; a wild time is none."""
-        return self._assignment.last_ns
+        return self.windows.carried
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
@@ -151,19 +148,19 @@ class WheelCore:
         samples = without_motor(samples, self.wheel)
         if not self._source:
             self._source = source_of(samples, self.wheel)
-            if self._source != self._windows.friction.source:
-                self._windows.begin_source(self._source)
+            if self._source != self.windows.friction.source:
+                self.windows.begin_source(self._source)
         if data is not None and self._stored is None and len(samples):
-            grid, first_ns = self._assignment.grid, int(samples.time_ns[0])
+            grid, first_ns = self.assignment.grid, int(samples.time_ns[0])
             period_ns, slots = self.wheel.period_ns, self.wheel.window.samples
             # On the windows of live samples, so that it is these that are completed; else not on what comes first.
             step_ns = period_ns if grid is None and data == "stored" else period_ns * slots
             self._stored = StoredTelemetry(period_ns, slots, (grid.origin_ns if grid else first_ns) % step_ns)
-            if self._windows.carried_ns is not None:
-                self._stored.note(self._windows.carried_ns, without_positions(self.carried))
+            if self.windows.carried_ns is not None:
+                self._stored.note(self.windows.carried_ns, without_positions(self.carried))
         if data == "stored":
             return self._take_stored(samples)
-        events = self._take_all(self._sequencer.put(Batch(publisher, batch, samples), self._assignment.last_ns))
+        events = self._take_all(self._sequencer.put(Batch(publisher, batch, samples), self.assignment.last_ns))
         if self._stored is not None:
             for event in events:
                 if isinstance(event, WindowDiagnosed):
@@ -172,18 +169,13 @@ class WheelCore:
 
     def finish(self) -> list[Event]:
         """Take what waits, close the open window as it is, and return what happened: nothing more will come."""
-        events = self._take_all(self._sequencer.flush(self._assignment.last_ns))
-        waited, self._assignment.waiting = self._assignment.waiting, None
+        events = self._take_all(self._sequencer.flush(self.assignment.last_ns))
+        waited, self.assignment.waiting = self.assignment.waiting, None
         if waited is not None:
             events += self._place(waited, last=True)
-        events += self._windows.end_epoch()
-        self._assignment.grid = None  # the next sample begins a new epoch
+        events += self.windows.end_epoch()
+        self.assignment.grid = None  # the next sample begins a new epoch
         return events + self._diagnose_stored(to_the_end=True)
-
-    @property
-    def window_fill(self) -> float:
-        """Share of the oldest open window that has passed, 0 … 1."""
-        return self._windows.fill
 
     def check(self, samples: Samples) -> None:
         """Raise InputError if friction is neither given in the first message nor can be derived from it."""
@@ -206,9 +198,9 @@ class WheelCore:
 
     def _rows(self, samples: Samples) -> tuple[Rows, list[Event]]:
         """Return samples that are within the wheel's limits, and what they show of the settings."""
-        friction = self._windows.friction
+        friction = self.windows.friction
         torque = friction.torque(samples)
-        allowed = self._assignment.reject_beyond_limits(samples)
+        allowed = self.assignment.reject_beyond_limits(samples)
         beyond = 0 if allowed is None else int(np.count_nonzero(~allowed))
         events: list[Event] = self._settings_check.check(samples.time_ns, beyond)
         if torque is None:
@@ -230,8 +222,8 @@ class WheelCore:
     def _place(self, rows: Rows, *, passed: bool = False, last: bool = False) -> list[Event]:
         """Bring samples into their slots, and those into windows."""
         events: list[Event] = []
-        windows = self._windows
-        for placed in self._assignment.place(rows, windows.ring, passed=passed, last=last):
+        windows = self.windows
+        for placed in self.assignment.place(rows, windows.ring, passed=passed, last=last):
             if isinstance(placed, Trouble):
                 events.append(placed)
             elif isinstance(placed, SlotGrid):
@@ -273,7 +265,7 @@ class WheelCore:
             (diagnosed,) = [event for event in happened if isinstance(event, WindowDiagnosed)]
             stored_one = diagnosed.diagnosis.model_copy(update={"data": "stored"})
             events.append(diagnosed._replace(diagnosis=stored_one))
-            self._windows.go_on_from(diagnosed)
+            self.windows.go_on_from(diagnosed)
             stored.note(stored_one.window_end_ns, diagnosed.carried)
         return events
 
@@ -281,18 +273,18 @@ class WheelCore:
 
     def checkpoint(self) -> Checkpoint:
         """Return the whole state of the core; `resume` makes an equal core of it."""
-        grid = self._assignment.grid
+        grid = self.assignment.grid
         return Checkpoint(
             source=self._source,
             reported_missing=self._reported_missing,
             carried=self.carried,
             sequencer=self._sequencer,
-            waiting=self._assignment.waiting,
+            waiting=self.assignment.waiting,
             origin_ns=grid.origin_ns if grid else None,
-            frontier=self._windows.ring.end,
-            last_ns=self._assignment.last_ns,
+            frontier=self.windows.ring.end,
+            last_ns=self.assignment.last_ns,
             stored=self._stored,
-            **self._windows.state(),
+            **self.windows.state(),
         )
 
     @classmethod
@@ -307,12 +299,12 @@ class WheelCore:
         core = cls(wheel, model, carried=checkpoint.carried, sequencer=checkpoint.sequencer)
         if checkpoint.source:
             core._source = checkpoint.source
-            core._windows.begin_source(checkpoint.source)
+            core.windows.begin_source(checkpoint.source)
         core._reported_missing = checkpoint.reported_missing
-        origin_ns, assignment = checkpoint.origin_ns, core._assignment
+        origin_ns, assignment = checkpoint.origin_ns, core.assignment
         assignment.grid = None if origin_ns is None else SlotGrid(origin_ns, wheel.period_ns)
         assignment.last_ns, assignment.waiting = checkpoint.last_ns, checkpoint.waiting
-        core._windows.resume(checkpoint)
+        core.windows.resume(checkpoint)
         core._stored = checkpoint.stored
         return core
 

@@ -412,9 +412,8 @@ class Report:
 
     def short(self) -> str:
         """Return the short report: a few lines, differences counted per field."""
-        lines = [self._summary()]
         listed = sorted(self.fields.items(), key=lambda item: (-item[1], item[0]))
-        return "\n".join((*lines, *(f"  {count} × {name}" for name, count in listed)))
+        return "\n".join((self._summary(), *(f"  {count} × {name}" for name, count in listed)))
 
     def long(self) -> str:
         """Return the long report: every difference."""
@@ -537,7 +536,7 @@ def replay_to_bus(
     session: zenoh.Session,
     *,
     speed: float = 1.0,
-    stop: Event | None = None,
+    stop: Event,
 ) -> int:
     """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
 
@@ -564,7 +563,6 @@ def replay_to_bus(
     InputError
         If a path is no recording.
     """
-    stop = Event() if stop is None else stop
     publishers: dict[str, Any] = {}
     sent = 0
     try:

@@ -290,7 +290,7 @@ class Monitor:
                 self.searches.take_input(served.key, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch, message.data)
-        served.last_sample_ns = core.last_sample_ns
+        served.last_sample_ns = core.assignment.last_ns
         if any(isinstance(event, WindowDiagnosed) for event in events):
             served.diagnosis_s = self.clock.monotonic_s() - begin_s
         self._handle(served, events)
@@ -418,7 +418,7 @@ class Monitor:
             messages_dropped=self.bus.inbox.dropped,
             messages_missed=max(counts.messages_missed, missed_by_bus),
             queue_depth=self.bus.waiting(),
-            window_fill=core.window_fill if core else 0.0,
+            window_fill=core.windows.fill if core else 0.0,
             last_error=last_error,
             recording=recording.name if recording else None,
             software=SOFTWARE,

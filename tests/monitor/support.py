@@ -1,6 +1,7 @@
 """What the tests of the monitor room share: a wheel with short windows, and simulated telemetry for it."""
 
 import socket
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -85,7 +86,8 @@ def pieces(samples: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
 
 def publish(telemetry_of: Mapping[str, Samples], session: zenoh.Session, **options: Any) -> int:
     """Publish samples on the bus by key, as `send` has it."""
-    return send(telemetry_of, {key: SamplesPublisher(session, key) for key in telemetry_of}, **options)
+    publishers = {key: SamplesPublisher(session, key) for key in telemetry_of}
+    return send(telemetry_of, publishers, **{"stop": threading.Event(), **options})
 
 
 def messages_of(events: Sequence[Event], name: str = "wheel_1") -> list[tuple[str, bytes]]:

@@ -112,7 +112,7 @@ def test_single_wild_times_are_rejected_and_reported_however_samples_are_cut(siz
     expected = clean.feed(samples[np.setdiff1d(np.arange(len(samples)), places)])
     reported = sum(int(text.split()[0]) for text in troubles(events, "stray samples"))
     assert core.counts.rejected == len(places)
-    assert core.last_sample_ns == samples.time_ns[-1]
+    assert core.assignment.last_ns == samples.time_ns[-1]
     assert reported == sum(MIN_TIME_NS <= time_ns <= MAX_TIME_NS for time_ns in spoilt.time_ns[places])
     assert troubles(events, "clock step") == []
     assert messages_of(events) == messages_of(expected)

@@ -6,6 +6,7 @@ import time
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import pytest
@@ -84,7 +85,7 @@ def test_a_replay_is_kept_apart_from_the_wheel_and_is_no_alarm(
         live = put_pieces(SamplesPublisher(session, KEY, None), DAY[4 * WINDOW : 4 * WINDOW + 200], 250)
         key = REPLAY_KEY.format("diagnosis")
         for windows in (2, 4):  # twice: each begins with nothing known of the wheel
-            assert replay_to_bus(before, session, speed=math.inf) == math.ceil(len(samples) / 256)
+            assert replay_to_bus(before, session, speed=math.inf, stop=Event()) == math.ceil(len(samples) / 256)
             wait_for(lambda windows=windows: sum(at == key for at, _ in listener.received) >= windows, "both again")
         live.close()
     assert [payload for at, payload in listener.received if at == key] == first * 2
