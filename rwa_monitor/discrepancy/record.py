@@ -17,10 +17,11 @@ from typing import Final
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.ndimage import correlate1d
+from scipy.ndimage import binary_dilation, correlate1d
+from scipy.signal import savgol_filter
 
 from rwa_monitor.discrepancy import alignment
-from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
+from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, WINDOW_SHARE, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import Motion, Steps, derived_friction, steps_of
 from rwa_monitor.discrepancy.plausible import (
     ShownConstant,
@@ -47,6 +48,7 @@ BEYOND: Final = 0.1  # of the temperatures of a record, to which the law that it
 DIGITS: Final = 1e-5  # of the RMS of a channel: what is smaller is no sensor's noise
 RAMP_SHARE: Final = 0.5  # of the samples: most
 SMOOTHER: Final = 0.5  # of the bends: most of them are noise of the speed
+CALMED_OVER: Final = (5, 7, 11, 15, 21, 31, 41)  # slots
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -171,7 +173,11 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     if delay is not None:
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
-    derived = friction is None
+    derived, seen = friction is None, speed
+    follows_noise = friction is None or not _is_smoother(friction, speed)
+    if friction is not None and not follows_noise:
+        speed = _calmed(speed, friction)
+        motion = replace(motion, speed_rad_s=speed)
     bent = unfollowed = None
     if friction is None:
         assert torque is not None, "there is a source"
@@ -204,8 +210,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         steps=motion.steps,
         shown=shown_constants(samples, wheel),
         zone=motion.zone,
-        is_command=not derived and _is_command(friction, speed),
-        follows_noise=derived or not _is_smoother(np.where(used, friction, np.nan), speed),
+        is_command=not derived and _is_command(friction, seen),
+        follows_noise=follows_noise,
     )
 
 
@@ -234,6 +240,27 @@ def _is_smoother(friction_Nm: FloatArray, speed_rad_s: FloatArray) -> bool:
     bends, of_speed = (np.abs(np.diff(values, 2)) for values in (friction_Nm, slope * speed_rad_s))
     both = np.isfinite(bends) & np.isfinite(of_speed)
     return bool(both.any()) and float(np.median(bends[both])) < SMOOTHER * float(np.median(of_speed[both]))
+
+
+def _calmed(speed_rad_s: FloatArray, friction_Nm: FloatArray) -> FloatArray:
+    """Return a speed, float64 (n,), as smooth as the friction that follows it; unchanged where what bends is no noise.
+
+    Noise of a regressor flattens every law, and what smooths it, as a lag does, is likelier (errors in variables). Its
+    bends alternate, those of a motion do not. Parabolas are fitted to so many slots that speed and friction agree, but
+    beside a change of direction.
+    """
+    bend = np.diff(speed_rad_s, 2)
+    if np.nansum(bend[1:] * bend[:-1]) >= 0.0:
+        return speed_rad_s
+    sign, calm = np.sign(speed_rad_s), speed_rad_s
+    turns = np.diff(np.nan_to_num(sign), append=0.0) != 0.0
+    for width in CALMED_OVER:
+        if width > WINDOW_SHARE * speed_rad_s.size or not _is_smoother(friction_Nm, calm):
+            break
+        smooth = savgol_filter(_hold(speed_rad_s), width, 2)
+        beside = binary_dilation(turns, iterations=width // 2 + 1) | (np.sign(smooth) != sign)
+        calm = np.where(beside, speed_rad_s, smooth)
+    return calm
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:

@@ -168,6 +168,17 @@ def test_a_knee_in_a_short_table_is_no_level_that_wanders(seed: int) -> None:
     assert mean_names(found) == ["stribeck"]
 
 
+@pytest.mark.parametrize("seed", [1, 6])
+@pytest.mark.parametrize("share", [0.1, 0.2])
+def test_an_offset_under_a_commanded_torque_is_no_level_that_wanders(share: float, seed: int) -> None:
+    """All noise is in the speed: over short times the friction, which is smoother, does not follow it."""
+    rng, up = np.random.default_rng(seed), np.linspace(20.0, 200.0, 150)
+    speed = np.concatenate([up, -up])
+    friction = np.sign(speed) * DRY_NM + VISCOUS * speed + share * DRY_NM + 1e-3 * NOISE_NM * rng.normal(size=300)
+    found = answer(sampled(speed + rng.normal(0.0, 3.0, 300), friction))
+    assert_strength(found, "torque_bias", "strength_Nm", share * DRY_NM)
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_two_effects_of_which_neither_alone_explains_what_wanders(seed: int) -> None:
     speed = np.linspace(0.5, 60.0, 80)
