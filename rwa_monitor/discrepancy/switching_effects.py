@@ -284,11 +284,14 @@ def _mean_length(attributed: _Attributed, configuration: int) -> float | None:
 
 
 def _shape_of(attributed: _Attributed) -> float | None:
-    """Return the Weibull shape that the sojourns of the extra system follow best; None where they are too few."""
+    """Return the Weibull shape that the sojourns of the extra system follow best; None where they are too few.
+
+    Memoryless or more regular: jumps that come in clusters are of the noise.
+    """
     sojourns = attributed.sojourns(-1)
     if sojourns.slots.size < FEWEST_SOJOURNS:
         return None
-    return WrongDurationLaw.fit(attributed.wheel.fss[-1], sojourns).values["weibull_shape"]
+    return max(WrongDurationLaw.fit(attributed.wheel.fss[-1], sojourns).values["weibull_shape"], 1.0)
 
 
 def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: float) -> LikelihoodFit:

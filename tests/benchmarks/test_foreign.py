@@ -51,6 +51,18 @@ def test_laws_of_duration_are_not_called_wrong_for_an_attribution_that_they_woul
     assert judge(draw_record((), 20_000, np.random.default_rng([9, 59])), 0).sets == ()
 
 
+@pytest.mark.parametrize(("seed", "number"), [(16, 38), (26, 18)])
+def test_a_system_as_large_as_known_ones_is_one_more(seed: int, number: int) -> None:
+    # No jump of it is odd by its size: how many are alike shows it, and that they last about as long.
+    hidden = ("extra_switching_system",)
+    assert judge(draw_record(hidden, 20_000, np.random.default_rng([seed, number])), number).sets == (hidden,)
+
+
+@pytest.mark.parametrize(("effect", "number"), [("speed_dependent_noise", 32), ("heavy_tailed_noise", 37)])
+def test_jumps_that_come_in_clusters_are_of_the_noise(effect: str, number: int) -> None:
+    assert judge(draw_record((effect,), 20_000, np.random.default_rng([25, number])), number).sets == ((effect,),)
+
+
 def test_the_files_are_those_of_the_program(tmp_path: Path) -> None:
     record = draw_record(("stribeck",), 2000, np.random.default_rng(7))
     samples, wheel = (rwa_monitor.read(write(record, tmp_path)[0]), rwa_monitor.read_wheel(tmp_path / "wheel.toml"))

@@ -11,7 +11,7 @@ from rwa_monitor.discrepancy.hypotheses import CANDIDATES, detectable_strengths,
 from rwa_monitor.discrepancy.plan import DECIDES, MANOEUVRES, UNINFORMATIVE, plan
 from rwa_monitor.discrepancy.result import Search
 from rwa_monitor.reporting.discrepancy_report import absent_effects, html, sentence
-from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, Array, record, swing
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, WHEEL, Array, record, sampled, swing
 
 COUNT = 3000
 
@@ -40,6 +40,15 @@ def test_an_effect_too_weak_to_show_is_listed_with_the_strength_that_would() -> 
     untested = dict(search(200.0 + 20.0 * np.sin(2 * np.pi * time / 90.0)).result.untested)
     assert "would show only from strength_Nm" in untested["sublinear_viscous"]
     assert "% of all friction" in untested["sublinear_viscous"]
+
+
+def test_a_ripple_that_does_not_repeat_within_the_angle_is_not_tested() -> None:
+    angle = 0.05 * np.sin(2.0 * np.pi * np.arange(COUNT) / 300.0)  # less than a period of the highest order
+    speed = np.gradient(angle, PERIOD_S)
+    friction = DRY_NM * np.sign(speed) + NOISE_NM * np.random.default_rng(1).normal(size=COUNT)
+    wheel = WHEEL.model_copy(update={"window": WHEEL.window.model_copy(update={"dead_band_rad_s": 1e-4})})
+    found = find_discrepancy([("strokes", sampled(speed, friction))], wheel)
+    assert "the angle" in dict(found.result.untested)["torque_ripple"]
 
 
 def test_what_was_tested_is_distinguished_from_what_was_not_excited_and_what_is_not_testable() -> None:
