@@ -44,7 +44,7 @@ ROUNDS: Final = 4  # of attribution and parameters in turn
 WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
 FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: where the turns begin
 SIZES_OF_EXTRA: Final = (0.75, 1.25)  # of the middle one: those of the catalogue
-TYPICAL_OF_EXTRA: Final = (0.1, 0.5, 0.9)  # quantiles of the sizes seen: some are of several jumps at once
+TYPICAL_OF_EXTRA: Final = (0.1, 0.9)  # quantiles of the sizes seen: some are of several jumps at once
 SIZE_MARGIN: Final = 0.05  # beyond those
 EXTRA_PARAMETERS: Final = 6  # two durations and their shape, two ends of the sizes, and that there is one
 
@@ -233,7 +233,7 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
 
     Its sizes, mean durations and the Weibull shape of both are found in turns; None where hardly a jump is left to it.
     """
-    sizes = (SIZES_OF_EXTRA[0] * float(np.median(alike)), SIZES_OF_EXTRA[1] * float(np.median(alike)))
+    least, most = sizes = tuple(share * float(np.median(alike)) for share in SIZES_OF_EXTRA)
     rest = active = max(gathered.slots / (alike.size + 1), 1.0)
     best, shape = base, 1.0
     for _ in range(ROUNDS):
@@ -248,9 +248,10 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
         best, seen = attributed, _sizes_of_extra(attributed)
         if seen.size < FEWEST_OF_EXTRA:
             return None
-        low, middle, high = np.quantile(seen, TYPICAL_OF_EXTRA).tolist()
-        least, most = (share * middle for share in SIZES_OF_EXTRA)
-        sizes = (max((1.0 - SIZE_MARGIN) * low, least), min((1.0 + SIZE_MARGIN) * high, most))
+        low, high = np.quantile(seen, TYPICAL_OF_EXTRA).tolist()
+        sizes = max((1.0 - SIZE_MARGIN) * low, least), min((1.0 + SIZE_MARGIN) * high, most)
+        if sizes[0] >= sizes[1]:  # others were left to it
+            return None
         rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
         shape = _shape_of(attributed) or shape
     return best

@@ -58,9 +58,13 @@ def test_a_system_as_large_as_known_ones_is_one_more(seed: int, number: int) -> 
     assert judge(draw_record(hidden, 20_000, np.random.default_rng([seed, number])), number).sets == (hidden,)
 
 
-@pytest.mark.parametrize(("effect", "number"), [("speed_dependent_noise", 32), ("heavy_tailed_noise", 37)])
-def test_jumps_that_come_in_clusters_are_of_the_noise(effect: str, number: int) -> None:
-    assert judge(draw_record((effect,), 20_000, np.random.default_rng([25, number])), number).sets == ((effect,),)
+@pytest.mark.parametrize(
+    ("effect", "seed", "number"),
+    [("speed_dependent_noise", 25, 32), ("heavy_tailed_noise", 25, 37), ("speed_dependent_noise", 27, 36)],
+)
+def test_jumps_of_the_noise_are_no_system(effect: str, seed: int, number: int) -> None:
+    # They come in clusters, or are of other sizes than those that the system is looked for at.
+    assert judge(draw_record((effect,), 20_000, np.random.default_rng([seed, number])), number).sets == ((effect,),)
 
 
 def test_the_files_are_those_of_the_program(tmp_path: Path) -> None:
