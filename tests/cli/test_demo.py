@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rwa_monitor.simulation.demo_satellite import same
+from benchmarks.demo_seeds import same
 from rwa_monitor.wheel.wheel import Wheel
 from tests.program import command, done
 
