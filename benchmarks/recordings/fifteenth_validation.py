@@ -193,6 +193,31 @@ def chopped_motor(mirrors: Path, out: Path) -> None:
         save(out, name, {"time_s": t, "speed_rad_s": RPM * rows[:, 3], "friction_torque_Nm": rows[:, 1]})
 
 
+def ramps(
+    logs: list[list[list[float]]], at: tuple[int, int], unit: float, cut: float, count: int, lowest: float
+) -> dict[str, np.ndarray]:
+    """Return the columns of a table of ramps of the voltage, one after the other: friction is volts less J dω/dt.
+
+    Times, and volts and speed at two places of each row, in units of `unit`, made even at 200 Hz, low-pass filtered at
+    `cut` Hz, means of `count` rows, three left out at each end; J by least squares beside dry and viscous friction and
+    an offset, where the speed is above the lowest.
+    """
+    clock, parts = 0.0, []
+    for rows in logs:
+        log = np.array(rows, dtype=float)
+        log = log[np.append(True, np.diff(log[:, 0]) > 0.0)]
+        time, volts, speed = even(200.0, log[:, 0], log[:, at[0]], unit * log[:, at[1]])
+        volts, speed = (smooth(200.0, cut, x) for x in (volts, speed))
+        part = means(count, clock + time - time[0], speed, np.gradient(speed, 1 / 200), volts)
+        parts.append([x[3:-3] for x in part])
+        clock += float(time[-1] - time[0]) + 5.0
+    t, v, slope, volts = np.concatenate(parts, axis=1)
+    on = np.abs(v) > lowest
+    base = np.column_stack([slope, np.sign(v), v, np.ones_like(v)])
+    inertia = float(np.linalg.lstsq(base[on], volts[on], rcond=None)[0][0])
+    return {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": volts - inertia * slope}
+
+
 def driven_robots(mirrors: Path, out: Path) -> None:
     """From three teams of robots (no licence): voltage in slow ramps, one way, then the other, by one logger, 200 Hz.
 
@@ -213,19 +238,7 @@ def driven_robots(mirrors: Path, out: Path) -> None:
         ("shooter_ramps", wildcats, "sysid_data20220405-214854", both, (3, 1e-3), 4.0, 20, 3.0),
     ):
         logs = json.loads(fetch(mirrors, repo, f"{file}.json"))
-        clock, parts = 0.0, []
-        for run in runs:
-            log = np.array(logs[run], dtype=float)
-            time, volts, speed = even(200.0, log[:, 0], log[:, 1], speed_in[1] * log[:, speed_in[0]])
-            volts, speed = (smooth(200.0, cut, x) for x in (volts, speed))
-            part = means(count, clock + time - time[0], speed, np.gradient(speed, 1 / 200), volts)
-            parts.append([x[3:-3] for x in part])
-            clock += float(time[-1] - time[0]) + 5.0
-        t, v, slope, volts = np.concatenate(parts, axis=1)
-        on = np.abs(v) > lowest
-        base = np.column_stack([slope, np.sign(v), v, np.ones_like(v)])
-        inertia = float(np.linalg.lstsq(base[on], volts[on], rcond=None)[0][0])
-        columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": volts - inertia * slope}
+        columns = ramps([logs[run] for run in runs], (1, speed_in[0]), speed_in[1], cut, count, lowest)
         save(out, name, columns, dead_band=lowest)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
-from benchmarks.recordings.fifteenth_validation import even, smooth
+from benchmarks.recordings.fifteenth_validation import ramps, smooth
 from benchmarks.recordings.ninth_validation import RPM
 from benchmarks.recordings.second_validation import fetch, git_table
 from benchmarks.recordings.validation import convert, means, save
@@ -138,20 +138,9 @@ def driven_robots(mirrors: Path, out: Path) -> None:
         ("robot_h_right", *crows, 2, 6, 0.5),
     ):
         logs = json.loads(fetch(mirrors, repo, file))
-        clock, parts = 0.0, []
-        for run in ("slow-forward", "slow-backward"):
-            log = np.array(logs[run], dtype=float)
-            log = log[np.append(True, np.diff(log[:, 0]) > 0.0)]
-            time, volts, speed = even(200.0, log[:, 0], log[:, volt], log[:, speed_at])
-            volts, speed = smooth(200.0, 5.0, volts), smooth(200.0, 5.0, speed)
-            part = means(20, clock + time - time[0], speed, np.gradient(speed, 1 / 200), volts)
-            parts.append([x[3:-3] for x in part])
-            clock += float(time[-1] - time[0]) + 5.0
-        t, v, slope, volts = np.concatenate(parts, axis=1)
-        on = np.abs(v) > lowest
-        base = np.column_stack([slope, np.sign(v), v, np.ones_like(v)])
-        inertia = float(np.linalg.lstsq(base[on], volts[on], rcond=None)[0][0])
-        columns = {"time_s": t, "speed_rad_s": v, "friction_torque_Nm": volts - inertia * slope}
+        columns = ramps(
+            [logs[run] for run in ("slow-forward", "slow-backward")], (volt, speed_at), 1.0, 5.0, 20, lowest
+        )
         save(out, name, columns, dead_band=lowest)
 
 

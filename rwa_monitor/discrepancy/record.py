@@ -48,7 +48,7 @@ BEYOND: Final = 0.1  # of the temperatures of a record, to which the law that it
 DIGITS: Final = 1e-5  # of the RMS of a channel: what is smaller is no sensor's noise
 RAMP_SHARE: Final = 0.5  # of the samples: most
 SMOOTHER: Final = 0.5  # of the bends: most of them are noise of the speed
-CALMED_OVER: Final = (5, 7, 11, 15, 21, 31, 41)  # slots
+CALMED_OVER: Final = (5, 7, 11, 15, 21, 31, 41)  # slots of a parabola, from the fewest that smooth
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
