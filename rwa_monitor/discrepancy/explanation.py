@@ -1,7 +1,8 @@
-"""What explains the records: effects and jumps, or effects alone; and what no effect explains.
+"""Explain the records by effects with or without jumps of the friction, and report what no effect explains.
 
-Three searches compete by one score: with jumps, without them, and with jumps outside of bursts. Where a free curve
-still gains, something is missing: it is given a law, or reported as unexplained.
+A search with jumps and one without compete by one score. If the residual shows bursts of a cage, the search with jumps
+is repeated on the samples outside of them. Where a nonparametric curve (piecewise linear or periodic) still gains, an
+effect is missing: a catalogue effect or a formula takes its place, or it is reported as unexplained.
 """
 
 from __future__ import annotations
@@ -42,13 +43,13 @@ from rwa_monitor.wheel.wheel import Wheel
 
 Effects = Sequence[type[MeanEffect]]
 
-# Fewer samples than this from jump to jump, on average, are no level that could be seen: the steps stand for noise.
+# Mean number of samples between jumps; with fewer, the levels fit the noise: the model without jumps is then preferred.
 SHORTEST_SEGMENTS: Final = 50
-FEWEST_FOR_JUMPS: Final = 200  # samples; fewer show no jumps, and no law of the noise: only what acts without jumps
+FEWEST_FOR_JUMPS: Final = 200  # samples; with fewer, neither jumps nor a noise law are identifiable: no jumps are tried
 
 
 def prepare(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:
-    """Join records to the problem that is searched; `each` applies a function to each of many candidates.
+    """Join records into the problem that is searched; `each` applies a function to each of many candidates.
 
     Raises
     ------
@@ -64,18 +65,18 @@ def prepare(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> 
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """What a search made of the records.
+    """The result of a search.
 
     Attributes
     ----------
     problem
-        The data, with the noise that the last model leaves.
+        The data, with the noise estimated from the residual of a model.
     found, leftover
         The mean effects, and what none of them explains.
     complete
-        The last model with what is left in it: its residual is noise.
+        The last model extended by the curve for the leftover, if there is one: its residual is noise.
     cage
-        Bursts of a cage, outside of which the rest was found; None without any.
+        Bursts of a cage; the rest was found in the samples outside of them. None if there are none.
     jumps
         Whether friction may jump.
     """
@@ -94,34 +95,34 @@ def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel
         few = _without_jumps(problem, None, effects, progress)
         assert few is not None, "nothing else is likelier"
         return few
-    problem, effects, line = _by_angle(problem, effects, wheel)
+    problem, effects, line = _treat_angle_line(problem, effects, wheel)
     approach, jumping = _with_jumps(problem, effects, progress, wheel)
     cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
     if cage is None:
         jumping = _with_formula(approach, jumping, effects, progress)
-    of_line = None if line is None else line.unexplained()  # it was taken out
+    of_line = None if line is None else line.unexplained()  # it was subtracted
     smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
     if smooth is not None:
         return replace(smooth, leftover=both(smooth.leftover, of_line))
     if cage is not None:
-        # Bursts pass for jumps, and for laws of speed: all else is estimated without them.
+        # Bursts are mistaken for jumps and for laws of the speed: all else is estimated outside of them.
         quiet = prepare(cage.quiet(jumping.problem.records), wheel, problem.each)
         jumping = _with_formula(*_with_jumps(quiet, effects, progress, wheel), effects, progress)
     return replace(jumping, leftover=both(jumping.leftover, of_line), cage=cage)
 
 
 def _without_jumps(problem: Problem, jumping: Model | None, effects: Effects, progress: Progress) -> Explained | None:
-    """Search without jumps; None where a model with jumps is more likely by as much as an effect must be.
+    """Search without jumps; None where the model with jumps has a score lower by more than ACCEPT_GAIN.
 
-    Beside what is named with jumps, a free curve over the speed is as good as any law of it: where even that is less
-    likely, nothing is searched.
+    Given the effects found with jumps, a nonparametric curve over the speed fits as well as any law of the speed: where
+    even the score of that is too high, no search is run.
     """
     most = np.inf
     if jumping is not None:
         jumps = jumping.fit.jumps.size
         if jumps * SHORTEST_SEGMENTS <= problem.size:
             most = jumping.score + ACCEPT_GAIN
-        if not problem.has_noise or _least_score(problem, jumping) > most:
+        if not problem.has_noise or _score_bound(problem, jumping) > most:
             return None
     progress("laws without jumps")
     approach = Fitting(problem, jumps=False)
@@ -133,10 +134,10 @@ def _without_jumps(problem: Problem, jumping: Model | None, effects: Effects, pr
     return _with_formula(approach, Explained(problem, found, leftover, complete, jumps=False), effects, progress)
 
 
-def _least_score(problem: Problem, jumping: Model) -> float:
-    """Return a score below which no law of the speed without jumps comes beside the effects of a model with jumps.
+def _score_bound(problem: Problem, jumping: Model) -> float:
+    """Return a lower bound of the scores of laws of the speed without jumps, given the effects of a model with jumps.
 
-    It is that of a free curve which costs nothing.
+    It is the score of a nonparametric curve, without a penalty for its parameters or those of the effects.
     """
     series, law = Series.of(problem), law_of(jumping)
     rows, low, high = regressors(series, jumping.terms)
@@ -146,15 +147,15 @@ def _least_score(problem: Problem, jumping: Model) -> float:
     return fit_noise(series, rows, low, high, law.apart if series.several else law)[1] + problem.log_size * price(())
 
 
-def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Problem, Effects, AngleLine | None]:
-    """Take out what repeats with the wheel's angle as no ripple does, or let a ripple have the order that it shows.
+def _treat_angle_line(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Problem, Effects, AngleLine | None]:
+    """Subtract a drag that is periodic in the angle of the wheel, or let a torque ripple try the order of a line there.
 
-    Other names would feed on it. Without noise nothing shows what would be chance.
+    Other effects would partly explain it. In data without noise, the significance of a line cannot be judged.
 
     Returns
     -------
     problem, candidates, line
-        The line only where it was taken out of the problem.
+        The line is None unless it was subtracted from the data.
     """
     line = angle_line(problem, fit(problem)) if problem.has_noise else None
     if line is None:
@@ -168,7 +169,7 @@ def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Prob
 
 
 def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel: Wheel) -> tuple[Fitting, Explained]:
-    """Search for mean effects beside jumps, and judge what they leave: see `judge_leftover`."""
+    """Search for mean effects together with jumps, and judge their residual: see `judge_leftover`."""
     candidates = [*candidates, *(effect for effect in UNNAMED if effect.may_show(problem))]
     approach, grown, own = _grown(problem, candidates, progress)
     best = own or grown.nested[-1]
@@ -182,7 +183,7 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
             problem = prepare(drawn, wheel, problem.each)
             approach, grown, own = _grown(problem, candidates, progress, best)
     if own is not None:
-        grown = grow(approach, candidates, progress, _taken_over(approach, own))
+        grown = grow(approach, candidates, progress, _nested_refits(approach, own))
     found = rank(approach, grown, progress)
     problem = approach.problem
     progress("what is left")
@@ -192,15 +193,15 @@ def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel
 
 
 def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model]) -> Unexplained | None:
-    """Return what is left with the effect that explains most of it, where nothing but the free curve is better.
+    """Return the leftover with the effect that explains most of it, where that effect gains as much as is asked.
 
-    `known` are the last model with one of the catalogue's effects more, best first.
+    `known`: the last model extended by one effect of the catalogue each, best first.
     """
     last, left = explained.found.nested[-1], explained.leftover
     best = next((one for one in known if len(one.terms) > len(last.terms)), None)
     if best is None or left is None:
         return left
-    simpler = approach.without(best, len(last.terms))  # its jumps may be what was lacking, not the law
+    simpler = approach.without(best, len(last.terms))  # the gain may come from its jumps
     if simpler.score - best.score < asked_gain(len(last.terms)):
         return left
     share = (simpler.fit.rss - best.fit.rss) / (simpler.fit.rss - explained.complete.fit.rss)
@@ -208,9 +209,10 @@ def _with_nearest(approach: Fitting, explained: Explained, known: Sequence[Model
 
 
 def _with_formula(approach: Fitting, explained: Explained, effects: Effects, progress: Progress) -> Explained:
-    """Give what a free curve explains a law, where one is as good: an effect that is as good as any formula, or that.
+    """Replace the curve for the leftover by an effect of the catalogue or a formula, where one is as good.
 
-    Something is missing, as the curve shows: an effect need not prove that again.
+    An effect as good as the best formula is preferred. The curve has established that something is missing, so an
+    effect need not gain ACCEPT_GAIN again.
     """
     if explained.leftover is None:
         return explained
@@ -223,7 +225,7 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     models = [one for one in of_laws if one.score <= most]
     most = min(most, models[0].score + EQUIVALENT_WITHIN) if models else most
     models = [one for one in of_known if one.score <= most] or models
-    is_near = not models and not found.found  # a curve of many numbers may follow more than a law does
+    is_near = not models and not found.found  # a curve of many parameters may fit more than a law
     if is_near:
         models, of_laws = ([one for one in of if does_nearly_all(last, one, complete)] for of in (of_known, of_laws))
         models = models or of_laws
@@ -231,19 +233,19 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
     if not models:
         return replace(explained, leftover=_with_nearest(approach, explained, of_known))
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
-    best = prune(approach, models[0], keep_last=True)  # what was named may have stood in for a part of it
+    best = prune(approach, models[0], keep_last=True)  # an effect named before may have mimicked a part
     simpler, names = approach.without(best, len(best.terms) - 1), set(best.names)
     gain = simpler.score - best.score
-    if gain < EQUIVALENT_WITHIN:  # its jumps are what was lacking, not the law
+    if gain < EQUIVALENT_WITHIN:  # its jumps were missing, not the law
         if explained.complete.score < simpler.score - ACCEPT_GAIN:
             return explained
         kept = tuple(one for one in found.found if one.name in simpler.names)
         found = replace(found, nested=(*shorter(found.nested, simpler), simpler), found=kept)
         return replace(explained, found=found, leftover=None, complete=simpler)
-    if issubclass(best.terms[-1].effect, Formula):  # its cause is unknown: known ones of much the same shape go with it
+    if issubclass(best.terms[-1].effect, Formula):  # of unknown cause: effects of nearly the same shape are listed
         alike = [one for one in approach.extensions(simpler, known) if does_nearly_all(simpler, one, best)]
         near += [one.names[-1] for one in alike if one.terms]
-        again = [effect for effect in known if effect.name in names]  # or one that is named already, at another shape
+        again = [effect for effect in known if effect.name in names]  # also one named already, at another shape
         near += approach.in_place(best, len(best.terms) - 1, again)
     named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
     found = replace(
@@ -258,15 +260,15 @@ def _with_formula(approach: Fitting, explained: Explained, effects: Effects, pro
 def _grown(
     problem: Problem, candidates: Effects, progress: Progress, begin_with: Model | None = None
 ) -> tuple[Fitting, SearchResult, Model | None]:
-    """Return what grows, and the last model with other jumps beside those of the dry friction where that is better."""
+    """Return the fitting, the models grown, and the last with jumps of its own kind (`own_jumps`) where better."""
     approach = Fitting(problem, jumps=True)
-    grown = grow(approach, candidates, progress, _taken_over(approach, begin_with))
+    grown = grow(approach, candidates, progress, _nested_refits(approach, begin_with))
     progress("other jumps")
     return approach, grown, with_own_jumps(approach, grown.nested[-1], grown.nested[0], candidates)
 
 
-def _taken_over(fitting: Fitting, model: Model | None) -> list[Model]:
-    """Return a model of nearly the same data fitted anew, one effect more in each."""
+def _nested_refits(fitting: Fitting, model: Model | None) -> list[Model]:
+    """Refit the first effect, the first two, … of a model of nearly the same data."""
     if model is None:
         return []
     return [fitting.refitted(model.terms[: i + 1], model, [model.fit.jumps]) for i in range(len(model.terms))]

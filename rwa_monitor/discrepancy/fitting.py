@@ -1,10 +1,10 @@
-"""Models with jumps of the friction or without: made, extended by an effect, exchanged, each fitted by one score.
+"""Make models with or without jumps of the friction, extend them by effects, exchange these, and fit each by one score.
 
-A candidate is screened with the noise and the jumps of the model that it extends; of those that come first, shapes,
-noise and jumps are fitted in turn. Friction of small wheels jumps, and a missing smooth effect is paid for by dozens of
-false jumps: so a candidate starts from several sets of jumps, and jumps are dear at first. Friction of larger machines
-is often smooth, beside autocorrelated noise: there the noise must not be taken from what the base law leaves, and slow
-noise must not be cut into jumps.
+A candidate is screened with the noise and the jumps of the model that it extends; for the best candidates, shapes,
+noise and jumps are then fitted in turn. Friction of small wheels jumps, and dozens of false jumps approximate a missing
+smooth effect: so a candidate starts from several sets of jumps, with a high price per jump at first. Friction of larger
+machines is often smooth, with autocorrelated noise: there the noise must not be estimated from the residual of the base
+law, and slow noise must not be segmented into jumps.
 """
 
 from __future__ import annotations
@@ -37,30 +37,30 @@ from rwa_monitor.wheel.effects.base import MeanEffect
 Progress = Callable[[str], None]
 Effects = Sequence[type[MeanEffect]]
 
-EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
-ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # times the price of a jump
-STARTED: Final = 4  # candidates of each start that are tried, those that screening puts first
-REFITTED: Final = 5  # candidates whose shapes and noise are refitted, of those that were segmented anew
-LEAST_SHARE: Final = 0.25  # of the best one's gain: with less, shapes and noise fitted anew never put one first
-ROUNDS: Final = 4  # of shapes, noise and jumps in turn
-SETTLED: Final = 0.5  # of the score
-STEP: Final = 0.25  # of a column's range from one sample to the next: more is a step
-AT_STEP: Final = 8  # samples: a jump so near to a step may be that step
-MOST_TRIED: Final = 60  # thresholds
-FEWEST_CROSSED: Final = 2  # jumps at one speed: one is no threshold
-WORSE: Final = 1.1  # of the sum of squares: slow noise lets the right law leave a few per cent more by chance
-COLOURED: Final = 0.5  # correlation of neighbours from which noise is not white
-CALMER: Final = 0.9  # of the long-run variance: from there on what a model leaves is taken for the noise
-MOST_BLOCKS: Final = 8  # of ten: chance alone gets there in one of twenty
+EQUIVALENT_WITHIN: Final = 10.0  # of the score: docs/theory.md, "Discrepancy search", step 4
+ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # factors on the price of a jump, in turn
+STARTED: Final = 4  # best candidates of the screening from each start, which are fitted
+REFITTED: Final = 5  # best candidates after segmentation, whose shapes and noise are refitted
+LEAST_SHARE: Final = 0.25  # of the largest gain: with less, no candidate became the best by refitting shapes and noise
+ROUNDS: Final = 4  # in which shapes, noise and jumps are fitted in turn
+SETTLED: Final = 0.5  # change of the score below which a fit has converged
+STEP: Final = 0.25  # of a column's range: a larger change from one sample to the next is a step
+AT_STEP: Final = 8  # samples: a jump so near to a step of a column may be the same event
+MOST_TRIED: Final = 60  # thresholds; fewer than twice as many where there are more jumps
+FEWEST_CROSSED: Final = 2  # jumps that a threshold must explain: a single one is no evidence
+WORSE: Final = 1.1  # of the sum of squares: in slow noise the right law may leave a few per cent more by chance
+COLOURED: Final = 0.5  # correlation of neighbouring samples from which noise is not taken as white
+CALMER: Final = 0.9  # of the long-run variance: below it, the residual of a model gives a new noise estimate
+MOST_BLOCKS: Final = 8  # of ten: by chance alone, so many are better in about one case of twenty
 
 
 class Fitting:
-    """Makes models of the same data.
+    """Makes and fits models of the same data.
 
     Attributes
     ----------
     problem
-        The data, with the noise that the last accepted model leaves.
+        The data, with the noise estimated from the residual of an accepted model, see `settled`.
     jumps
         Whether friction may jump.
     """
@@ -69,8 +69,8 @@ class Fitting:
         self.problem = problem
         self.jumps = jumps
         self.several = Series.of(problem).several
-        self._known: dict[Hashable, tuple[Sequence[Term], Model]] = {}  # what `without` returned
-        self._replaced: dict[tuple[int, int], tuple[Model, list[Model]]] = {}  # and `replacements`
+        self._known: dict[Hashable, tuple[Sequence[Term], Model]] = {}  # results of `without`
+        self._replaced: dict[tuple[int, int], tuple[Model, list[Model]]] = {}  # and of `replacements`
 
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
@@ -79,17 +79,17 @@ class Fitting:
         problem, start = self.problem, fit(self.problem)
         jumps = off_reversals(problem, start.level + start.residual, start.jumps)
         base = with_exact_jumps(problem, scored(problem, Model((), replace(start, jumps=jumps))))
-        memory = _memory_of_neighbours(base.fit.residual)
+        memory = _ar1_coefficient(base.fit.residual)
         if not problem.has_noise or memory < COLOURED:
             return base
-        # Jumps that a coloured noise hides pass for noise that remembers still longer.
+        # Jumps hidden in autocorrelated noise lengthen its fitted memory: that of neighbours is tried, too.
         other = with_exact_jumps(problem, with_law(problem, base, NoiseLaw(white=0.0, correlation=memory)))
         return min(base, with_exact_jumps(problem, scored(problem, other)), key=lambda one: one.score)
 
     def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects into those that the data can test, and the names of the others with what is missing.
 
-        Beside a level of each recording where friction may jump: jumps may swallow more.
+        Where friction may jump, an effect must differ from a level per recording; jumps may absorb still more.
         """
         problem, at = self.problem, np.arange(self.problem.size)
         known = Series.of(problem).base
@@ -99,7 +99,10 @@ class Fitting:
         return sort_out(problem, known, effects, base.fit.level)
 
     def settled(self, model: Model) -> Model:
-        """Return an accepted model fitted to the end; what it leaves prices jumps from now on, where that is calmer."""
+        """Return an accepted model, fitted to convergence if it is without jumps.
+
+        With jumps, the noise estimate, which sets their price, is replaced by that of its residual if that is smaller.
+        """
         if not self.jumps:  # shapes and a law of several parameters settle slowly
             return min(model, self.refined(model), key=lambda one: one.score)
         calmer = with_noise_of(self.problem, model.fit.residual)
@@ -108,10 +111,10 @@ class Fitting:
         return model
 
     def extensions(self, current: Model, effects: Effects, *, all_of_them: bool = False) -> list[Model]:
-        """Return a model with one effect more, for each of the most promising, best first.
+        """Return the model with one effect more, for each of the most promising effects, best first.
 
-        Or with levels of the recordings that differ: a hypothesis like any other. `all_of_them`: those with an effect
-        that does not count, too.
+        Without jumps, also the model with separate levels of the recordings, which is one more hypothesis.
+        `all_of_them`: also those whose effect does not count, see `counts`.
         """
         models = self._extended(current, effects, all_of_them=all_of_them)
         if not self.jumps and self.several and law_of(current).level_spread == 0.0:
@@ -119,11 +122,11 @@ class Fitting:
         return _in_order(models, effects)
 
     def counts(self, model: Model, current: Model) -> bool:
-        """Return whether the last effect of a model is more than another is not exact by, and predicts something."""
+        """Return whether the last effect of a model is not minor (`Model.is_minor`) and predicts held-out data."""
         return not model.is_minor(-1, self.problem.sign) and predicts(self.problem, model, current)
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
-        """Return the model with another effect in the place of term `index`, of those that come near, best first."""
+        """Return the model with each effect that comes near to term `index` in place of that term, best first."""
         if (id(model), index) not in self._replaced:
             simpler = self.without(model, index)
             if not self.jumps:
@@ -142,28 +145,28 @@ class Fitting:
         return self._known[key][1]
 
     def refitted(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
-        """Return a model with other terms than one that is near to it, from these jumps or from those of the near one.
+        """Fit a model with other terms than a similar one, from these jumps or from sets of the similar one's jumps.
 
-        Of those, also from the strong ones: a curve may explain the rest.
+        Those include subsets, since the new terms may explain some of the jumps, see `jump_sets`.
         """
         return self.refined(self.begun(terms, near, jumps))
 
     def begun(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
-        """Return what `refitted` refines: shapes and noise are those of the near model still."""
+        """Return what `refitted` refines: a model with the shapes as given and the noise law of the similar model."""
         return self._annealed(tuple(terms), jumps or self._starts(near), law_of(near))
 
     def plainer(self, model: Model) -> Model | None:
-        """Return a model with the same effects and fewer other parameters; None where there is none."""
+        """Return the model with one level for all recordings, not separate ones; None where it has jumps, or one."""
         law = law_of(model)
         if self.jumps or law.level_spread == 0.0:
-            return None  # one level of all recordings
+            return None
         return self.refined(self._annealed(model.terms, [NO_JUMPS], replace(law, level_spread=0.0)))
 
     def as_good(self, model: Model, index: int, effects: Effects) -> list[str]:
-        """Return the effects that are as good in the place of a term with jumps and level of the model as they are.
+        """Return the names of effects that are as good in place of a term, with jumps and level of the model kept.
 
-        Without the term, levels may take its part wherever a change of direction parts them, as in a few dwells: an
-        effect that follows the level then follows that, too, and never comes near.
+        Fitted without the term, levels absorb part of it where changes of direction separate them, as in a few dwells:
+        a column that follows the level then follows that part, too, and `replacements` does not find its effect.
         """
         term = model.terms[index]
         unresolved = {term.effect.unresolved_as(one.channels, term.shape) for one in self.problem.records}
@@ -173,7 +176,7 @@ class Fitting:
         return names
 
     def in_place(self, model: Model, index: int, effects: Effects) -> list[str]:
-        """Return the effects that are as good in the place of a term, with jumps, level and noise as they are."""
+        """Return the names of effects that are as good in place of a term, with jumps, level and noise kept."""
         others = model.terms[:index] + model.terms[index + 1 :]
         beside = Background.of(self.problem, others, law_of(model), model.fit.jumps)
         most = beside.criterion_with(model.terms[index]) + EQUIVALENT_WITHIN
@@ -181,7 +184,7 @@ class Fitting:
         return [one.effect.name for one, score in tried if score < most]
 
     def _starts(self, model: Model) -> list[IntArray]:
-        """Return sets of jumps that a model near to another may start from."""
+        """Return the sets of jumps from which the fit of a similar model starts."""
         if not self.jumps:
             return [NO_JUMPS]
         return jump_sets(self.problem, model.fit)
@@ -189,10 +192,10 @@ class Fitting:
     def _extended(
         self, current: Model, effects: Effects, instead: Term | None = None, *, all_of_them: bool = False
     ) -> list[Model]:
-        """Return the model with each of the most promising effects added; `instead` of a term, those that come near."""
+        """Return the model with each of the most promising effects; `instead` of a term, each that comes near it."""
         law, missing = law_of(current), [effect for effect in effects if effect.name not in current.names]
         starts = [(law, jumps) for jumps in self._starts(current)]
-        if not self.jumps:  # slow noise hides what it could be
+        if not self.jumps:  # slow noise may have absorbed the effect: screen in white noise, too
             starts.append((replace(law, white=1.0, correlation=0.0), NO_JUMPS))
         tried: list[tuple[Term, IntArray]] = []
         for one, jumps in starts:
@@ -211,14 +214,14 @@ class Fitting:
             gain = max((current.score - one.score for one in started), default=0.0)
             started = [one for one in started if gain < 0.0 or current.score - one.score >= LEAST_SHARE * gain]
         refined = self.problem.each(lambda one: self._plainer_shape(self.refined(one)), started)
-        possible = [one for one in refined if is_possible(one) and _explains(one, current)]
+        possible = [one for one in refined if is_possible(one) and _fits_as_well(one, current)]
         return _best_of_each([one for one in possible if all_of_them or self.counts(one, current)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
-        """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.
+        """Return an effect at its best threshold speed, and the jumps that it does not explain; empty if there is none.
 
-        A profile over the threshold has no slope to follow: beside the true one no jump is explained. But the jumps
-        that crossing it makes lie at its speed.
+        A profile over the threshold has no gradient: next to the true value no jump is explained. But the jumps that
+        crossing the threshold makes lie at its speed: the speeds of the jumps are tried.
         """
         problem, jumps, best = self.problem, current.fit.jumps, np.inf
         found: list[tuple[Term, IntArray]] = []
@@ -234,7 +237,7 @@ class Fitting:
         return found
 
     def _plainer_shape(self, model: Model) -> Model:
-        """Return a model whose last term has the shape that does as well with a part of it, where there is one."""
+        """Return the model with the plainer shape of its last term, where that loses less than EQUIVALENT_WITHIN."""
         *chosen, last = model.terms
         shape = last.effect.plainer_shape(last.shape)
         if shape is None:
@@ -244,9 +247,9 @@ class Fitting:
         return plainer if plainer.score < model.score + EQUIVALENT_WITHIN else model
 
     def _annealed(self, terms: tuple[Term, ...], starts: Sequence[IntArray], law: NoiseLaw) -> Model:
-        """Return a model under a law of the noise with any of these jumps, or those found while they are dear at first.
+        """Return the best model under a noise law, with one of these sets of jumps or with those segmented from there.
 
-        What is found from several starts is soon the same.
+        Segmentation starts from each set, with a falling price of a jump; different starts soon reach the same jumps.
         """
         nothing = np.zeros(self.problem.size)
         bare, known = Model(terms, Fit(NO_JUMPS, np.zeros(0), nothing, nothing, 0.0)), dict[bytes, Model]()
@@ -259,17 +262,20 @@ class Fitting:
             return known[key]
 
         reached = [beside(jumps) for jumps in starts]
-        for dear in ANNEALING if self.jumps else ():
-            found = [beside(self._segmented(one, dear)) for one in reached]
+        for price_factor in ANNEALING if self.jumps else ():
+            found = [beside(self._segmented(one, price_factor)) for one in reached]
             reached = list({id(one): one for one in found}.values())
         return min(known.values(), key=lambda one: one.score)
 
-    def _segmented(self, model: Model, dear: float = 1.0) -> IntArray:
-        """Return the best jumps beside a model's coefficients, in white noise of as much long-run variance, if any."""
+    def _segmented(self, model: Model, price_factor: float = 1.0) -> IntArray:
+        """Return the best jumps given a model's coefficients, in white noise of the same long-run variance.
+
+        Where friction may not jump, those of the model are returned as they are.
+        """
         if not self.jumps:
             return model.fit.jumps
         along = model.fit.level + model.fit.residual
-        jumps = segment_records(self.problem, along, dear * jump_price(self.problem))
+        jumps = segment_records(self.problem, along, price_factor * jump_price(self.problem))
         return off_reversals(self.problem, along, jumps)
 
     def refined(self, model: Model) -> Model:
@@ -288,16 +294,16 @@ class Fitting:
         return self._with_own_level(with_exact_jumps(self.problem, best) if self.jumps else best)
 
     def _with_own_level(self, model: Model) -> Model:
-        """Return a model whose columns follow its own level, where they follow one: that of another is no such law."""
+        """Return a model whose level-dependent columns follow its own level, not that of the model before."""
         for _ in range(ROUNDS if any(depends_on_level(term.effect) for term in model.terms) else 0):
-            followed = with_law(self.problem, replace(model, terms=self._following(model)), law_of(model))
+            followed = with_law(self.problem, replace(model, terms=self._with_updated_columns(model)), law_of(model))
             change, model = abs(followed.score - model.score), followed
             if change < SETTLED:
                 break
         return model
 
-    def _following(self, model: Model) -> tuple[Term, ...]:
-        """Return the terms of a model, those that follow a level with columns made anew from its level and its drag."""
+    def _with_updated_columns(self, model: Model) -> tuple[Term, ...]:
+        """Return the terms of a model, level-dependent columns made anew from its level and its effects' torque."""
         problem, fit = self.problem, model.fit
         beside = problem.z - fit.level - fit.residual - fit.coefficients[0] * problem.speed
         return tuple(
@@ -306,11 +312,11 @@ class Fitting:
         )
 
     def _reshaped(self, model: Model) -> Model:
-        """Return a model whose terms each have the shape that is best beside the others.
+        """Return a model with the shape of each term optimised given the other terms.
 
-        Its jumps are kept, but for those where a term steps itself.
+        Its jumps are kept, except those at a step of a term's own columns.
         """
-        terms, jumps = list(self._following(model)), model.fit.jumps
+        terms, jumps = list(self._with_updated_columns(model)), model.fit.jumps
         for i, term in enumerate(terms):
             if term.shape:
                 others, jumps = (*terms[:i], *terms[i + 1 :]), off_steps(term, jumps)
@@ -320,35 +326,35 @@ class Fitting:
         return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model), jumps)
 
 
-def _memory_of_neighbours(residual: FloatArray) -> float:
-    """Return φ of the AR(1) noise whose differences over two samples and over one have the same medians.
+def _ar1_coefficient(residual: FloatArray) -> float:
+    """Return φ of AR(1) noise from the median absolute differences over one sample and over two.
 
-    Few differences meet a jump. They grow by 1 + φ in square.
+    The ratio of their squares is 1 + φ; jumps hardly change medians, as few differences contain one.
     """
     near, far = (float(np.median(np.abs(residual[lag:] - residual[:-lag]))) for lag in (1, 2))
     return float(np.clip(far**2 / max(near**2, TINY) - 1.0, 0.0, LONG_MEMORY))
 
 
 def is_possible(model: Model) -> bool:
-    """Return whether the strengths are what physics lets them be, beside the friction that the model has."""
+    """Return whether all strengths are physically possible, given the dry and viscous friction of the model."""
     dry, viscous = float(model.fit.level.mean()), float(model.fit.coefficients[0])
     return all(term.effect.is_possible(model.strengths(i), dry, viscous) for i, term in enumerate(model.terms))
 
 
-def _explains(model: Model, current: Model) -> bool:
-    """Return whether a model with as many jumps leaves no more than the current one does.
+def _fits_as_well(model: Model, current: Model) -> bool:
+    """Return whether a model has fewer jumps than the current one, or a sum of squares that is at most WORSE times its.
 
-    Beside noise of long correlation, only what neighbouring samples differ by is likely or not: a law may fit that
+    In noise of long correlation, the likelihood depends on the differences of neighbouring samples: a law may fit those
     and predict a slow friction that is not there.
     """
     return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= WORSE * current.fit.rss
 
 
 def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
-    """Return whether a model does better than a simpler one on blocks that it is not fitted to, or has fewer jumps.
+    """Return whether a model predicts held-out blocks better than a simpler one does, or has fewer jumps.
 
-    Better is a smaller error, or a greater likelihood: on the whole, or in most blocks, as one at the end of a sweep is
-    extrapolated to. A few samples at changes of direction may decide the error, the law of the noise the likelihood.
+    Better is a smaller RMSE, or a higher log score, of all blocks or in MOST_BLOCKS of them: a block at the end of a
+    sweep is an extrapolation. A few samples at changes of direction may decide the RMSE, the noise law the log score.
     """
     if model.fit.jumps.size < simpler.fit.jumps.size:
         return True
@@ -359,7 +365,7 @@ def predicts(problem: Problem, model: Model, simpler: Model) -> bool:
 
 
 def off_steps(term: Term, jumps: IntArray) -> IntArray:
-    """Return the jumps that are not where a term steps itself, as at a threshold of the speed."""
+    """Return the jumps that are not near a step of a term's own columns, as at a threshold of the speed."""
     if depends_on_level(term.effect):
         return jumps
     change = np.abs(np.diff(term.columns, axis=0))
@@ -370,9 +376,9 @@ def off_steps(term: Term, jumps: IntArray) -> IntArray:
 
 
 def _in_order(models: Sequence[Model], effects: Effects) -> list[Model]:
-    """Return models, best first; those that the score does not set apart from the best with the plainest effect first.
+    """Return models, best first; those within SETTLED of the best are ordered by their last effect, the plainest first.
 
-    One that follows the dry level is less plain than one that does not; then the order of the effects decides.
+    An effect that depends on the dry level is less plain than one that does not; then the order of `effects` decides.
     """
     place = {effect.name: (depends_on_level(effect), number) for number, effect in enumerate(effects)}
     ordered = sorted(models, key=lambda model: model.score)

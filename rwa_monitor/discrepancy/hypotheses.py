@@ -1,4 +1,4 @@
-"""The list of hypotheses: effects with columns that a search tries, and which of them a motion can show, how strong."""
+"""The hypotheses of a search: effects with columns, which of them the records can test, and from which strength on."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from rwa_monitor.wheel.effects.formula import FORMULAS, Formula
 from rwa_monitor.wheel.effects.jumps import FEWEST_SOJOURNS
 from rwa_monitor.wheel.wheel import Wheel
 
-# All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.
+# All effects with columns: mean effects, and switching effects that are torques too; some with their own columns.
 CANDIDATES: Final = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}.values())
 
 
 def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
-    """Return the effects with columns that the search tries: all that the wheel does not have already."""
+    """Return the effects with columns that the search tries: all that the wheel file does not have already."""
     known = {block.name for block in wheel.effect}
     return [effect for effect in CANDIDATES if effect.name not in known]
 
 
 def can_show(problem: Problem, effect: type[MeanEffect]) -> bool:
-    """Return whether the motion can show an effect: at constant speed, friction that is derived shows none of motion.
+    """Return whether an effect is observable: derived friction at constant speed does not show effects of motion.
 
-    All that moves the speed is its noise, which is in the friction, too: it would pass for an effect of motion.
+    There the speed varies by its noise alone, which derived friction contains, too: it would mimic such an effect.
     """
     at_rest = problem.friction_is_derived and speed_is_constant(problem)
     return not at_rest or effect.shows_at_one_speed
@@ -50,18 +50,18 @@ def speed_is_constant(problem: Problem) -> bool:
     return float(np.std(problem.speed)) < max(1e-3 * float(np.max(problem.speed)), 3 * noise)
 
 
-# ---- which effects a motion can show: by their columns, never by their names -----------------------------------------
-# What the base law spans is not testable, nor what is no law of the speed but follows the speed in this motion, as
-# time, acceleration and every lag do while a wheel runs down.
+# ---- which effects are identifiable in a motion: by their columns, never by their names ------------------------------
+# Not testable is an effect whose columns the base law spans, or one that is no law of the speed but a function of the
+# speed in this motion, as time, acceleration and every lag are while a wheel runs down.
 
 
-KNOTS: Final = 12  # of a free curve over the speed, of each kind
-NEAREST_REST: Final = 0.002  # quantile of the speeds: the few that are slower show nothing by themselves
-SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is left of what a curve of the speed spans
-LEAST_BEYOND: Final = 1e-5  # of its energy: what is left of a column by the noise of the speed, and by smoothing
-EXPLAINED_AWAY: Final = 1e-8  # of its energy: what is left of a column that the base law spans
-SLOW_WINDOWS: Final = 50  # in a record: a motion smoothed over one of them has lost its noise
-LONGER: Final = 0.75  # of the range of each shape parameter, which is tried where its middle shows nothing
+KNOTS: Final = 12  # of a piecewise linear curve over the speed, of each kind
+NEAREST_REST: Final = 0.002  # quantile of the speeds: the slower ones are too few to identify anything
+SPANNED: Final = 0.02  # of a column's energy outside the base law: below it, a curve over the speed spans the column
+LEAST_BEYOND: Final = 1e-5  # of its energy: noise of the speed and smoothing leave so much of a column that is spanned
+EXPLAINED_AWAY: Final = 1e-8  # of its energy: rounding leaves so much of a column that the base law spans
+SLOW_WINDOWS: Final = 50  # in a record: smoothing the motion over one of them removes its noise
+LONGER: Final = 0.75  # of the range of each shape parameter: tried where its middle is not testable
 NOT_COMMANDED: Final = "friction that is measured: here it is a ramp over time that was commanded"
 FOLLOWS_THE_SPEED: Final = "a motion in which it does not follow the speed: several sweeps, or dwells"
 
@@ -84,13 +84,13 @@ def sort_out(
     """
     series = Series.of(problem)
     known, curve = (linalg.orth(rows.T).T for rows in (known, np.vstack([known, speed_curve(series)])))
-    calm = replace(problem, records=tuple(replace(r, channels=_calm(r.channels)) for r in problem.records))
-    calm = calm.with_empty_caches()
+    smooth = replace(problem, records=tuple(replace(r, channels=_smoothed(r.channels)) for r in problem.records))
+    smooth = smooth.with_empty_caches()
 
     def missing(effect: type[MeanEffect]) -> str | None:
-        """Return what an effect lacks: a channel, or a motion that sets it apart; None for nothing.
+        """Return what an effect lacks: a channel, or a motion that distinguishes it; None where it is testable.
 
-        A lag may be too short in the middle of its range to be seen, and a longer one not.
+        A lag in the middle of its range may be too short to be identified although a longer one can be: both are tried.
         """
         channel = available(problem, effect)
         if channel is not None:
@@ -105,34 +105,34 @@ def sort_out(
         return reason if missing_at(effect, middle_shape(problem, effect, LONGER)) else None
 
     def missing_at(effect: type[MeanEffect], shape: dict[str, float]) -> str | None:
-        """Return what of the motion an effect of one shape lacks; None for nothing."""
+        """Return what the motion lacks to test an effect with a given shape; None where it is testable."""
         rows = make_term(problem, effect, shape, level).columns.T * series.sign
-        if _beyond(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
-            # Dry friction is not negative: where it seems to be, what drives the wheel is no part of it.
+        if _unspanned_energy(rows, known) <= EXPLAINED_AWAY * float(np.sum(rows**2)):
+            # Dry friction is not negative: where its estimate is, an effect that drives the wheel is identifiable.
             return None if effect.may_drive and not problem.at_one_speed and level.max() <= 0.0 else effect.separate_by
         if problem.is_command and _is_law_of_time(problem, effect, shape):
             return NOT_COMMANDED
         if _is_law_of_speed(problem, effect, shape):
             return None
-        slow = make_term(calm, effect, shape, level).columns.T * series.sign
-        beyond, least = _beyond(slow, known), LEAST_BEYOND * float(np.sum(slow**2))
-        return FOLLOWS_THE_SPEED if _beyond(slow, curve) < max(SPANNED * beyond, least) else None
+        slow = make_term(smooth, effect, shape, level).columns.T * series.sign
+        beyond, least = _unspanned_energy(slow, known), LEAST_BEYOND * float(np.sum(slow**2))
+        return FOLLOWS_THE_SPEED if _unspanned_energy(slow, curve) < max(SPANNED * beyond, least) else None
 
     reasons = list(zip(effects, problem.each(missing, effects), strict=True))
     testable = [effect for effect, reason in reasons if reason is None]
     return testable, [(effect.name, reason) for effect, reason in reasons if reason is not None]
 
 
-def _beyond(rows: FloatArray, basis: FloatArray) -> float:
-    """Return the energy of rows that orthonormal ones do not span."""
+def _unspanned_energy(rows: FloatArray, basis: FloatArray) -> float:
+    """Return the energy of rows outside the span of an orthonormal basis, both float64 (p, n)."""
     return float(np.sum((rows - rows @ basis.T @ basis) ** 2))
 
 
 def speed_curve(series: Series) -> FloatArray:
-    """Return a free curve over |ω|, one for each direction: hats between knots, float64 (p, n).
+    """Return the hat functions of a piecewise linear curve over |ω| for each direction, float64 (p, n).
 
-    Between half of the knots lie as many samples each. The others are of equal ratios: what friction does near rest
-    spans decades of the speed, in a part of the samples that no quantile parts.
+    Half of the knots are quantiles of |ω|, the others a geometric sequence: near rest, friction changes over decades of
+    the speed within fewer samples than lie between two quantiles.
     """
     speed = np.abs(series.speed)
     low, high = np.quantile(speed, (NEAREST_REST, 1.0))
@@ -143,8 +143,8 @@ def speed_curve(series: Series) -> FloatArray:
     return rows[rows.any(axis=1)]
 
 
-def _calm(channels: Channels) -> Channels:
-    """Return the motion without its noise, smoothed over a small part of the record."""
+def _smoothed(channels: Channels) -> Channels:
+    """Return channels whose speed and acceleration are smoothed by parabolas over a small part of the record."""
     width = max(len(channels) // SLOW_WINDOWS, 3) | 1
     known = np.isfinite(channels.speed_rad_s)
     filled = np.interp(np.arange(known.size), np.flatnonzero(known), channels.speed_rad_s[known])
@@ -153,7 +153,7 @@ def _calm(channels: Channels) -> Channels:
 
 
 def _is_law_of_speed(problem: Problem, effect: type[MeanEffect], shape: dict[str, float]) -> bool:
-    """Return whether an effect depends on speed, direction and level alone: its columns then move with the samples."""
+    """Return whether an effect depends on speed, direction and level alone: columns are then permuted with samples."""
     if effect.needs:
         return False
     channels = problem.records[0].channels
@@ -186,8 +186,8 @@ def _is_law_of_time(problem: Problem, effect: type[MeanEffect], shape: dict[str,
 def formulas(problem: Problem) -> list[type[MeanEffect]]:
     """Return the structures that the records can distinguish, in the order of the grammar.
 
-    Left out are those whose channel is missing or constant, whose constants have no range to be found in, and those
-    that equal another: no direction in records of one direction (the dry carrier), viscous at one speed (the dry one).
+    Left out are those whose channel is missing or constant, whose constants have an empty range, and those that equal
+    the dry carrier: the even carrier in records of one direction, the viscous one at one speed.
     """
     one_way = bool(np.all(problem.sign == problem.sign[0]))
     temperature = [record.channels.bearing_temperature_degC for record in problem.records]
@@ -214,7 +214,7 @@ def describe(term: Term, strengths: FloatArray) -> str:
     Parameters
     ----------
     term
-        Of a formula.
+        The formula.
     strengths
         float64 (p,), of its columns [N m or N m s/rad].
     """
@@ -227,19 +227,19 @@ def describe(term: Term, strengths: FloatArray) -> str:
 
 
 # ---- what a record could not test ------------------------------------------------------------------------------------
-# Effects that would show only beyond any likely strength, and jumps that are too few. A strength is detectable where it
-# gains as much as the search asks for, by the score of the search: its column, less what levels, slope and the effects
-# found hold of it, over the noise that the last model leaves. Part of an effect passes for colour of the noise until it
-# is named, and up to about twice the strength may be needed; more where a jump or two could do the same, as at a single
-# change of direction.
+# Effects that are detectable only above any likely strength, and jumps that are too few. A strength is detectable where
+# its gain is what the search asks for, by the same score: from the part of its column that levels, slope and effects
+# found do not span, in the noise of the last model. Until an effect is named, autocorrelation of the noise absorbs a
+# part of it, so that up to about twice the strength may be needed; more where a jump or two could fit as well, as at a
+# single change of direction.
 
 
-TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be larger to show has not been tested
-# Of the RMS of the friction where it acts: what acts in a few samples has a small RMS however large it is there, as
-# drag near zero speed where the wheel hurries through. Static friction of twice the dry is the most that bearings show.
+TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect detectable only above it has not been tested
+# Of the RMS of the friction where the effect acts: an effect in few samples, as drag near zero speed that is crossed
+# fast, has a small RMS however large it is there. Static friction is twice the dry in bearings, at most.
 TOO_LARGE_AT_PEAK: Final = 1.0
 
-VISIBLE: Final = 1e-12  # of a column's energy: what is left of it by rounding
+VISIBLE: Final = 1e-12  # of a column's energy: less is rounding
 
 FRICTION_NOT_DERIVED: Final = "motor_current_A instead of friction_torque_Nm"
 NO_JUMPS: Final = "jumps of the friction: none is seen here"
@@ -248,20 +248,20 @@ NO_SYSTEMS: Final = "fss: the switching systems in the wheel file"
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    """The smallest strength at which an effect would have been found, its shape in the middle of what can show.
+    """The smallest strength at which an effect would have been found, at a shape in the middle of the testable range.
 
     Attributes
     ----------
     name
         Catalogue name.
     parameter, strength, unit
-        The strength; NaN where no strength would show.
+        The strength; NaN where none is detectable.
     share
         RMS of its torque over that of all friction [-].
     peak_share
         Its largest torque over the RMS of the friction where it acts [-].
     too_weak
-        True where that is more than can be expected.
+        True where that is more than can be expected: the effect was not tested.
     """
 
     name: str
@@ -273,18 +273,18 @@ class Detectable:
     too_weak: bool
 
     def in_words(self) -> str:
-        """Return the strength with its unit, to the two digits that it is known to at most."""
+        """Return the strength with its unit, to two digits: it is not known to more."""
         return f"{self.strength:.2g} {self.unit}".rstrip(" -")
 
     def would_show(self) -> str:
-        """Return from which strength on it would show, and how much of friction that is."""
+        """Return in words the smallest detectable strength and its share of the friction."""
         there = f", {self.peak_share:.0%} of what there is where it acts" if self.share <= TOO_LARGE else ""
         strength = f"{self.parameter} = {self.in_words()}"
         return f"here it would show only from {strength} on, {self.share:.0%} of all friction{there}"
 
 
 def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[Detectable]:
-    """Return for each effect that the data have the channels for, and the model lacks, what strength would show."""
+    """Return the smallest detectable strength of each effect that the model lacks and whose channels are there."""
     beside = Background.of(problem, model.terms, law_of(model), model.fit.jumps)
     without = beside.equations_with()
     variance = without.memory * without.rss(without.solve()[0]) / without.samples
@@ -304,8 +304,8 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         share = strength * float(np.sqrt(np.mean(column**2))) / friction
         beyond = not visible or strength > max(float(term.high[0]), -float(term.low[0]))
         parameter = effect.strength_parameters()[0]
-        # A column that follows the level is in proportion to friction itself: its bounds are what is likely.
-        # A strength in N m is what the effect reaches in a motion that shows it whole.
+        # A column that follows the level scales with friction itself: there its bounds alone say what is likely.
+        # A strength in N m is the torque that the effect reaches in a motion that excites it fully.
         peak = strength * max(float(np.max(np.abs(column))), 1.0 if parameter.unit == "N m" else 0.0)
         there = float(np.sqrt(column**2 @ problem.z**2 / max(float(column @ column), TINY)))
         peak = peak / there if there > 0 else np.inf
@@ -317,7 +317,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
 def not_testable(
     problem: Problem, effects: Sequence[type[MeanEffect]], untested: Sequence[tuple[str, str]]
 ) -> set[str]:
-    """Return which of the untested effects lack a channel or a part of the wheel file: no motion would show them.
+    """Return the untested effects that lack a channel or a part of the wheel file: no motion makes them observable.
 
     The others lack a motion, or jumps: these data do not excite them.
     """
@@ -331,7 +331,7 @@ def not_testable(
 
 
 def as_a_part(sentence: str) -> str:
-    """Return a sentence as a part of a longer one."""
+    """Return a sentence as a part of a longer one: with a small first letter and without its full stop."""
     return sentence[:1].lower() + sentence[1:].rstrip(".")
 
 
@@ -343,14 +343,14 @@ def untested(
     tried: Sequence[type[MeanEffect]],
     not_shown: Sequence[type[MeanEffect]],
 ) -> dict[str, str]:
-    """Return what the records could not test, and what is missing, by name; none that was named or could stand for one.
+    """Return what is missing for each effect that was not testable, by name; without those named, or equivalent to one.
 
     Parameters
     ----------
     problem, found, mean, wheel
         The data and the answer, its mean effects as they are reported.
     tried, not_shown
-        Effects that the motion can show, and those that it cannot.
+        Effects that are observable in the motion, and those that are not.
     """
     model = found.nested[-1]
     missing = [entry for entry in found.untestable if entry[0] in CATALOGUE]

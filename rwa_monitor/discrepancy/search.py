@@ -1,4 +1,4 @@
-"""Naming what the model lacks: forward, swap and prune over a list of effects, all judged by one score (see `score`).
+"""Stepwise search for missing effects: forward selection, exchange and elimination, all by one score (see `score`).
 
 How a model is made and fitted: see `fitting`.
 """
@@ -25,8 +25,8 @@ from rwa_monitor.discrepancy.score import wald
 from rwa_monitor.discrepancy.terms import Found, Model, SearchResult, law_of
 
 MAX_EFFECTS: Final = 4
-TRIED_IN_PAIRS: Final = 2  # effects, to which a second is added
-WORTH_SWAPPING: Final = 1.0  # of the score
+TRIED_IN_PAIRS: Final = 2  # best candidates, each of which is also tried together with a second effect
+WORTH_SWAPPING: Final = 1.0  # decrease of the score from which an exchange is made
 
 
 def search(
@@ -43,20 +43,20 @@ def grow(
     begin_with: Sequence[Model] = (),
     asked: Callable[[int], float] = asked_gain,
 ) -> SearchResult:
-    """Add effects one after the other, and exchange them, while that pays.
+    """Add effects one at a time, with exchanges and eliminations after each, while each gains as much as is asked.
 
     Parameters
     ----------
     fitting
-        Makes models of the data.
+        Makes and fits models of the data.
     effects
         Candidates.
     progress
-        Called with a word on each step.
+        Called with a short text at each step.
     begin_with
-        Fitting found before, one effect more in each.
+        Models found earlier, each with one effect more than the one before.
     asked
-        Returns by how much an effect must lower the score beside so many that are named.
+        Returns the gain that is asked of an effect, given the number of effects already in the model.
     """
     progress("base model")
     base = fitting.base()
@@ -65,7 +65,7 @@ def grow(
     best_rejected = -np.inf
     while len(nested[-1].terms) < MAX_EFFECTS:
         nested[-1] = fitting.settled(nested[-1])
-        if not is_possible(nested[-1]):  # it was on its way there
+        if not is_possible(nested[-1]):  # after the last fit its strengths are not
             testable = [effect for effect in testable if effect.name != nested[-1].names[-1]]
             del nested[-1]
         current = nested[-1]
@@ -73,19 +73,19 @@ def grow(
         alternatives = fitting.extensions(current, testable, all_of_them=True)
         if not alternatives:
             break
-        if len(alternatives[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
+        if len(alternatives[0].terms) > len(current.terms):  # its jumps alone may lower the score
             simpler = fitting.without(alternatives[0], len(current.terms))
             if simpler.score < current.score - SETTLED:
                 current = nested[-1] = simpler
-                if alternatives[0].score > current.score:  # what any effect is compared with lacked them
+                if alternatives[0].score > current.score:  # all were compared with a model without these jumps
                     continue
-        named, sign = len(current.terms), fitting.problem.sign  # levels apart name nothing more
+        named, sign = len(current.terms), fitting.problem.sign  # separate levels of the recordings add no effect
         alternatives = [one for one in alternatives if len(one.terms) == named or not one.is_minor(-1, sign)]
         if not alternatives:
             break
         gain, least = current.score - alternatives[0].score, asked(named)
-        wanders = law_of(current).wanders(current.fit.residual.size)  # what it lacks is taken for noise
-        if gain < least and wanders:  # of two laws, neither alone may explain that
+        wanders = law_of(current).wanders(current.fit.residual.size)  # the noise law may absorb a missing effect
+        if gain < least and wanders:  # of two missing effects, each alone may gain too little
             pairs = [pair for one in alternatives[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
             if current.score - best.score >= asked(0) + asked(1):
@@ -102,14 +102,14 @@ def grow(
         if nested[-1].score >= current.score:
             break
     final = fitting.settled(prune(fitting, min(nested, key=lambda model: model.score)))
-    final = prune(fitting, final)  # beside the noise that it leaves
+    final = prune(fitting, final)  # again, with the noise estimated from its residual
     nested = [*(model for model in nested if len(model.terms) < len(final.terms)), final]
     return SearchResult(tuple(nested), tuple(testable), tuple(untestable), best_rejected)
 
 
 def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: None) -> SearchResult:
-    """Judge each effect of the last model that stands out by itself, and find what could stand in its place."""
-    model, found = _standing_out(fitting, grown.nested[-1]), []
+    """Find the gain of each significant effect of the last model, and the effects that are as good in its place."""
+    model, found = _without_insignificant(fitting, grown.nested[-1]), []
     grown = replace(grown, nested=(*(one for one in grown.nested if len(one.terms) < len(model.terms)), model))
     for index, name in enumerate(model.names):
         progress(f"in the place of {name}")
@@ -121,8 +121,8 @@ def rank(fitting: Fitting, grown: SearchResult, progress: Progress = lambda _: N
     return replace(grown, found=ranked)
 
 
-def _standing_out(fitting: Fitting, model: Model) -> Model:
-    """Leave out effects that do not stand out of what the residual remembers, the weakest first."""
+def _without_insignificant(fitting: Fitting, model: Model) -> Model:
+    """Remove effects whose Wald statistic (see `wald`) is below the gain asked, the weakest first."""
     while model.terms:
         squares = wald(fitting.problem, model)
         weakest = int(np.argmin(squares))
@@ -133,7 +133,7 @@ def _standing_out(fitting: Fitting, model: Model) -> Model:
 
 
 def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) -> Model:
-    """Exchange effects one by one while that helps; the best single one was chosen among all."""
+    """Exchange effects one at a time while the score falls by WORTH_SWAPPING; a single one was chosen among all."""
     index = 0
     while 1 < len(model.terms) > index:
         progress(f"in the place of {model.names[index]}")
@@ -145,7 +145,7 @@ def _swap(fitting: Fitting, model: Model, effects: Effects, progress: Progress) 
 
 
 def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
-    """Leave out effects that later ones have made superfluous or predict nothing, and parameters that do not pay."""
+    """Remove effects that are minor, predict nothing or gain less than is asked, and separate levels that gain less."""
     while True:
         simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
         minor = [one for index, one in enumerate(simpler) if model.is_minor(index, fitting.problem.sign)]
