@@ -1,4 +1,4 @@
-"""The whole search in order: record → base model → mean effects → what is left → noise and jumps → gain → answer."""
+"""The whole search in order: record → base model → mean effects → leftover → noise and jumps → gain → answer."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS, effect_class
 from rwa_monitor.wheel.wheel import Wheel
 
-SPEED_BLOCKS: Final = 5  # ranges of speed, of which the search is given three
+SPEED_BLOCKS: Final = 5  # ranges of speed, three of which are searched
 MORE_SAMPLES: Final = f"{FEWEST_FOR_JUMPS} samples or more"
 
 
@@ -49,16 +49,16 @@ def find_discrepancy(
     Parameters
     ----------
     recordings
-        Name and samples of each recording; several are one wheel and give one joint answer.
+        Name and samples of each recording; several are of one wheel and give one joint answer.
     wheel
         The wheel's constants. Effects that it already has are part of the base model.
     progress
-        Called with a word on each step.
+        Called with a short text at each step.
     each
-        Applies a function to each candidate, in turn or side by side; the answer does not depend on it.
+        Applies a function to each candidate, in turn or in parallel; the answer does not depend on it.
     held_out_recordings
-        Name and samples of further recordings of the wheel: nothing is searched or fitted there, the gain is measured
-        on them. None: on held-out blocks of the searched ones.
+        Name and samples of further recordings of the wheel, which are not searched: the gain is measured on them. If
+        there are none, it is measured on held-out blocks of the searched ones.
 
     Raises
     ------
@@ -72,7 +72,8 @@ def find_discrepancy(
     delay = _delay(motions, wheel)
     problem = prepare(_records_of(bench.recordings, wheel, delay), wheel, each)
     aside = prepare(_records_of(bench.held_out, wheel, delay), wheel) if bench.held_out else None
-    # A sample's place within its slot passes for a delay; of one of whole slots that is taken out, a part may be left.
+    # DelayTerm is tried if no delay is known, or after one of whole slots was removed: a part of a slot may be left.
+    # Else the place of a sample within its slot is corrected already, and would be mistaken for a delay.
     left = delay is None or delay.late_slots == delay.slots != 0
     missing = [effect for effect in candidates(wheel) if effect is not DelayTerm or left]
     silent = not_shown_without_motor(missing, wheel, problem.records[0].channels)
@@ -98,14 +99,14 @@ def find_discrepancy(
     progress("gain on held-out data")
     scores = _scores(explained, aside, each)
     at_base = found.nested[0]
-    if named is not None:  # the base model has none: it is judged on what is measured
+    if named is not None:  # the base model has no delay: it is scored on the data as measured
         base = prepare(_records_of(bench.recordings, wheel, None), wheel)
         at_base = scored(base, Model((), fit(base)))
         scores = (held_out(base, at_base), *scores)
     gain = _gain(problem, at_base, found.nested[-1], scores, [name for name, _ in bench.held_out])
     verdict: Verdict = "inadequate" if effects or explained.leftover is not None else "adequate"
     if verdict == "adequate" and len(problem.noise.autocovariance) and speed_is_constant(problem):
-        verdict = "untestable"  # speed that does not vary lets no law of it be tested
+        verdict = "untestable"  # no law of the speed is identifiable at constant speed
     result = DiscrepancyResult(verdict, effects, explained.leftover, tuple(lacking.items()), gain)
     taken_out = tuple(effect_class(one.name)(**{key: of.value for key, of in one.parameters.items()}) for one in shown)
     return _with_simulated(Search(wheel, problem, found, scores[-len(found.nested) :], result, taken_out))
@@ -117,15 +118,15 @@ def with_search_again(
     progress: Progress = lambda _: None,
     each: Mapper = in_turn,
 ) -> Search:
-    """Add what the search finds and gains without the data that it is judged on, see `SearchedAgain`.
+    """Search a part of the data, and add the effects found and their gain on the rest, see `SearchedAgain`.
 
-    Of several recordings the last is held out; of one every second of `BLOCKS` stretches of time, and in a search of
-    its own every second of `SPEED_BLOCKS` ranges of |ω| with as many samples each, not the slowest and the fastest.
+    Of several recordings the last is held out; of one, every second of `BLOCKS` segments of time, and in a separate
+    search every second of `SPEED_BLOCKS` ranges of |ω| with as many samples each, not the slowest and the fastest.
 
     Parameters
     ----------
     search
-        The search of all that was given.
+        The search of all the data.
     recordings
         Name and samples of each.
     progress, each
@@ -172,7 +173,7 @@ def _known_delays(wheel: Wheel) -> list[float]:
 
 
 def _delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
-    """Return the delay of the current in whole slots, as the wheel file has it or as the recordings show it."""
+    """Return the delay of the current as the wheel file has it, in whole slots, or as the recordings show it."""
     known = _known_delays(wheel)
     if not known:
         return find_delay(motions, wheel)
@@ -181,32 +182,32 @@ def _delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
 
 
 def _records_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: Delay | None) -> list[Record]:
-    """Make the records of a wheel, without what the effects in its file explain and without a delay of the current."""
-    if delay is not None:  # taken out of the torque itself: to first order it would be taken out a second time
+    """Make records less the effects in the wheel file and a delay of the current, and with coarse rounding undone."""
+    if delay is not None:  # removed from the torque itself: the effect in the file would remove it a second time
         wheel = wheel.model_copy(update={"effect": tuple(b for b in wheel.effect if b.name != DelayTerm.name)})
     records = [make_record(samples, wheel, name, delay) for name, samples in recordings]
     return without_steps([without_known_effects(record, wheel) for record in records], wheel)
 
 
 def _noise_and_jumps(explained: Explained, wheel: Wheel, *, with_noise: bool) -> tuple[list[FoundEffect], Explained]:
-    """Return the effects of noise and of jumps that are left, and what is explained where those account for it."""
+    """Return the noise and switching effects, and the explanation without a leftover that these account for."""
     problem, complete, cage = explained.problem, explained.complete, explained.cage
     others: list[FoundEffect] = []
-    wanders: Unexplained | None = None
+    drift: Unexplained | None = None
     in_band = cage.in_band if cage else ()
     if with_noise:
         by_law = not explained.jumps and not problem.friction_is_derived
         others += noise_effects(problem, complete, in_band=in_band, by_law=by_law)
-        wanders = wandering(problem, complete)
-    if explained.leftover is None and wanders is None and explained.jumps:
+        drift = wandering(problem, complete)
+    if explained.leftover is None and drift is None and explained.jumps:
         others += switching_effects(problem, complete, wheel, in_band)
     if cage is not None:
         others.append(cage.effect)
     classes = [effect_class(effect.name) for effect in others]
-    if any(effect.follows_acceleration for effect in classes):  # a curve over it shows what is named already
+    if any(effect.follows_acceleration for effect in classes):  # a curve over the acceleration repeats such an effect
         return others, replace(explained, found=without_rounding(problem, explained.found), leftover=None)
     if not any(effect.comes_and_goes for effect in classes):
-        explained = replace(explained, leftover=both(wanders, explained.leftover))
+        explained = replace(explained, leftover=both(drift, explained.leftover))
     return others, explained
 
 
@@ -219,7 +220,7 @@ def _scores(explained: Explained, aside: Problem | None, each: Mapper) -> tuple[
 
 
 def _with_simulated(search: Search) -> Search:
-    """Add how the wheel file fits the records when it is simulated with the effects that were found."""
+    """Add the fit to the records of the wheel file simulated with the effects that were found."""
     gain = search.result.gain
     if gain is None or not search.extended.terms:
         return search

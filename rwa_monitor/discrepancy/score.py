@@ -1,8 +1,8 @@
-"""The score of a model, by which the search decides: its exact likelihood, with the price of all that is in it.
+"""The score of a model, by which the search decides: its exact likelihood, with a penalty for parameters and jumps.
 
 Twice the negative log-likelihood with coefficients, levels and the noise's law refitted, plus log N for each parameter
-and 3 log N for each jump. Candidates are screened by a faster criterion (`base_fit`) whose noise is fixed; what comes
-near is scored.
+and 3 log N for each jump. Candidates are screened faster, with noise and jumps fixed (`Background`); the best of them
+are scored.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from rwa_monitor.discrepancy.problem import MAX_LAG, Problem
 from rwa_monitor.discrepancy.terms import Model, Term, depends_on_level, law_of, make_term
 from rwa_monitor.samples import TINY, FloatArray, IntArray
 
-REVERSAL: Final = 5  # samples from a change of direction: bristles turn over, filters smear, a jump does not show
-SCREENED: Final = 20_000  # means of samples, of which screening uses no more
-LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
+REVERSAL: Final = 5  # samples from a reversal: there bristles turn over, filters smear, and a jump is not identifiable
+SCREENED: Final = 20_000  # means of neighbouring samples: a longer record is averaged to about so many
+LEVEL_SAMPLES: Final = 64  # at most, from which the level on each side of a change of direction is estimated
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
 
 
 def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, again: bool = False) -> Model:
-    """Return a model with its noise's law, its score, and the coefficients that are best under that law.
+    """Fit the noise's law of a model; return the model with it, its score, and the best coefficients under that law.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
     start
         A law of the noise to begin with.
     again
-        Whether that is the law of nearly the same model: then only near it is looked.
+        Whether that is the law of nearly the same model: then laws near it alone are tried.
     """
     series = Series.of(problem, model.fit.jumps)
     law = start or (NoiseLaw().apart if series.several else NoiseLaw())
@@ -58,7 +58,7 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
 def with_law(problem: Problem, model: Model, law: NoiseLaw, jumps: IntArray | None = None) -> Model:
     """Return a model with the coefficients that are best under a law of the noise, and its score.
 
-    `jumps`: others than those that its fit has, int64 (j,).
+    `jumps`, int64 (j,), take the place of those of its fit.
     """
     jumps = model.fit.jumps if jumps is None else jumps
     series = Series.of(problem, jumps)
@@ -72,12 +72,12 @@ def with_law(problem: Problem, model: Model, law: NoiseLaw, jumps: IntArray | No
 
 
 def with_exact_jumps(problem: Problem, model: Model) -> Model:
-    """Return a scored model with the jumps that are the best of all beside its coefficients, where the score falls."""
+    """Return a scored model with the optimal jumps given its coefficients and noise, where that lowers the score."""
     assert model.law is not None, "the model is scored"
     series, law = Series.of(problem), model.law
     if law.white > 1.0 - law.memory**2:
-        return model  # AR(1) noise of such a memory has so small innovations that every white sample would be a jump
-    # Along the rotation, the noise of the torque changes its sign where the direction does.
+        return model  # its innovations as AR(1) noise are so small that white noise would be segmented into jumps
+    # Along the rotation (in z), the noise of the torque changes its sign where the direction does.
     spread = series.spread(law)
     variance = series.memory * float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
     along, slot = model.fit.level + model.fit.residual, np.cumsum(np.maximum(series.gap, 1))
@@ -97,9 +97,9 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
 
 
 def off_reversals(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
-    """Return jumps with one at most in a change of direction; `along` is what a model leaves to the levels [N m].
+    """Merge the jumps within each change of direction into one; `along` is z less all terms but the levels [N m].
 
-    What comes and goes there within a few samples is an effect of the reversal, or the smear of a filter.
+    A level that lasts a few samples there is an effect of the reversal, or of a filter.
     """
     after = np.append(np.flatnonzero(problem.to_reversal >= REVERSAL), problem.size)
     moved = np.unique(after[np.searchsorted(after, jumps)])
@@ -107,16 +107,16 @@ def off_reversals(problem: Problem, along: FloatArray, jumps: IntArray) -> IntAr
 
 
 def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
-    """Move jumps behind a change of direction to where in it the levels on both sides part best.
+    """Move jumps that follow a change of direction to the sample in it that best separates the levels on both sides.
 
     Parameters
     ----------
     problem
         The data.
     along
-        float64 (n,), what a model leaves to the levels [N m].
+        float64 (n,), z less all terms of a model but the levels [N m].
     jumps
-        int64 (j,), in no change of direction.
+        int64 (j,), none of them within a change of direction.
     """
     at = np.arange(problem.size)
     latest = np.maximum.accumulate(np.where(problem.to_reversal < REVERSAL, -1, at))
@@ -134,17 +134,17 @@ def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
 
 
 def price(terms: Sequence[Term]) -> float:
-    """Return what the parameters of the base law and of terms cost, in units of log N."""
+    """Return the penalty for the parameters of the base law and of terms, in units of log N."""
     return BASE_PARAMETERS + sum(term.parameters for term in terms)
 
 
 def contradiction(problem: Problem, terms: Sequence[Term], strengths: FloatArray) -> float:
-    """Return twice the negative log-likelihood of what other channels show of the wheel file's constants.
+    """Return twice the negative log-likelihood of constants of the wheel file, given estimates from other channels.
 
     Parameters
     ----------
     problem, terms
-        The data and the terms of a model, which gives a constant no error where none of them has it.
+        The data, and the terms of a model; a constant has no error unless a term is its error.
     strengths
         float64 (p,), of their columns.
     """
@@ -158,43 +158,43 @@ def contradiction(problem: Problem, terms: Sequence[Term], strengths: FloatArray
 
 
 def regressors(series: Series, terms: Sequence[Term]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rows of a law and the bounds of their coefficients.
+    """Return the regressors of the base law and of terms, float64 (p, n), and the bounds of their coefficients, (p,).
 
-    Dry and viscous friction are not negative, and the viscous part is not larger than all friction is, unless it is
-    that at another temperature.
+    Dry and viscous friction are not negative, and the viscous part is not larger than the largest friction, unless a
+    term is a part of it, as where it is the viscous friction at another temperature.
     """
     rows = np.vstack([series.base, *(term.columns.T for term in terms)])
     rows[BASE_PARAMETERS:] *= series.sign
     low = np.concatenate([np.zeros(2), *(term.low for term in terms)])
     steepest = float(np.abs(series.friction).max() / max(np.abs(series.speed).max(), TINY))
-    high = np.concatenate([[np.inf, _steepest(steepest, terms)], *(term.high for term in terms)])
+    high = np.concatenate([[np.inf, _viscous_bound(steepest, terms)], *(term.high for term in terms)])
     return rows, low, high
 
 
-def _steepest(seen: float, terms: Sequence[Term]) -> float:
+def _viscous_bound(seen: float, terms: Sequence[Term]) -> float:
     return np.inf if any(term.effect.is_part_of_viscous for term in terms) else seen
 
 
 @dataclass(frozen=True, slots=True)
 class Background:
-    """What is in a model already, whitened: one term more is scored by its own columns alone, noise and jumps kept.
+    """The regressors of a model, whitened: with noise and jumps kept, a further term is scored from its columns alone.
 
-    Long records are averaged over a few samples: it only screens.
+    Long records are averaged over a few samples, which makes their scores approximate.
 
     Attributes
     ----------
     problem, terms
-        The data, and what is in the model.
+        The data, and the terms of the model.
     averaging
-        float64 (m, n), makes columns of terms means in the friction's own sign.
+        float64 (m, n), turns columns of terms into means with the sign of the friction.
     whitening
-        Of the means and the law of their noise.
+        The filter for the noise law of the means.
     white, products
         float64 (1 + p, m), friction and the model's regressors, and (1 + p, 1 + p), their products.
     low, high
         float64 (p,), bounds of the coefficients.
     price
-        Of the parameters and jumps so far.
+        Penalty for the parameters and jumps of the model.
     """
 
     problem: Problem
@@ -209,7 +209,7 @@ class Background:
 
     @classmethod
     def of(cls, problem: Problem, terms: Sequence[Term], law: NoiseLaw, jumps: IntArray) -> Self:
-        """Whiten what is in a model."""
+        """Whiten the friction and the regressors of a model."""
         whole = Series.of(problem, jumps)
         law = law.beside(whole)
         rows, low, high = regressors(whole, terms)
@@ -222,7 +222,7 @@ class Background:
         return cls(problem, tuple(terms), averaging, whitening, white, products, low, high, known)
 
     def equations_with(self, *terms: Term) -> Equations:
-        """Return the normal equations with terms more."""
+        """Return the normal equations with further terms."""
         if not terms:
             return self._equations(self.products, self.low, self.high)
         columns = self.whitening.innovations(np.hstack([self.averaging @ term.columns for term in terms]).T)
@@ -230,7 +230,7 @@ class Background:
         products = np.block([[self.products, across], [across.T, columns @ columns.T]])
         low = np.concatenate([self.low, *(term.low for term in terms)])
         high = np.concatenate([self.high, *(term.high for term in terms)])
-        high[1] = _steepest(high[1], terms)
+        high[1] = _viscous_bound(high[1], terms)
         return self._equations(products, low, high)
 
     def _equations(self, products: FloatArray, low: FloatArray, high: FloatArray) -> Equations:
@@ -238,7 +238,7 @@ class Background:
         return Equations.of_products(filtered.series, products, low, high, filtered.log_determinant)
 
     def criterion_with(self, *terms: Term) -> float:
-        """Return the score with terms more."""
+        """Return the score with further terms."""
         added = sum(term.parameters for term in terms)
         coefficients, deviance = self.equations_with(*terms).solve()
         other = contradiction(self.problem, (*self.terms, *terms), coefficients[2:])
@@ -246,7 +246,7 @@ class Background:
 
 
 def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw) -> Fit:
-    """Return a fit with other coefficients; its level is the common dry friction where nothing makes it differ."""
+    """Return a fit with given coefficients; without jumps or separate levels, its level is the common dry friction."""
     rest = series.sign * (series.friction - coefficients[1:] @ rows[1:])
     residual = rest - coefficients[0]
     if series.jumps.size or law.level_spread > 0.0:
@@ -255,20 +255,20 @@ def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: Float
 
 
 # ---- how well the coefficients of a model are known ------------------------------------------------------------------
-# A model that lacks something leaves a residual that remembers longer than the law of its noise: then the error is what
-# the residual itself shows (W. K. Newey, K. D. West, Econometrica 55, 1987).
+# The residual of an incomplete model is correlated for longer than the law of its noise: then the standard deviation is
+# estimated from the autocovariance of the residual (W. K. Newey, K. D. West, Econometrica 55, 1987).
 
 
-STRETCHES: Final = 20  # of the samples: residuals two of them apart are taken as nearly independent
-FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residual cannot be estimated
+STRETCHES: Final = 20  # segments of the samples: residuals that are one of them apart are taken as independent
+FEWEST_STRETCHES: Final = 1.5  # segments: from fewer, the variance of a residual cannot be estimated
 
 
 def wald(problem: Problem, model: Model) -> FloatArray:
-    """Return the square of each term's torque over the standard deviation of its size, float64 (terms,).
+    """Return the Wald statistic of each term: (size of its torque over its standard deviation)², float64 (terms,).
 
-    Where the residual is noise of the fitted law, that is about what the term gains (A. Wald, Trans. AMS 54, 1943).
-    Infinite in a record so short that only the law shows what its noise remembers, and for what jumps: few samples
-    decide on that by nature, and each jump is paid for.
+    Where the residual is noise of the fitted law, that is about the gain of the term (A. Wald, Trans. AMS 54, 1943).
+    Infinite in a record too short to estimate the autocovariance of the residual, and for switching effects: few
+    samples decide on those by nature, and each jump has its penalty.
     """
     if problem.size < STRETCHES * MAX_LAG:
         return np.full(len(model.terms), np.inf)
@@ -279,9 +279,9 @@ def wald(problem: Problem, model: Model) -> FloatArray:
 
 
 def standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
-    """Return the standard deviation of each coefficient; columns of any scale, levels free, or one where none jumps.
+    """Return the standard deviation of the coefficient of each column, of any scale; the levels are estimated, too.
 
-    The larger of two: that of the noise as it was estimated, and that of the residual as it is.
+    It is the larger of two: by the fitted law of the noise, and by the autocovariance of the residual.
     """
     series = Series.of(problem, model.fit.jumps)
     rows = np.vstack([model.fit.residual, columns.T, np.ones(problem.size)]) * series.sign
@@ -294,16 +294,16 @@ def standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> 
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-14, hermitian=True)
     influence = design @ inverse  # of each sample on each coefficient
     of_noise = variance * np.sum(influence**2, axis=0)
-    std: FloatArray = np.sqrt(np.maximum(of_noise, _remembered(influence, residual))) / scale
+    std: FloatArray = np.sqrt(np.maximum(of_noise, _newey_west_variance(influence, residual))) / scale
     return std[: columns.shape[1]]
 
 
-def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
-    """Return the variance of the coefficients by a residual that is correlated over a stretch of samples, float64 (p,).
+def _newey_west_variance(influence: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the variance of the coefficients for a residual that is correlated within a segment, float64 (p,).
 
-    The products of the scores influence · residual over all lags, weighted by a triangle as wide as a stretch: that is
-    the mean square of the sums over all windows of that width, over the width. A fit leaves less than there was:
-    of m stretches that inform a coefficient, m - 1 in m.
+    It sums the products of the scores influence · residual over all lags with Bartlett's triangular weights, zero from
+    a segment's width on: that is the sum of the squares of all window sums of that width, over the width. The fit has
+    reduced the residual's variance by (m - 1)/m, m the segments that inform a coefficient: this is corrected.
     """
     size = residual.size
     width = max(size // STRETCHES, min(MAX_LAG, size // 2))
@@ -317,16 +317,16 @@ def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
     return np.asarray(np.sum(windows**2, axis=0) / width * informative / (informative - 1.0), dtype=np.float64)
 
 
-# ---- the same on data that a model is not fitted to ------------------------------------------------------------------
-# What an extension gains there, by the likelihood that the search counts with.
-# Blocks of time are left out in turn, and the coefficients fitted to the others; or other recordings are held out: then
-# the models stand as they are, and nothing is fitted there. Shapes and the noise's law stay as found. Levels and jumps
-# are nuisances of each recording: their price is charged where they lie.
+# ---- the likelihood of held-out data ---------------------------------------------------------------------------------
+# The gain of an extension there, by the same likelihood as in the search.
+# Blocks of time are left out in turn, and the coefficients fitted to the others; or other recordings are held out, with
+# the coefficients kept. Shapes and the noise's law are kept. Levels and jumps are nuisance parameters of a recording:
+# they are fitted to it, and the penalty of a jump is charged at its sample.
 
 
 BLOCKS: Final = 10  # contiguous blocks of a search problem
-TRAINABLE_SHARE: Final = 0.01  # of a regressor's energy that the training blocks must hold
-LEVEL_ROUNDS: Final = 3  # of level and columns that follow it, on recordings where nothing is fitted
+TRAINABLE_SHARE: Final = 0.01  # of the energy of a regressor that the training blocks must contain
+LEVEL_ROUNDS: Final = 3  # of level and level-dependent columns in turn, on held-out recordings
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,9 +338,9 @@ class HeldOut:
     rmse_Nm
         Root mean square residual [N m].
     log_score
-        Mean log density per sample given those before it, jumps charged [nats].
+        Mean log density per sample given those before it, less the penalties of jumps [nats].
     block_log_scores
-        float64 (blocks,), the same per block, for intervals of a difference.
+        float64 (blocks,), the same per block, for confidence intervals of differences.
     """
 
     rmse_Nm: float
@@ -349,7 +349,7 @@ class HeldOut:
 
 
 def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
-    """Score a model on blocks of time that its strengths and slope were not fitted to."""
+    """Score a model on blocks of time, each with the strengths and the slope fitted to the other blocks."""
     series = Series.of(problem, model.fit.jumps)
     rows, low, high = regressors(series, model.terms)
     white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
@@ -359,7 +359,7 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     residual, innovations, variance = np.zeros((3, series.size))
     for b in range(blocks):
         here, train = block == b, white[:, block != b]
-        # A regressor that the training blocks hardly show is not trained: it predicts nothing, rather than anything.
+        # A regressor with hardly any energy in the training blocks gets the coefficient 0, not an arbitrary one.
         shown = np.sum(train**2, axis=1) >= TRAINABLE_SHARE * energy
         products = (train @ train.T) * np.outer(shown, shown)
         equations = replace(Equations.of_products(series, products, low, high, 0.0), samples=train.shape[1])
@@ -374,8 +374,8 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
 def on_other_recordings(problem: Problem, other: Problem, model: Model, *, jumps: bool) -> HeldOut:
     """Score a model on recordings that it was not found on: slope, strengths, shapes and noise as fitted on `problem`.
 
-    Columns that follow the dry level follow the level that the other recordings show with that model. `jumps`: whether
-    friction may jump, so that its levels are their own there; else they are that of the searched ones.
+    Level-dependent columns follow the level that is estimated on the other recordings with that model. `jumps`: whether
+    friction may jump; then levels are fitted there, else the mean level of the searched recordings is used.
     """
     other = replace(other, noise=problem.noise)
     viscous, terms = float(model.fit.coefficients[0]), model.terms
@@ -402,13 +402,13 @@ def _first_of(blocks: int, size: int) -> IntArray:
 
 
 def _residual(problem: Problem, torque_Nm: FloatArray, jumps: IntArray | None) -> FloatArray:
-    """Return what a torque leaves of the friction, float64 (n,), less the levels between the jumps, if any [N m]."""
+    """Return z less s·torque, float64 (n,), and less the level of each segment where jumps are given [N m]."""
     rest = problem.z - problem.sign * torque_Nm
     return remove_levels(rest, segment_starts(problem, jumps)) if jumps is not None else rest
 
 
 def _whitening(problem: Problem, model: Model, jumps: IntArray | None) -> Whitening:
-    """Return the filter of a model's noise; levels between jumps are not drawn from it."""
+    """Return the whitening filter of a model's noise; where there are jumps, levels are fitted and not part of it."""
     law = law_of(model)
     return Whitening.of(Series.of(problem), law if jumps is None else replace(law, level_spread=0.0))
 
@@ -422,9 +422,9 @@ def _score_of(
     variance: FloatArray,
     blocks: int,
 ) -> HeldOut:
-    """Return the scores of a residual beside jumps [N m], under a noise of a given variance, float64 (n,).
+    """Return the scores of a residual [N m] with given jumps, under noise of a given variance, float64 (n,) [N² m²].
 
-    `innovations` are what of it the samples before do not show, float64 (n,) [N m].
+    `innovations`: the residual less its prediction from the samples before, of that variance, float64 (n,) [N m].
     """
     series = Series.of(problem)
     variance = np.maximum(variance, series.smallest_variance)

@@ -1,6 +1,6 @@
-"""The shape of an effect, profiled on the data: a coarse grid inside what the records can show, then a refinement.
+"""The shape of an effect, profiled on the data: a coarse grid in the range that the records resolve, then a refinement.
 
-Each shape is judged as a term (see `terms`) added to what is in the model already.
+Each shape is judged as a term (see `terms`) added to the model.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import MeanEffect, Parameter
 
-FEW_CHOICES: Final = 3  # of a discrete shape parameter: so few are tried again in each refinement
+FEW_CHOICES: Final = 3  # of a discrete shape parameter: up to so many are all tried again in each refinement
 GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
-EVALUATIONS: Final = 20  # per continuous shape parameter; models are refitted several times
-SETTLED: Final = 0.1  # of the criterion
-LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
+EVALUATIONS: Final = 20  # in a refinement, per continuous shape parameter; models are refitted several times
+SETTLED: Final = 0.1  # tolerance of the criterion
+LOG_SPACING_FROM: Final = 8.0  # ratio of bounds above which the values of a shape parameter are spaced logarithmically
 
 
 def profile(
@@ -32,9 +32,9 @@ def profile(
     effect: type[MeanEffect],
     around: Term | None = None,
 ) -> tuple[Term, float]:
-    """Find the shape parameters with the best criterion beside what is in the model already.
+    """Find the shape parameters with the best criterion, given the terms that are in the model already.
 
-    A coarse grid inside the record's bounds (or around a known term), then a bounded refinement: no fixed grid decides.
+    A coarse grid within the records' bounds (or around a known term), then a bounded refinement between its points.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def profile(
     """
     problem, axes = background.problem, _axes(background.problem, effect, around)
     grid = dict.fromkeys(itertools.product(*(axis.points for axis in axes)))
-    again = grid if around is None else {}  # the same for every model: other shapes are seldom met again
+    again = grid if around is None else {}  # cached: the same for every model, as other shapes are not
     cache: dict[tuple[float, ...], tuple[Term, float]] = {}
 
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
@@ -70,17 +70,17 @@ class _Axis:
     logarithmic: bool
 
     def scale(self, value: float) -> float:
-        """Return a value on the scale that it is refined on."""
+        """Return a value on the scale of the refinement."""
         return float(np.log(value)) if self.logarithmic else value
 
     def value(self, scaled: float) -> float:
-        """Return the value at a place on that scale, within its ends to the last bit."""
+        """Return the value at a position on that scale, clipped to the ends of the axis."""
         value = float(np.exp(scaled)) if self.logarithmic else scaled
         return min(max(value, self.points[0]), self.points[-1])
 
 
 def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[float, float]]:
-    """Return the range of each shape parameter that any of the records can show."""
+    """Return the range of each shape parameter, from the lowest to the highest that any record can resolve."""
     bounds: dict[str, tuple[float, float]] = {}
     for record in problem.records:
         for name, (low, high) in effect.shape_bounds(record.channels).items():
@@ -90,14 +90,14 @@ def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[
 
 
 def reach_between(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
-    """Return how far a discrete shape parameter is moved off a choice: what all records show, the least of it."""
+    """Return how far a search moves each discrete shape parameter off a choice: the least that a record allows."""
     per_record = [effect.reach_between(record.channels) for record in problem.records]
     names = set.intersection(*(set(one) for one in per_record))
     return {name: min(one[name] for one in per_record) for name in names}
 
 
 def is_logarithmic(low: float, high: float) -> bool:
-    """Return whether a shape parameter between these bounds is spaced in logarithm."""
+    """Return whether the values of a shape parameter between these bounds are spaced logarithmically."""
     return low > 0 and high / low > LOG_SPACING_FROM
 
 
@@ -117,7 +117,7 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
         usual = [choice for choice in parameter.choices if points[0] < choice < points[2]]
         return _Axis(parameter.name, tuple(sorted({*points, *usual})), True, False)
     if parameter.choices:
-        if reach > 0.0 and len(parameter.choices) == 1:  # what is far off may have no slope from there to follow
+        if reach > 0.0 and len(parameter.choices) == 1:  # no slope may lead from it to a far optimum
             (known,) = parameter.choices
             return _Axis(parameter.name, tuple(sorted({known, min(known + reach, high)})), False, False)
         shown = tuple(choice for choice in parameter.choices if low <= choice <= high) or (high,)
@@ -138,7 +138,7 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
 def _refine(
     axes: list[_Axis], positions: list[int], best: tuple[float, ...], cost: Callable[[tuple[float, ...]], float]
 ) -> tuple[float, ...]:
-    """Minimise along several axes at once: shapes that trade with each other lie on a ridge, across all axes.
+    """Minimise over several axes at once: correlated shape parameters form a valley that lies across the axes.
 
     J. A. Nelder, R. Mead, The Computer Journal 7, 1965.
     """
@@ -169,7 +169,7 @@ def _refine(
 
 
 def middle_shape(problem: Problem, effect: type[MeanEffect], share: float = 0.5) -> dict[str, float]:
-    """Return a shape in the middle of what the first record can show, or at another share of the range."""
+    """Return a shape in the middle of the range that the first record can resolve, or at another share of it."""
     bounds = effect.shape_bounds(problem.records[0].channels)
     shape = {}
     for parameter in effect.shape_parameters():

@@ -1,6 +1,6 @@
-"""Terms, each an effect of the catalogue at one shape, put into columns of the search problem, and models made of them.
+"""Terms, each an effect at one shape, evaluated as columns of the search problem, and models made of them.
 
-Which shape is the best is found in `shape_profile`, which terms make the best model in `search`.
+`shape_profile` finds the best shape of a term, `search` the best terms of a model.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """An effect with shape parameters fixed, as columns.
+    """An effect with fixed shape parameters, as columns.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Term:
     low, high
         float64 (p,), bounds of the strengths.
     parameters
-        What the parameters cost, in units of log N: their number, shape included, where nothing else is known.
+        Penalty for its parameters, in units of log N: their number, shape included, unless `_price` differs.
     """
 
     effect: type[MeanEffect]
@@ -70,10 +70,10 @@ def make_term(
     level
         Current estimate of the dry level at the joined samples [N m], for effects that scale with it.
     beside
-        What effects add to the friction along the rotation, float64 (n,) [N m], for those that scale with the motor's
-        torque: it overcomes that, too. None: nothing.
+        Torque of a model's effects along the rotation, float64 (n,) [N m], for effects that scale with the motor's
+        torque, which overcomes it, too. None: zero.
     keep
-        Whether other models will ask for this shape, too.
+        Whether to cache the columns: other models will need this shape, too.
     """
     strengths = effect.strength_parameters()
     key = effect.name, tuple(shape.items())
@@ -83,16 +83,16 @@ def make_term(
     if columns is None:
         by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]
-        if issubclass(effect, (Formula, UnnamedEffect)):  # of any form: of that of the noise that both share, too
-            steady = [_steady_speed(record) for record in problem.records]
+        if issubclass(effect, (Formula, UnnamedEffect)):  # would also fit noise that derived friction shares
+            steady = [_decorrelated_speed(record) for record in problem.records]
             channels = [replace(one, speed_rad_s=speed) for one, speed in zip(channels, steady, strict=True)]
         columns = _evaluate(problem, effect, shape, channels)
         if keep and not depends_on_level(effect):
             problem.columns.put(key, columns)
     low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
     if not (issubclass(effect, UnnamedEffect) or effect.is_part_of_viscous):
-        # No part of the friction is larger than all of it: parts that cancel each other fit anything. But at another
-        # temperature than those of the record it may be.
+        # No part may exceed the largest friction: parts that cancel each other would fit anything. But a part of the
+        # viscous friction may, at a temperature outside of the record.
         share = max(effect.largest_share(record.channels) for record in problem.records)
         largest = np.abs(columns.T, order="C").max(axis=1, initial=0.0)
         most = share * problem.largest_friction_Nm / np.maximum(largest, TINY)
@@ -101,16 +101,16 @@ def make_term(
 
 
 class FollowedLevel:
-    """A level with only its strong jumps, which columns follow, and the channels that it gives; see `_followed_level`.
+    """A dry level with only its strong jumps, for level-dependent columns, and its channels; see `_followed_level`.
 
-    The channels are the same for every shape of an effect: they are made when they are first asked for.
+    The channels are the same for every shape of an effect: they are computed once, on first use.
 
     Attributes
     ----------
     problem
         The data.
     level, beside
-        float64 (n,), the level at the joined samples, and what effects add to it [N m].
+        float64 (n,), the level at the joined samples, and the torque of the effects along the rotation [N m].
     """
 
     def __init__(self, problem: Problem, level: FloatArray, beside: FloatArray) -> None:
@@ -120,19 +120,19 @@ class FollowedLevel:
         self._cleaned: dict[float, FollowedLevel] = {}
 
     def without_pulses(self, lead: float) -> FollowedLevel:
-        """Return the level with its pulses taken out, see `jump_terms`."""
+        """Return the level with its pulses removed, see `jump_terms`."""
         if lead not in self._cleaned:
             self._cleaned[lead] = FollowedLevel(self.problem, without_pulses(self.level, lead), self.beside)
         return self._cleaned[lead]
 
     @cached_property
     def step(self) -> float:
-        """A small step of the level [N m], for differences."""
+        """A small step of the level [N m], for difference quotients."""
         return 1e-3 * float(np.mean(np.abs(self.level))) or 1.0
 
     @cached_property
     def stepped(self) -> FollowedLevel:
-        """The level a small step up."""
+        """The level, higher by the small step."""
         return FollowedLevel(self.problem, self.level + self.step, self.beside)
 
     @cached_property
@@ -145,7 +145,7 @@ class FollowedLevel:
         for record, dry, drag in zip(problem.records, levels, drags, strict=True):
             channels = replace(record.channels, dry_level_Nm=dry)
             if record.accelerating_torque_Nm is not None:
-                motor = record.accelerating_torque_Nm + channels.direction * drag + slope * _steady_speed(record)
+                motor = record.accelerating_torque_Nm + channels.direction * drag + slope * _decorrelated_speed(record)
                 rate = np.gradient(motor, channels.sample_period_s)
                 channels = replace(channels, motor_torque_Nm=motor, motor_torque_rate_Nm_s=rate)
             per_record.append(channels)
@@ -156,10 +156,11 @@ class FollowedLevel:
         return _evaluate(self.problem, effect, shape, self.channels)
 
 
-def _steady_speed(record: Record) -> FloatArray:
-    """Return the speed [rad/s] whose slope shares no noise with friction derived from it, float64 (slots,).
+def _decorrelated_speed(record: Record) -> FloatArray:
+    """Return a speed [rad/s] whose time derivative shares no noise with friction derived from it, float64 (slots,).
 
-    The slope of a moving mean is given by what enters and leaves it: so far away that no derivative reaches there.
+    It is a moving mean: its derivative depends on the ends of the window alone, which the derivative filter of the
+    friction does not reach. Given friction shares no noise: the speed is returned as it is.
     """
     speed = record.channels.speed_rad_s
     if not record.friction_is_derived:
@@ -174,9 +175,9 @@ def _steady_speed(record: Record) -> FloatArray:
 def _followed_level(
     problem: Problem, effect: type[MeanEffect], level: FloatArray | None, beside: FloatArray | None = None
 ) -> FollowedLevel | None:
-    """Return what of a level an effect's columns follow; None where they follow none.
+    """Return the level that an effect's columns follow, with only its strong jumps; None where they follow none.
 
-    Only strong jumps count: many weak ones may follow another effect, and the column would then follow it as well.
+    Many weak jumps may approximate another effect, and the columns would then follow that effect as well.
     """
     if level is None or not depends_on_level(effect):
         return None
@@ -189,9 +190,10 @@ def _followed_level(
 
 
 def _price(problem: Problem, effect: type[MeanEffect], shape: Shape) -> float:
-    """Return what parameters cost in units of log N: one each, and that an effect was chosen among many of its kind.
+    """Return the penalty for parameters in units of log N: one each, plus that for a choice among many of its kind.
 
-    A choice is what physics expects: off it costs a parameter more. What has one choice alone costs nothing there.
+    Of a parameter that may lie off its choices, which physics expects, a value off them costs one more; one that has a
+    single choice costs nothing there.
     """
     between = [p for p in effect.parameters if p.between]
     choice = effect.choice_deviance / problem.log_size
@@ -210,16 +212,16 @@ def _evaluate(problem: Problem, effect: type[MeanEffect], shape: Shape, channels
 
 
 def depends_on_level(effect: type[MeanEffect]) -> bool:
-    """Return whether an effect's columns follow from the dry level, by itself or as a part of the motor torque."""
+    """Return whether an effect's columns depend on the dry level, directly or as a part of the motor torque."""
     return effect.uses_level or "motor_torque_Nm" in effect.needs
 
 
 def _columns_with_level(effect: type[MeanEffect], shape: Shape, followed: FollowedLevel) -> FloatArray:
-    """Evaluate the columns with a dry level, and with the motor torque that accelerates and overcomes that level.
+    """Evaluate the columns with a dry level, and with the motor torque that accelerates the wheel against that level.
 
-    The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it
-    would explain everything by itself. A column that follows the level would explain its jumps by themselves, too: the
-    part in proportion to the level is left to the levels.
+    The measured motor torque is not used: it contains the friction to be explained, with jumps and noise, and less
+    J·dω/dt it would explain everything. The part of a column in proportion to the level is subtracted: it would
+    explain jumps by themselves.
     """
     if LEAD in shape:
         followed = followed.without_pulses(shape[LEAD])
@@ -245,7 +247,7 @@ def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
 # ---- models: terms with a fit, how they grew, and what was found -----------------------------------------------------
 
 
-INEXACT: Final = 0.1  # of the torque of a law: what a real machine may differ from it by, a working assumption
+INEXACT: Final = 0.1  # of the torque of a law: a real machine may deviate from it by so much, a working assumption
 
 
 @dataclass(frozen=True, slots=True)
@@ -257,9 +259,9 @@ class Model:
     terms
         The effects.
     fit
-        Jumps, coefficients, and what is left; its criterion only screens, see `base_fit`.
+        Jumps, coefficients, level and residual.
     law
-        The noise's law that was fitted with it; None before it is scored.
+        The law of the noise that was fitted with it; None before it is scored.
     score
         See `score`; lower is better. Infinite before it is scored.
     """
@@ -280,16 +282,16 @@ class Model:
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
 
     def is_minor(self, index: int, sign: FloatArray) -> bool:
-        """Return whether a term's torque is, where it acts, within what the largest of the others is not exact by.
+        """Return whether a term's torque, where it acts, is within the model error of the largest other term (INEXACT).
 
-        A law that flips with the direction, however inexact, makes nothing that does not, and the other way round.
+        Where the wheel reverses, odd and even terms are not compared: an odd law has odd errors, an even one even ones.
 
         Parameters
         ----------
         index
             Which of the terms.
         sign
-            float64 (n,), direction of rotation. A torque that is constant has no form that could be inexact.
+            float64 (n,), direction of rotation. The means of the others do not count: a constant has no model error.
         """
         opposite = {"odd": "even", "even": "odd"}.get(self.terms[index].effect.parity) if np.ptp(sign) else None
         torques = [(term, sign * (term.columns @ self.strengths(i))) for i, term in enumerate(self.terms)]
@@ -314,9 +316,9 @@ class Found:
     name
         Catalogue name.
     gain
-        By how much the criterion gets worse when the effect is left out and all else refitted.
+        Increase of the score when the effect is left out and all else refitted.
     equivalent
-        Other names that are as good in its place (difference below `search.EQUIVALENT_WITHIN`).
+        Other names that are as good in its place (difference below `fitting.EQUIVALENT_WITHIN`).
     """
 
     name: str
@@ -335,7 +337,7 @@ class SearchResult:
     testable, untestable
         The candidates that the data can test, and the names of those that they cannot, with what is missing.
     best_rejected
-        Gain of the best candidate that was not accepted; -inf where none came near.
+        Gain of the best candidate, where it was less than is asked; -inf where the search ended otherwise.
     found
         The effects of the last model, strongest first; none before they are judged.
     """
