@@ -1,10 +1,10 @@
-"""The extended wheel: the effects found, and a base law that goes with them.
+"""The extended wheel: the effects found, and a base law that is consistent with them.
 
-An effect is seldom orthogonal to dry and viscous friction: fitted beside it, the base law is another. The effects alone
-would add to a base law that already holds a part of them. Whether it does depends on how the wheel's file was made: a
-coefficient from the makers, or from records without the effect, is that of the wheel without it; one that was learned
-(`identify`) from records with the effect in them holds a part of it. The record shows which: the base law fitted with
-the effects lies nearer the file's in the one case, that fitted without them in the other.
+An effect is seldom orthogonal to dry and viscous friction: fitted together with it, the base law changes. Where the
+file's base law already contains a part of the effects, adding them alone would count that part twice. Whether it does
+depends on how the wheel's file was made: a coefficient from the manufacturer, or from records without the effect,
+describes the wheel without it; one learned (`identify`) from records with the effect contains a part of it. The record
+decides: in the first case the base law fitted with the effects is nearer the file's, in the second that without them.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ from rwa_monitor.wheel.file_content import rounded
 from rwa_monitor.wheel.wheel import EffectBlock, Nominal, Wheel
 
 Treatment = Literal["kept", "one speed", "shifted", "absent"]
-LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above
-LEAST_SHARE: Final = 1e-3  # of the file's coefficient: friction is judged in units of it, and it cannot vanish
+LOWEST_SHARE: Final = 0.05  # quantile of the level over samples that is the dry friction: the lowest lasting level
+LEAST_SHARE: Final = 1e-3  # of the file's coefficient: a shifted one is not less, since it must not vanish
 COMMENTS: Final[dict[Treatment, str]] = {
     "kept": "dry and viscous friction are the wheel file's: it holds the wheel without the effects",
     "one speed": "dry and viscous friction are the wheel file's: at one speed nothing separates them",
@@ -62,7 +62,7 @@ class BaseLaw:
     at_bound
         Whether the slope is at its bound.
     one_speed_rad_s
-        Where all is at one speed, that speed [rad/s]: only the sum of the two is known there. None elsewhere.
+        Mean speed where all data are at one speed [rad/s]: only the sum of the two is known there. None elsewhere.
     """
 
     dry_Nm: float
@@ -78,21 +78,21 @@ class BaseLaw:
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """The extended wheel and where its base law comes from.
+    """The extended wheel and the origin of its base law.
 
     Attributes
     ----------
     wheel
         With the effects.
     treatment
-        What was done with the nominal friction of the file.
+        How the nominal friction of the file was treated.
     before, after
         The base law fitted to these records without the effects and with them.
     simulated
-        Friction less that of the two wheel files at the record's own speed, the same segments in both, each at its own
-        level: what the effects gain or lose.
+        RMSE of the friction simulated by the two wheel files on the recorded speed, with the same segments in both and
+        each segment's level fitted.
     rmse_simulated_Nm
-        The same of the extended file with its own dry friction as the level; NaN without a nominal one [N m].
+        RMSE of the extended file with its own dry friction as the level [N m]; NaN without a nominal friction.
     is_a_loss
         Whether it does worse on held-out data than the file without the effects.
     """
@@ -107,11 +107,11 @@ class Extension:
 
     @property
     def comment(self) -> str:
-        """What was done with the nominal friction, in words."""
+        """How the nominal friction was treated, in words."""
         return COMMENTS[self.treatment]
 
     def to_toml(self) -> str:
-        """Write the wheel file, with the comment and a warning on top."""
+        """Return the wheel file's text, with the comment and warnings on top."""
         drifts = any(build(block).changes_with_time for block in self.wheel.effect)
         cautions = [CAUTION_LOSS] if self.is_a_loss else []
         cautions += [CAUTION_SIMULATED] if self.simulated.is_a_loss else []
@@ -120,18 +120,18 @@ class Extension:
 
 
 def extended_wheel(search: Search) -> Wheel:
-    """Return the wheel with the mean effects found added, its nominal friction as it is beside them."""
+    """Return the wheel with the mean effects found added, and the nominal friction that is consistent with them."""
     return extend(search).wheel
 
 
 def extend(search: Search, report_sha256: str | None = None) -> Extension:
-    """Return the extended wheel, what was done with its nominal friction, and how it fits the records.
+    """Return the extended wheel, how its nominal friction was treated, and how well it fits the records.
 
-    Its effects state the standard deviations of their parameters, and the hash of the report, where it is given.
+    Its effects carry the standard deviations of their parameters, and the hash of the report, where it is given.
     """
     base, model = search.base, search.extended
     before, after = base_law(search.problem, base), base_law(search.problem, model)
-    # By how much the level falls at the same samples: false jumps of the base model then do not count as friction.
+    # Compared by the median change of the level at the same samples: false jumps of the base model are not friction.
     before = replace(before, dry_Nm=after.dry_Nm + float(np.median(base.fit.level - model.fit.level)))
     nominal, treatment = _nominal(search.wheel.nominal, before, after)
     blocks = []
@@ -156,13 +156,13 @@ def extend(search: Search, report_sha256: str | None = None) -> Extension:
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
         search.result.gain is not None and search.result.gain.is_a_loss,
     )
-    # The records were searched, and are compared, without what was taken out of them.
+    # The records were searched, and are compared here, without the effects that were taken out of them.
     taken_out = (_with_errors(search, effect, report_sha256) for effect in search.taken_out)
     return replace(extension, wheel=wheel.model_copy(update={"effect": (*wheel.effect, *taken_out)}))
 
 
 def _with_errors(search: Search, effect: Effect, report_sha256: str | None) -> EffectBlock:
-    """Return the block of an effect found, with its errors where they are known."""
+    """Return the block of an effect, with the standard deviations of its parameters where they are known."""
     std = {
         name: rounded(value.std)
         for found in search.result.effects
@@ -182,7 +182,7 @@ def base_law(problem: Problem, model: Model) -> BaseLaw:
 
 
 def viscous_in_question(search: Search) -> str | None:
-    """Ask about the unit of the speed where viscous friction is that of the wheel file in another; None elsewhere."""
+    """Ask about the unit of the speed if the fitted viscous friction is the wheel file's in another unit; else None."""
     if search.wheel.nominal is None:
         return None
     law = base_law(search.problem, search.base)
@@ -190,7 +190,7 @@ def viscous_in_question(search: Search) -> str | None:
 
 
 def laws_in_words(extension: Extension) -> list[str]:
-    """Return what became of the base law, and the check of the extended file on the records' own speed, a line each."""
+    """Return one line each on the base law's change, its treatment, and the extended file's RMSE on the records."""
     before, after = extension.before, extension.after
     if after.one_speed_rad_s is None:
         impossible = f"; {NO_FRICTION}" if min(before.dry_Nm, after.dry_Nm) < 0 else ""
@@ -223,28 +223,28 @@ def _with_std(law: BaseLaw) -> str:
 def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[Nominal | None, Treatment]:
     """Return the nominal friction of the extended wheel.
 
-    One answer for both coefficients: the file was learned with the effects or it was not. Each distance counts in units
-    of the file's own coefficient, in which an anomaly of either is about as likely.
+    Both coefficients are treated alike: the file was learned with the effects or it was not. Distances are relative to
+    the file's own coefficients: relative anomalies of the two are about equally likely.
     """
     if nominal is None:
         return None, "absent"
     if after.one_speed_rad_s is not None:
         return nominal, "one speed"
     known = np.array([nominal.dry_torque_Nm, nominal.viscous_Nm_s_rad])
-    without, beside = (np.array([law.dry_Nm, law.viscous_Nm_s_rad]) for law in (before, after))
+    without_effects, with_effects = (np.array([law.dry_Nm, law.viscous_Nm_s_rad]) for law in (before, after))
     unit = np.maximum(np.abs(known), TINY)
-    if np.sum(((known - beside) / unit) ** 2) <= np.sum(((known - without) / unit) ** 2):
+    if np.sum(((known - with_effects) / unit) ** 2) <= np.sum(((known - without_effects) / unit) ** 2):
         return nominal, "kept"
-    dry, viscous = np.maximum(known + beside - without, LEAST_SHARE * known).tolist()
+    dry, viscous = np.maximum(known + with_effects - without_effects, LEAST_SHARE * known).tolist()
     shifted = {"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous}
     unknown = {"dry_torque_std_Nm": None, "viscous_std_Nm_s_rad": None}
     return nominal.model_copy(update={**shifted, **unknown}), "shifted"
 
 
 def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = None) -> float:
-    """Return the RMS of friction less the wheel's law, at one dry level or each segment at its own [N m]."""
+    """Return the RMS of friction minus the wheel's law, at one dry level or with each segment's level fitted [N m]."""
     problem = search.problem
-    # The records are free already of the effects that the wheel file had (`without_known_effects`).
+    # The effects of the original wheel file are already subtracted from the records (`without_known_effects`).
     added = wheel.model_copy(update={"effect": wheel.effect[len(search.wheel.effect) :]})
     viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else law.viscous_Nm_s_rad
     level = search.extended.fit.level if dry_Nm is None else np.full(problem.size, dry_Nm)

@@ -1,4 +1,4 @@
-"""An effect that was found as it is reported: parameters with errors, look-alikes, p-value."""
+"""Reported form of an effect that was found: parameters with errors, indistinguishable effects, p-value."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 
 def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
-    """Return what is reported of a term of a model."""
+    """Return the reported form of one term of a model."""
     index = model.names.index(found.name)
     term = model.terms[index]
     if issubclass(term.effect, OwnJumps):
@@ -41,29 +41,29 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
     if found.name == TorqueRipple.name:
         parameters[ORDER] = with_other_orders(problem, model, index, parameters[ORDER])
     if term.effect.is_part_of_viscous and not problem.at_one_speed:
-        parameters = _as_a_part_of(float(model.fit.coefficients[0]), parameters)
+        parameters = _checked_against_viscous(float(model.fit.coefficients[0]), parameters)
     effect = replace(
         as_found(problem, term.effect, parameters, found.gain, "mean"),
         equivalent=tuple(name for name in found.equivalent if name in CATALOGUE or name.startswith(f"{BLOCK} ")),
         formula=describe(term, model.strengths(index)) if issubclass(term.effect, Formula) else "",
     )
-    return _with_unmeasured_cause(problem, effect, term.effect.unmeasured_cause)
+    return _with_unmeasured_equivalent(problem, effect, term.effect.unmeasured_cause)
 
 
 def as_found(
     problem: Problem, effect: type[Effect], parameters: dict[str, ParameterValue], gain: float, searched_with: Family
 ) -> FoundEffect:
-    """Return what is reported of an effect that gains so much among all of a family, without look-alikes."""
+    """Return the reported form of an effect, its p-value that of its gain among a family, with no equivalents."""
     derived = problem.friction_is_derived
     p_value = built_in_null_distribution().p_value(searched_with, gain, problem.log_size, derived=derived)
     return FoundEffect(effect.name, effect.family, (), effect.separate_by, parameters, p_value, gain)
 
 
-def _as_a_part_of(viscous: float, parameters: dict[str, ParameterValue]) -> dict[str, ParameterValue]:
-    """Mark where the part of the viscous friction that follows the temperature is more than the whole [N m s/rad].
+def _checked_against_viscous(viscous: float, parameters: dict[str, ParameterValue]) -> dict[str, ParameterValue]:
+    """Mark a temperature-dependent part of the viscous friction as not determined where it exceeds the whole.
 
-    Over a few kelvin only the product of strength and activation temperature shows: then the whole determines the
-    strength, which in the fit need not be a part of it.
+    Also where the part has no error. Over a few kelvin only the product of strength and activation temperature is
+    identifiable: the fitted strength may then exceed the whole coefficient [N m s/rad].
     """
     (strength, value), *others = parameters.items()
     if value.std is not None and value.value <= viscous + INDISTINGUISHABLE * value.std:
@@ -73,11 +73,11 @@ def _as_a_part_of(viscous: float, parameters: dict[str, ParameterValue]) -> dict
     return {strength: replace(value, std=None, note=note), **dict(noted)}
 
 
-def _with_unmeasured_cause(problem: Problem, effect: FoundEffect, cause: str) -> FoundEffect:
-    """Name beside an effect another that is the same at one speed, where nobody measured what that one follows.
+def _with_unmeasured_equivalent(problem: Problem, effect: FoundEffect, cause: str) -> FoundEffect:
+    """Add `cause` to an effect's equivalents where all data are at one speed and no channel that `cause` needs exists.
 
-    Viscosity that falls as the bearing warms changes drag with the speed, a bearing that runs in changes it at any: at
-    one speed the two are the same curve over time.
+    Viscosity that falls as the bearing warms changes drag in proportion to speed, running-in changes it at any speed:
+    at one speed the two are the same curve over time.
     """
     if not cause or not problem.at_one_speed or cause in effect.equivalent:
         return effect
@@ -88,7 +88,7 @@ def _with_unmeasured_cause(problem: Problem, effect: FoundEffect, cause: str) ->
 
 
 def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
-    """Return a delay as it is reported; the catalogue's is positive where the current is read early."""
+    """Return the reported form of a delay; the catalogue's delay is positive where the current is read early."""
     effect, period_s = CATALOGUE[DelayTerm.name], problem.records[0].channels.sample_period_s
     (parameter,) = effect.parameters
     value = ParameterValue(-delay.late_slots * period_s, delay.std_slots * period_s, parameter.unit)
@@ -96,7 +96,7 @@ def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
 
 
 def found_zone(problem: Problem, wheel: Wheel) -> FoundEffect | None:
-    """Return the dead zone that readings of the speed show, as it is reported; None without one that is not known."""
+    """Return the reported form of the dead zone seen in speed readings; None without one or if the file has it."""
     zones = [record.zone for record in problem.records if record.zone is not None]
     if not zones or any(block.name == SpeedDeadZone.name for block in wheel.effect):
         return None
@@ -110,7 +110,7 @@ def found_zone(problem: Problem, wheel: Wheel) -> FoundEffect | None:
 
 
 def joined(effects: Sequence[FoundEffect]) -> list[FoundEffect]:
-    """Return effects, each once: what the search finds of one that was taken out before is added to it."""
+    """Return each effect once: strengths and gain found by the search are added to those taken out before it."""
     of_name: dict[str, FoundEffect] = {}
     for effect in effects:
         before = of_name.get(effect.name)
@@ -126,45 +126,45 @@ def joined(effects: Sequence[FoundEffect]) -> list[FoundEffect]:
     return list(of_name.values())
 
 
-# ---- Orders that a record of few turns cannot distinguish from the order of a ripple that was found ------------------
-# Over an angle of a few turns, or one that is travelled to and fro, a line has neighbours that fit nearly as well. An
-# order is only a name where it has none; else all that fit are reported.
+# ---- Orders that a record of few turns cannot distinguish from the order of a torque ripple that was found -----------
+# Over an angle of a few turns, or one that is travelled to and fro, neighbours of a spectral line fit nearly as well. A
+# single order is reported only where none does; otherwise all orders that fit are listed.
 
 
-WIDTHS: Final = 4.0  # of a line, each way, that are looked at closely
-PER_WIDTH: Final = 4  # orders
+WIDTHS: Final = 4.0  # of a spectral line, on each side, that are searched finely
+PER_WIDTH: Final = 4  # orders tried per width of a line
 
 
 def with_other_orders(problem: Problem, model: Model, index: int, order: ParameterValue) -> ParameterValue:
-    """Add the orders that fit about as well, where there are any: then the order is not determined.
+    """Note the other orders that fit about as well, where there are any: the order is then not determined.
 
     Parameters
     ----------
     problem, model, index
         The data, the model, and which of its terms the ripple is.
     order
-        As it was fitted.
+        The fitted order.
     """
     reach = reach_between(problem, TorqueRipple).get(ORDER)
     if reach is None:
-        return order  # so many turns distinguish an order from its neighbours
+        return order  # enough turns to distinguish an order from its neighbours
     low, high = shape_limits(problem, TorqueRipple)[ORDER]
-    # Where most of the way is within a part of a turn, peaks are as narrow as the order is known, and not as a line.
+    # Where most of the motion stays within a part of a turn, peaks are as narrow as the order's error, not a line.
     step = reach / PER_WIDTH if order.std is None else min(reach / PER_WIDTH, 0.5 * order.std)
     near = order.value + np.arange(-WIDTHS * reach, WIDTHS * reach + 0.5 * step, step)
     tried = np.unique(np.concatenate([near, np.arange(1.0, MAX_HARMONIC + 1.0)]))
     tried = tried[(tried >= low) & (tried <= high)]
     others = tuple(term for i, term in enumerate(model.terms) if i != index)
-    beside = Background.of(problem, others, law_of(model), model.fit.jumps)
+    background = Background.of(problem, others, law_of(model), model.fit.jumps)
 
     def deviance(at: float) -> float:
         term = make_term(problem, TorqueRipple, {ORDER: at}, None)
-        return beside.criterion_with(term) - term.parameters * problem.log_size
+        return background.criterion_with(term) - term.parameters * problem.log_size
 
-    most = deviance(order.value) + EQUIVALENT_WITHIN
-    fitting = tried[[deviance(float(at)) < most for at in tried]]
+    highest = deviance(order.value) + EQUIVALENT_WITHIN
+    fitting = tried[[deviance(float(at)) < highest for at in tried]]
     far = np.abs(fitting - order.value) > reach
-    far &= np.abs(2.0 * fitting - order.value) > reach  # a half is the same by its double
+    far &= np.abs(2.0 * fitting - order.value) > reach  # half the order has the order as its second harmonic
     if not far.any():
         return order
     turns = max(angle_range_turns(record.undrifted) for record in problem.records)
@@ -174,24 +174,24 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
 
 
 def _in_words(orders: FloatArray, reach: float) -> str:
-    """Return ranges of orders, those nearer than a line's width joined."""
+    """Return ranges of orders in words; orders closer than a line's width are joined."""
     parts = np.split(orders, np.flatnonzero(np.diff(orders) > reach) + 1)
     return ", ".join(f"{part[0]:.3g}" if part.size == 1 else f"{part[0]:.3g} to {part[-1]:.3g}" for part in parts)
 
 
 # ---- how well the parameters of a fitted model are known -------------------------------------------------------------
-# A strength given the shape is known far better than a strength whose shape is fitted too: the two trade. So the
-# derivatives of the model by its shape parameters enter the design beside the columns (Gauss–Newton; Seber & Wild,
-# Nonlinear Regression, 1989, chapter 5), with levels eliminated and the noise as coloured as it is. A model that lacks
-# something leaves a residual that is no such noise: the error is then what the residual itself shows (Newey & West,
-# Econometrica 55, 1987). A parameter whose interval of two standard deviations reaches the end of what the record can
-# show is not determined by it.
+# A strength at a given shape is known far better than one whose shape is fitted too: the two are correlated. So the
+# derivatives of the model by its shape parameters enter the design together with the columns (Gauss–Newton; Seber &
+# Wild, Nonlinear Regression, 1989, chapter 5), with levels eliminated and the autocorrelation of the noise as fitted. A
+# model that lacks an effect leaves a residual that does not follow this noise law: errors are then estimated from the
+# residual itself (Newey & West, Econometrica 55, 1987). A parameter whose interval of two standard deviations reaches
+# the end of the range that the record can identify is not determined.
 
 
 ORDER: Final = "harmonic"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
 WIDTH: Final = 2.0  # standard deviations each way: 95 %
-# Of -2 log likelihood, to the ends of a 95 % interval of a step: 0.95 = (1 - exp(-x/2))² (Y.-C. Yao, Annals of
+# Rise of -2 log likelihood at the ends of a 95 % interval of a step: 0.95 = (1 - exp(-x/2))² (Y.-C. Yao, Annals of
 # Statistics 15, 1987; D. Siegmund, International Statistical Review 56, 1988).
 STEP_RISE: Final = 7.35
 
@@ -203,7 +203,7 @@ class Spread:
     Attributes
     ----------
     viscous
-        Of the viscous coefficient [N m s/rad], as if it had no bound.
+        Of the viscous coefficient [N m s/rad], its bound disregarded.
     terms
         For each term, by parameter name; NaN for a discrete parameter.
     """
@@ -213,12 +213,15 @@ class Spread:
 
 
 def spread(problem: Problem, model: Model) -> Spread:
-    """Return the standard deviations of the slope and of all strengths and shapes, each with all others free."""
-    problem = with_noise_of(problem, model.fit.residual)  # what an effect adds to the base's is not noise
-    # The slope counts as free even at its bound: a shape known only because the slope cannot fall further is not known.
+    """Return the standard deviations of the slope and of all strengths and shapes, given that all others are free.
+
+    But for shapes at a value that physics expects: those count as fixed for all others.
+    """
+    problem = with_noise_of(problem, model.fit.residual)  # the base model's residual still contains the effects
+    # The slope counts as free even at its bound: a shape that only this bound determines counts as not determined.
     columns: list[FloatArray] = [problem.speed]
     owners: list[tuple[int, str]] = [(-1, "")]
-    exact: dict[tuple[int, str], FloatArray] = {}
+    at_expected: dict[tuple[int, str], FloatArray] = {}
     for index, term in enumerate(model.terms):
         for j, parameter in enumerate(term.effect.strength_parameters()):
             columns.append(term.columns[:, j])
@@ -226,8 +229,8 @@ def spread(problem: Problem, model: Model) -> Spread:
         strengths = model.strengths(index)
         for name, limits in _limits(problem, term).items():
             slope = _derivative(problem, model, term, name, strengths, limits)
-            if slope is not None and name in _taken_as_exact(term):
-                exact[index, name] = slope
+            if slope is not None and name in _at_expected_value(term):
+                at_expected[index, name] = slope
             elif slope is not None:
                 columns.append(slope)
                 owners.append((index, name))
@@ -236,7 +239,7 @@ def spread(problem: Problem, model: Model) -> Spread:
     for index, term in enumerate(model.terms):
         if term.effect.threshold:
             known[index, term.effect.threshold] = _threshold_std(problem, model, index)
-    for owner, slope in exact.items():
+    for owner, slope in at_expected.items():
         known[owner] = float(standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
     return Spread(
         known[-1, ""],
@@ -248,27 +251,27 @@ def spread(problem: Problem, model: Model) -> Spread:
 
 
 def _threshold_std(problem: Problem, model: Model, index: int) -> float:
-    """Return the standard deviation of a threshold of the speed [rad/s]: its likelihood is a step at each sample.
+    """Return the standard deviation of a speed threshold [rad/s]: its likelihood is a step at each sample's speed.
 
-    A quarter of the range, between speeds of samples, over which -2 log likelihood rises by less than `STEP_RISE`; and
-    the noise of the speed, by which each sample may lie on the other side.
+    The root sum of squares of a quarter of the range of speeds over which -2 log likelihood rises by less than
+    `STEP_RISE`, and of the speed's noise, by which each sample may lie on the other side.
     """
     term = model.terms[index]
     name = term.effect.threshold
     low, high = shape_limits(problem, term.effect)[name]
     others = tuple(other for i, other in enumerate(model.terms) if i != index)
-    beside = Background.of(problem, others, law_of(model), model.fit.jumps)
+    background = Background.of(problem, others, law_of(model), model.fit.jumps)
 
     def criterion(at: float) -> float:
-        return beside.criterion_with(make_term(problem, term.effect, {**term.shape, name: at}, None))
+        return background.criterion_with(make_term(problem, term.effect, {**term.shape, name: at}, None))
 
     speeds = np.unique(problem.speed)
-    above = int(np.searchsorted(speeds, term.shape[name]))  # the first speed that is outside
-    most = criterion(float(term.shape[name])) + STEP_RISE
+    above = int(np.searchsorted(speeds, term.shape[name]))  # the first speed not below the threshold
+    highest = criterion(float(term.shape[name])) + STEP_RISE
     first, last = above, above
-    while first > 1 and speeds[first - 1] > low and criterion(float(speeds[first - 1])) < most:
+    while first > 1 and speeds[first - 1] > low and criterion(float(speeds[first - 1])) < highest:
         first -= 1
-    while last + 1 < speeds.size and speeds[last] < high and criterion(float(speeds[last + 1])) < most:
+    while last + 1 < speeds.size and speeds[last] < high and criterion(float(speeds[last + 1])) < highest:
         last += 1
     lower = float(speeds[first - 1]) if first > 0 else 0.0
     upper = float(speeds[min(last, speeds.size - 1)])
@@ -287,21 +290,21 @@ def described(
     for parameter in parameters:
         name, error = parameter.name, std.get(parameter.name, float("nan"))
         if parameter.default is not None and parameter.choices == (term.shape.get(name),):
-            continue  # it was not needed
+            continue  # fixed at its only choice, not fitted
         if parameter.linear:
             value, low, high = fitted[name]
-            if low < value < high:  # what no part can be larger than is no bound of one that is smaller
+            if low < value < high:  # tighter bounds of the fit count only where they are active
                 low, high = parameter.low, parameter.high
             values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
         elif parameter.choices and not np.isfinite(error):
             tried = f"one of {len(parameter.choices)} values tried"
             values[name] = ParameterValue(float(term.shape[name]), None, parameter.unit, tried)
         else:
-            values[name] = _shape(float(term.shape[name]), error, parameter.unit, limits[name])
+            values[name] = _shape_value(float(term.shape[name]), error, parameter.unit, limits[name])
     return values
 
 
-def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> ParameterValue:
+def _shape_value(value: float, std: float, unit: str, limits: tuple[float, float]) -> ParameterValue:
     low, high = limits
     if not low < high:
         return ParameterValue(value, None, unit, "not determined by these data")
@@ -320,20 +323,20 @@ def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> 
 
 
 def _limits(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
-    """Return the range in which the records can show each shape parameter; of an order, that in which all look alike.
+    """Return the range in which the records can identify each shape parameter; of an order, that of its peak.
 
-    A parameter of which only choices are tried has none.
+    A parameter of which only choices are tried has no range.
     """
     limits = shape_limits(problem, term.effect)
-    shown = {p.name: limits[p.name] for p in term.effect.shape_parameters() if p.between or not p.choices}
+    identifiable = {p.name: limits[p.name] for p in term.effect.shape_parameters() if p.between or not p.choices}
     if issubclass(term.effect, TorqueRipple):
         half = 0.5 / max(angle_range_turns(record.undrifted) for record in problem.records)
-        shown[ORDER] = term.shape[ORDER] - half, term.shape[ORDER] + half
-    return shown
+        identifiable[ORDER] = term.shape[ORDER] - half, term.shape[ORDER] + half
+    return identifiable
 
 
-def _taken_as_exact(term: Term) -> frozenset[str]:
-    """Return the shape parameters that are at one of the values which physics expects: a whole order, a usual law."""
+def _at_expected_value(term: Term) -> frozenset[str]:
+    """Return the shape parameters that are at a value which physics expects: a whole order, a usual law."""
     parameters = CATALOGUE[term.effect.name].parameters if term.effect.name in CATALOGUE else term.effect.parameters
     return frozenset(p.name for p in parameters if p.choices and term.shape[p.name] in p.choices)
 

@@ -31,13 +31,13 @@ COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"
 CAGE: Final = CageInstability.name
 SPEED: Final = "speed_dependent_noise"
-LATER_SHARE: Final = 0.05  # of an accepted gain that the next must reach: no law of noise is exact
+LATER_SHARE: Final = 0.05  # of an accepted gain that every later one must reach: no law of noise is exact
 MIN_WHITTLE: Final = 500  # samples
-EM_ROUNDS: Final = 5  # weights and spread in turn; the first two bring nearly all
-WHITTLE_LAGS: Final = 400  # slots: an AR(1) with φ = 0.99 has forgotten itself to 2 %
-GROWTH_STEP: Final = 0.05  # of the logarithm of the spread's growth, for the curvature of the likelihood
-WHITTLE_BINS: Final = 200  # of frequency; a filter of 17 taps varies over a seventeenth
-AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends on where exactly it was put
+EM_ROUNDS: Final = 5  # of weights and spread in turn; the first two achieve nearly all
+WHITTLE_LAGS: Final = 400  # slots: the autocorrelation of an AR(1) with φ = 0.99 has decayed to 2 %
+GROWTH_STEP: Final = 0.05  # in the logarithm of the spread's growth, for the curvature of the likelihood
+WHITTLE_BINS: Final = 200  # of frequency; the transfer function of 17 taps varies over a seventeenth of the range
+AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends on where exactly the jump was placed
 
 
 def noise_effects(
@@ -49,60 +49,60 @@ def noise_effects(
 ) -> list[FoundEffect]:
     """Return the noise effects that the residual shows, strongest first.
 
-    Forward: what is found is taken out of the residual (whitened, scaled, …) before the next is looked for, since each
-    of them makes the likelihood of the others rise.
+    Forward selection: each effect found is removed from the residual (whitened, scaled, …) before the next is tested,
+    since each raises the likelihood of the others.
 
     Parameters
     ----------
     problem, model
         The data and a fit.
     in_band
-        For each record bool (slots,), the band of a cage whose bursts were found before: what is in it is not judged.
+        For each record bool (slots,), the band of a cage whose bursts were found before: samples in it do not count.
     by_law
-        Whether what the law of the model's noise holds is judged by the score, and the rest on its innovations.
+        Whether effects that the law of the model's noise contains are judged by the score, all others on innovations.
     """
     views = views_of(problem, model, turns=False)
     found: list[FoundEffect] = []
     if any(_is_quantised(view) for view in views):
-        # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
+        # Rounding errors are not Gaussian and follow the speed: in their presence no other noise can be judged.
         return accepted(problem, {QUANTISED: [fit_noise(problem, view, QUANTISED) for view in views]})
     if in_band:
         views = [replace(view, good=view.good & ~band) for view, band in zip(views, in_band, strict=True)]
     if by_law:
-        found, views = _of_law(problem, model), _whitened(problem, model, views)
-    wall = ACCEPT_GAIN
-    with_tails: Sequence[_View] = ()  # from the moment that heavy tails are named: the residual with them
+        found, views = _effects_of_law(problem, model), _whitened(problem, model, views)
+    threshold = ACCEPT_GAIN
+    with_tails: Sequence[_View] = ()  # once heavy tails are accepted: the residual that still contains them
     judged = {QUANTISED, CAGE, *([COLOURED] if by_law else []), *(effect.name for effect in found)}
-    left = [name for name in NOISE_EFFECTS if name not in judged]
-    while left:
-        fits = {name: [fit_noise(problem, view, name) for view in views] for name in left}
-        if SPEED in left and with_tails:
-            fits[SPEED] = [_speed_beside_tails(view) for view in with_tails]
+    remaining = [name for name in NOISE_EFFECTS if name not in judged]
+    while remaining:
+        fits = {name: [fit_noise(problem, view, name) for view in views] for name in remaining}
+        if SPEED in remaining and with_tails:
+            fits[SPEED] = [_speed_with_tails(view) for view in with_tails]
         gains = {name: sum(fit.penalised_gain for fit in of) for name, of in fits.items()}
         name = max(gains, key=lambda n: gains[n])
-        if gains[name] < (ACCEPT_GAIN if name == SPEED and with_tails else wall):
+        if gains[name] < (ACCEPT_GAIN if name == SPEED and with_tails else threshold):
             break
         found += accepted(problem, {name: fits[name]})
-        wall = max(wall, LATER_SHARE * gains[name])
-        # While there are none, nothing is taken out of them.
+        threshold = max(threshold, LATER_SHARE * gains[name])
+        # Empty until heavy tails are accepted.
         with_tails = [_without(view, name, fit) for view, fit in zip(with_tails, fits[name], strict=False)]
         if name == HEAVY:
             with_tails = views
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
-        left.remove(name)
+        remaining.remove(name)
     return sorted(found, key=lambda entry: -entry.delta_deviance)
 
 
-def _of_law(problem: Problem, model: Model) -> list[FoundEffect]:
-    """Return the noise effects that the law of a model's noise holds, with what the score loses without each."""
+def _effects_of_law(problem: Problem, model: Model) -> list[FoundEffect]:
+    """Return the noise effects that the law of a model's noise contains, with the gain of each over the law without."""
     law = law_of(model)
     found = []
     if law.correlation > 0.0:
         phi = min(law.correlation, CATALOGUE[COLOURED].parameters[0].high)
         gain = _gain_over(problem, model, replace(law, white=1.0, correlation=0.0))
         std = float(np.sqrt((1.0 - phi**2) / problem.size))
-        of_colour = LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, problem.size)
-        found += accepted(problem, {COLOURED: [of_colour]})
+        coloured_fit = LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, problem.size)
+        found += accepted(problem, {COLOURED: [coloured_fit]})
     if law.growth > 0.0:
         gain = _gain_over(problem, model, replace(law, growth=0.0))
         std = curvature_std(
@@ -111,22 +111,22 @@ def _of_law(problem: Problem, model: Model) -> list[FoundEffect]:
         values = {parameter.name: float(parameter.default or 0.0) for parameter in CATALOGUE[SPEED].parameters}
         values["strength_s_rad"] = float(np.expm1(law.growth)) / problem.top_speed
         errors = dict.fromkeys(values, np.nan) | {"strength_s_rad": float(np.exp(law.growth)) / problem.top_speed * std}
-        of_growth = LikelihoodFit(values, errors, gain, 1, problem.size, OF_BAND)
-        found += accepted(problem, {SPEED: [of_growth]})
+        growth_fit = LikelihoodFit(values, errors, gain, 1, problem.size, OF_BAND)
+        found += accepted(problem, {SPEED: [growth_fit]})
     return found
 
 
 def _gain_over(problem: Problem, model: Model, plainer: NoiseLaw) -> float:
-    """Return the log-likelihood that a law of the noise gains over one of a parameter less, for which nothing is paid.
+    """Return the log-likelihood gain of a model's noise law over one with a parameter less, the penalty added back.
 
-    `accepted` charges for it.
+    `accepted` subtracts it.
     """
     lost = scored(problem, model, plainer, again=True).score - model.score
     return max(0.5 * (lost + problem.log_size), 0.0)
 
 
 def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_View]:
-    """Return the views with the innovations of a model's noise in place of its residual."""
+    """Return the views with the innovations of a model's noise law in place of the residual."""
     law = law_of(model)
     residual = model.fit.residual + problem.z_measured - problem.z
     innovations = Series.of(problem).whitened(residual * problem.sign, law)[0][0]
@@ -135,10 +135,10 @@ def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_V
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """A record's residual as the noise effects see it; arrays over its slots.
+    """A record's residual as the noise effects use it; arrays over its slots.
 
-    `averaged`: over the window of the derivative, as the derivative averages dω/dt, where friction is derived. What the
-    torque does faster than the derivative follows is no noise, and is not in it.
+    `averaged`: where friction is derived, the residual averaged with the weights by which the filter averages dω/dt.
+    Changes of the torque that are too fast for the derivative are not noise, and are not in it.
     """
 
     residual: FloatArray
@@ -154,7 +154,7 @@ class _View:
 
 
 def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
-    """Return joined values on the slots of each record, NaN where none is used."""
+    """Return joined values on the slots of each record, NaN at slots that are not used."""
     spread = zip(problem.records, problem.spread(joined), strict=True)
     return [np.where(record.used, values, np.nan) for record, values in spread]
 
@@ -162,7 +162,8 @@ def on_slots(problem: Problem, joined: FloatArray) -> list[FloatArray]:
 def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_View]:
     """Return each record's residual along the rotation on its slots [N m], and which slots count.
 
-    `turns`: those beside a change of direction, too. What stands out there alone is friction that no law has exactly.
+    `turns`: count slots near a change of direction, too. Without, they count only where they are half of all or more:
+    outliers that occur only there are friction that no law describes exactly.
     """
     residuals = on_slots(problem, (model.fit.residual + (problem.z_measured - problem.z)) * problem.sign)
     turning = problem.to_reversal <= NEAR_CROSSING
@@ -188,26 +189,26 @@ def views_of(problem: Problem, model: Model, *, turns: bool = True) -> list[_Vie
 
 
 def _is_quantised(view: _View) -> bool:
-    """Return whether the residual of a record shows the rounding errors of a tachometer."""
+    """Return whether the residual of a record contains the rounding errors of a tachometer."""
     if not view.friction_is_derived:
         return False
     return NOISE_EFFECTS[QUANTISED].fit(view.residual, view.channels, view.good).penalised_gain >= ACCEPT_GAIN
 
 
 def fit_noise(problem: Problem, view: _View, name: str) -> LikelihoodFit:
-    """Fit a noise effect to a record's residual, averaged over the derivative's window where that colours it."""
+    """Fit a noise effect to a record's residual, allowing for the autocorrelation that the derivative's filter adds."""
     if name == COLOURED and view.averaged is not None:
         return coloured_beyond_filter(view.averaged, view.good, problem.averaging_taps)
     if name == HEAVY and view.averaged is not None:
         return NOISE_EFFECTS[HEAVY].fit(view.averaged, view.channels, view.good)
     if name == SPEED:
-        twice = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
-        return SpeedDependentNoise.fit(view.residual, view.channels, view.good, twice)
+        inflation = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
+        return SpeedDependentNoise.fit(view.residual, view.channels, view.good, inflation)
     return NOISE_EFFECTS[name].fit(view.residual, view.channels, view.good)
 
 
 def variance_inflation(residual: FloatArray, good: BoolArray, lags: int) -> float:
-    """Return how many squares of a residual inform as much of its variance as one that is independent.
+    """Return how many autocorrelated residuals inform as much about the variance as one independent residual.
 
     That is Σ ρ² over all lags, 1 for white noise: the variance of a mean square of Gaussian noise of autocorrelation ρ
     is 2σ⁴/n · Σ ρ² (M. S. Bartlett, JRSS Supplement 8, 1946). Friction derived with a filter of 17 slots has up to 7.
@@ -217,7 +218,7 @@ def variance_inflation(residual: FloatArray, good: BoolArray, lags: int) -> floa
     residual, good
         float64 and bool (n,).
     lags
-        Beyond which the noise is known to have forgotten itself.
+        Lag beyond which the noise is known to be uncorrelated.
     """
     usable = good & np.isfinite(residual)
     values = np.where(usable, residual, 0.0)
@@ -234,11 +235,11 @@ def variance_inflation(residual: FloatArray, good: BoolArray, lags: int) -> floa
     return total
 
 
-def _speed_beside_tails(view: _View) -> LikelihoodFit:
-    """Fit noise that depends on the speed where its tails are heavy: both in one likelihood, against tails alone.
+def _speed_with_tails(view: _View) -> LikelihoodFit:
+    """Fit speed-dependent noise with heavy tails: both in one likelihood, compared with heavy tails alone.
 
-    Weights that pull in what the tails hold turn Student's law into a Gaussian one; spread and weights are found in
-    turns (the EM of K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84, 1989).
+    Weights that shrink the tails turn Student's law into a Gaussian one; spread and weights are found alternately (the
+    EM of K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84, 1989).
     """
     effect, tails = NOISE_EFFECTS[SPEED], NOISE_EFFECTS[HEAVY]
     speed, usable = np.abs(view.channels.speed_rad_s), view.usable
@@ -252,45 +253,45 @@ def _speed_beside_tails(view: _View) -> LikelihoodFit:
         factor = spread_factor(speed, fit.values)
         scaled = view.residual / factor
         both = tails.fit(scaled, view.channels, view.good)
-    # Each gain is over a Gaussian law of its own residual's size.
-    smaller = float(np.mean(view.residual[usable] ** 2)) / max(float(np.mean(scaled[usable] ** 2)), TINY)
-    of_sizes = 0.5 * count * float(np.log(max(smaller, TINY))) - float(np.sum(np.log(factor[usable])))
-    gain = both.log_likelihood_gain - alone.log_likelihood_gain + of_sizes
+    # Each gain is over a Gaussian law with the variance of its own residual.
+    variance_ratio = float(np.mean(view.residual[usable] ** 2)) / max(float(np.mean(scaled[usable] ** 2)), TINY)
+    scale_gain = 0.5 * count * float(np.log(max(variance_ratio, TINY))) - float(np.sum(np.log(factor[usable])))
+    gain = both.log_likelihood_gain - alone.log_likelihood_gain + scale_gain
     return replace(fit, log_likelihood_gain=max(gain, 0.0))
 
 
 def _tail_weight(residual: FloatArray, usable: BoolArray, tails: LikelihoodFit) -> FloatArray:
-    """Return by what a residual of Student's law is multiplied to be Gaussian."""
+    """Return the factors that turn a residual of Student's law into a Gaussian one."""
     nu = tails.values["degrees_of_freedom"]
     scale2 = float(np.mean(residual[usable] ** 2)) * max(nu - 2, 0.05) / nu
     return np.asarray(np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, TINY))), dtype=np.float64)
 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
-    """Return the residual with a noise effect taken out, as far as its likelihood determines it."""
+    """Return the view with a noise effect removed from its residual, as far as its likelihood determines it."""
     good, values = view.good, fit.values
     if name == COLOURED:
         good = good & np.concatenate([[False], good[:-1]])
 
-    def left(residual: FloatArray) -> FloatArray:
+    def remaining(residual: FloatArray) -> FloatArray:
         if name == COLOURED:
             return residual - values["ar_coefficient"] * np.concatenate([[0.0], residual[:-1]])
         if name == HEAVY:
             return residual * _tail_weight(residual, view.good & np.isfinite(residual), fit)
         return residual / spread_factor(np.abs(view.channels.speed_rad_s), values) if name == SPEED else residual
 
-    averaged = None if view.averaged is None else left(view.averaged)
-    return replace(view, residual=left(view.residual), averaged=averaged, good=good)
+    averaged = None if view.averaged is None else remaining(view.averaged)
+    return replace(view, residual=remaining(view.residual), averaged=averaged, good=good)
 
 
 def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArray) -> LikelihoodFit:
-    """Fit AR(1) noise of the torque beside white noise of the speed, both as the derivative's filter colours them.
+    """Fit AR(1) noise of the torque and white noise of the speed, both passed through the derivative's filter.
 
-    Whittle's likelihood (1953): the periodogram is exponential about (a·AR(f; φ) + c·W(f))·|M(f)|² + b·|H(f)|² +
+    Whittle's likelihood (1953): the periodogram is exponential with mean (a·AR(f; φ) + c·W(f))·|M(f)|² + b·|H(f)|² +
     d·W(f) + e, M the transfer function of the filter's average over the torque, H that of its derivative, and W the
-    spectrum of a walk, as which missed jumps show; d and e are what leaks of it at the ends and at gaps. What is
-    expected counts the slots that are missing, through which strong noise leaks (the debiased likelihood of A. M.
-    Sykulski, S. C. Olhede, A. P. Guillaumin, J. M. Lilly, J. J. Early, Biometrika 106, 2019). Compared with φ = 0.
+    spectrum of a random walk, which missed jumps resemble; d and e are its leakage at the ends and at gaps. The mean
+    allows for missing slots, through which strong noise leaks (the debiased likelihood of A. M. Sykulski, S. C.
+    Olhede, A. P. Guillaumin, J. M. Lilly, J. J. Early, Biometrika 106, 2019). The gain is over φ = 0.
 
     Parameters
     ----------
@@ -315,7 +316,7 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
     lags, reach = np.arange(WHITTLE_LAGS), np.arange(1 - taps.size, taps.size)
     slope = np.arange(taps.size) - taps.size // 2
     averaging, derivative = (np.correlate(one, one, "full") / float(one @ one) for one in (taps, slope))
-    transfer = expected[:, : taps.size] @ derivative[taps.size - 1 :][:WHITTLE_LAGS]  # of a wider filter, what fits
+    transfer = expected[:, : taps.size] @ derivative[taps.size - 1 :][:WHITTLE_LAGS]  # as many lags as there are
     ends = 1.0 / (2.0 - 2.0 * np.cos(2 * np.pi * at))
     walk = ends * (np.cos(2 * np.pi * np.outer(at, reach)) @ averaging)
     known = np.stack((transfer, walk, ends, np.ones(at.size)))
@@ -347,10 +348,10 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
 
 
 def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArray:
-    """Return what turns an autocovariance at WHITTLE_LAGS lags into the expected periodogram, (frequencies, lags).
+    """Return the matrix from autocovariance at WHITTLE_LAGS lags to the expected periodogram, (frequencies, lags).
 
-    Pairs that a missing slot breaks do not count: Σ_h R_h c_h cos 2πfh over both signs of h, c_h the share of pairs.
-    The mean over a bin about f, since the zeros of a filter are narrow.
+    Pairs with a missing slot do not count: Σ_h R_h c_h cos 2πfh over both signs of h, c_h the share of complete pairs.
+    Averaged over a bin about f, since the zeros of a filter are narrow.
     """
     padded = np.abs(np.fft.rfft(usable.astype(np.float64), 2 * usable.size)) ** 2
     share = np.fft.irfft(padded)[:WHITTLE_LAGS] / np.count_nonzero(usable)
@@ -360,7 +361,7 @@ def _expected_periodogram(usable: BoolArray, frequency: FloatArray) -> FloatArra
 
 
 def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
-    """Return the effects whose gain over all records is worth a name, strongest first."""
+    """Return the effects whose gain over all records reaches ACCEPT_GAIN, strongest first."""
     found = []
     for name, of_records in fits.items():
         gain = float(sum(fit.penalised_gain for fit in of_records))
@@ -371,20 +372,20 @@ def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[Fou
         parameters = {
             p.name: ParameterValue.of(float(best.values[p.name]), float(best.std[p.name]), p.unit, p.low, p.high)
             for p in effect.parameters
-            if p.name not in best.undetermined  # what the data do not determine is not printed
+            if p.name not in best.undetermined  # those are not reported
         }
         found.append(as_found(problem, effect, parameters, gain, effect.family))
     return sorted(found, key=lambda entry: -entry.delta_deviance)
 
 
-# ---- bursts of a cage: found after the first search, then left out of the second, which they would mislead -----------
-# Drag that comes and goes in a band of speeds is jumps to the segmentation, another switching system to the
-# attribution, and a law of speed to a curve. Its noise shows it: no level and no slow effect makes neighbours differ in
-# bursts. Once that is seen the slots in bursts are left out of anything else, and the search begins again without them.
+# ---- bursts of a cage: found after the first search, then excluded from the second, which they would mislead ---------
+# Drag that comes and goes in a band of speeds mimics jumps, another switching system and a law of speed. Its noise
+# identifies it: neither a level nor a slow effect makes neighbouring samples differ in bursts. Once found, slots in
+# bursts are excluded from all other fits, and the search starts again without them.
 
 
-MARGIN: Final = 8  # slots on each side of a burst: where exactly it begins is not known
-BAND_MARGIN: Final = 1.2  # of the band's half width, in which bursts too short to be seen may be left
+MARGIN: Final = 8  # slots on each side of a burst: its exact beginning is not known
+BAND_MARGIN: Final = 1.2  # times the band's half width, in which bursts too short to be detected may remain
 
 
 @dataclass(frozen=True, slots=True)
@@ -394,9 +395,9 @@ class CageBursts:
     Attributes
     ----------
     effect
-        What is named.
+        The effect as it is reported.
     in_burst, in_band
-        For each record bool (slots,): slots in or beside a burst, and slots in the band.
+        For each record bool (slots,): slots in or near a burst, and slots in the band.
     """
 
     effect: FoundEffect
@@ -411,7 +412,7 @@ class CageBursts:
 
 
 def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
-    """Return the bursts of a cage that a model's residual shows, or None."""
+    """Return the bursts of a cage that a model's residual contains, or None."""
     if any(_is_quantised(view) for view in views_of(problem, model)):
         return None  # rounding errors come and go with the acceleration
     fits, bursts, bands = [], [], []
@@ -427,7 +428,7 @@ def cage_bursts(problem: Problem, model: Model) -> CageBursts | None:
 
 
 def fit_bursts_of(problem: Problem, model: Model) -> list[tuple[LikelihoodFit, BoolArray]]:
-    """Fit bursts to what each record holds beside slope and effects: levels stay in, since they may be bursts."""
-    left = model.fit.level + model.fit.residual + problem.z_measured - problem.z
-    views = zip(on_slots(problem, left * problem.sign), views_of(problem, model), strict=True)
+    """Fit bursts to each record's friction less slope and effects: levels stay in, since they may be bursts."""
+    remaining = model.fit.level + model.fit.residual + problem.z_measured - problem.z
+    views = zip(on_slots(problem, remaining * problem.sign), views_of(problem, model), strict=True)
     return [CageInstability.fit_bursts(along, view.channels, view.good) for along, view in views]

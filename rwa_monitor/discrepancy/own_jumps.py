@@ -1,11 +1,11 @@
-"""Jumps that keep no step with those of the dry friction: of the viscous coefficient, or of drag that relaxes again.
+"""Jumps that are independent of those of the dry friction: of the viscous coefficient, or of drag that relaxes again.
 
 The catalogue's `viscous_jump` lets the coefficient follow the dry level, and `decaying_jump` lets a part of every jump
-fade away. Lubricant that moves in and out of the contact, or a pocket of oil that is run over, need not keep to them:
-then a stretch of time has a multiple of a known course of its own, of |ω| or of what is left of a jump after a while.
-The stretches are found like the levels, by an exact segmentation, here into levels that may have such a multiple;
-neighbours whose multiples differ by less than they cost are merged. A change is priced as a jump is: it has a place, a
-size and a sign.
+decay. Lubricant that moves in and out of the contact, or a pocket of oil that is run over, need not follow these laws:
+each segment of time then has its own multiple of a known basis function, which is |ω| or an exponential decay. The
+segments are found like the levels, by an exact segmentation, here into levels plus such a multiple; neighbours are
+merged where the difference of their multiples lowers the score by less than its penalty. A change has the penalty of a
+jump: it has a place, a size and a sign.
 """
 
 from __future__ import annotations
@@ -34,44 +34,44 @@ from rwa_monitor.samples import TINY, FloatArray, IntArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter, Shape
 from rwa_monitor.wheel.effects.jumps import DecayingJump, ViscousJump
 
-BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then placed to the sample
-SHORTEST_BLOCKS: Final = 3  # of a stretch: shorter ones are blocks in which something jumps
+BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then moved to the exact sample
+SHORTEST_BLOCKS: Final = 3  # of a segment: shorter ones are blocks that contain a jump
 MOST_CHANGES: Final = 24  # more are a law of speed, not jumps
-HELD_OUT_BLOCKS: Final = 41  # so short that each slope is seen in blocks of both parities
-KNOWN: Final = 1e15  # times the largest energy: of a multiple that is known
-FORGOTTEN: Final = 1e-6  # of a relaxing jump: less is nothing
-RATIO: Final = 1.5  # of the time constants that are tried
+HELD_OUT_BLOCKS: Final = 41  # so short that each slope occurs in blocks of both parities
+KNOWN: Final = 1e15  # times the largest energy: that of a multiple that is known exactly
+FORGOTTEN: Final = 1e-6  # of a relaxing jump: less counts as zero
+RATIO: Final = 1.5  # between successive time constants that are tried
 
 
 class OwnJumps(JumpTerm):
-    """A multiple of its own in each of some stretches of time, of what the subclass's jumps do."""
+    """A basis function, given by the subclass, with its own multiple in each of several segments of time."""
 
     uses_level = False
     parameters = ()
     places: ClassVar[IntArray]  # joined index at which each multiple begins
-    seconds: ClassVar[float]  # time constant with which it relaxes, if it does
+    seconds: ClassVar[float]  # time constant of the relaxation, infinite without
 
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        """Return zeros: the multiples are known only where they were found."""
+        """Return zeros: the multiples are known only on the searched records."""
         del shape, memory
         return np.zeros((len(channels), len(cls.parameters))), None
 
     @classmethod
     def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
-        """Return the catalogue's parameters that come nearest to what was found, by name."""
+        """Return the catalogue's parameters that approximate the fitted multiples best, by name."""
         raise NotImplementedError
 
 
 class SlopeJumps(OwnJumps, wraps=ViscousJump):
-    """A viscous coefficient of its own in each of some stretches of time: `viscous_jump`, with slopes that are free."""
+    """A viscous coefficient of its own in each of several segments of time: `viscous_jump` with free slopes."""
 
     @classmethod
     def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
-        """Return the strength of `viscous_jump` whose slopes follow the dry level and come nearest to these."""
+        """Return the strength of `viscous_jump`, whose slopes follow the dry level, that fits these slopes best."""
         (parameter,) = ViscousJump.parameters
         torque = model.terms[index].columns @ model.strengths(index)
-        # Slopes are relative to that of one stretch: how much all have in common is the base law's.
+        # Slopes are relative to that of one segment: their common part belongs to the base law.
         design = np.stack([problem.speed, model.fit.level * problem.speed], axis=1)
         strength = float(np.clip(np.linalg.lstsq(design, torque)[0][1], parameter.low, parameter.high))
         note = "the coefficient's jumps are not in proportion to those of the dry friction"
@@ -79,11 +79,11 @@ class SlopeJumps(OwnJumps, wraps=ViscousJump):
 
 
 class RelaxingJumps(OwnJumps, wraps=DecayingJump):
-    """Drag that jumps up at moments of its own and relaxes: `decaying_jump`, of which nothing else switches."""
+    """Drag that jumps up at times of its own and relaxes: `decaying_jump`, independent of all other jumps."""
 
     @classmethod
     def nearest(cls, problem: Problem, model: Model, index: int) -> dict[str, ParameterValue]:
-        """Return the share of all jumps that relaxes, and the time in which it does [s]."""
+        """Return the share of all jumps that relaxes, and its time constant [s]."""
         del problem
         share, seconds = DecayingJump.parameters
         relaxing = float(np.sum(model.strengths(index)))
@@ -96,34 +96,34 @@ class RelaxingJumps(OwnJumps, wraps=DecayingJump):
 
 
 def with_own_jumps(fitting: Fitting, model: Model, simpler: Model, effects: Sequence[type[MeanEffect]]) -> Model | None:
-    """Return the best model in which something else than the dry friction jumps; None where that does not pay.
+    """Return the best model with jumps of their own; None where they gain too little or an alternative does better.
 
     Parameters
     ----------
     fitting, model
-        Makes models of the data, and the best one without.
+        Makes models of the data, and the best model without such jumps.
     simpler
-        The base model: what `model` names may be what such jumps look like.
+        The base model: effects in `model` may only mimic such jumps.
     effects
-        Those that are searched for.
+        The effects that are searched for.
     """
     tried = {effect.name for effect in effects}
-    ways = {SlopeJumps.name: _sloped, RelaxingJumps.name: _relaxing}
+    ways = {SlopeJumps.name: _with_slope_jumps, RelaxingJumps.name: _with_relaxing_jumps}
     found = [with_it(fitting, model, simpler) or model for name, with_it in ways.items() if name in tried]
     best = min(found, key=lambda one: one.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return None
-    # Slopes that differ since the drag is no straight line are a law of the speed.
+    # Slopes that differ because the drag is not linear in the speed are a law of the speed, not jumps.
     others = fitting.without(best, len(best.terms) - 1)
     outside = [effect for effect in effects if effect in UNNAMED and effect.name not in others.names]
     alternatives = *with_free_curves(fitting, others), *fitting.extensions(others, outside)
     return best if all(one.score > best.score for one in alternatives) else None
 
 
-def _sloped(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
-    """Return the best model in which the viscous coefficient jumps by itself, where that predicts more than without."""
+def _with_slope_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
+    """Return the best model with jumps of the viscous coefficient; None if it predicts no better, or a drift fits."""
     problem = fitting.problem
-    best = _best_with(fitting, model, simpler, [_Course(problem)])
+    best = _best_with(fitting, model, simpler, [_Basis(problem)])
     if best is None:
         return None
     before, after = (held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best))
@@ -133,26 +133,26 @@ def _sloped(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
     return best if drifting.score > best.score else None
 
 
-def _relaxing(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
-    """Return the best model with drag that jumps by itself and relaxes, at the time constant that does best."""
+def _with_relaxing_jumps(fitting: Fitting, model: Model, simpler: Model) -> Model | None:
+    """Return the best model with drag that jumps and relaxes, over all time constants."""
     low, high = shape_limits(fitting.problem, DecayingJumpTerm)["time_constant_s"]
     if not low < high:
         return None
     seconds = np.geomspace(low, high, int(np.log(high / low) / np.log(RATIO)) + 2).tolist()
-    return _best_with(fitting, model, simpler, [_Course(fitting.problem, one) for one in seconds])
+    return _best_with(fitting, model, simpler, [_Basis(fitting.problem, one) for one in seconds])
 
 
-def _best_with(fitting: Fitting, model: Model, simpler: Model, courses: Sequence[_Course]) -> Model | None:
-    """Return the best model with multiples of one of the courses, or None where there are none.
+def _best_with(fitting: Fitting, model: Model, simpler: Model, bases: Sequence[_Basis]) -> Model | None:
+    """Return the best model with multiples of one of the basis functions, or None where none gains enough.
 
-    From the given model without the catalogue's name of such jumps, and from the simpler one: what was named may be
-    what they look like.
+    Starts from the given model without the catalogue's effect of the same name, and from the simpler model: effects of
+    the given one may only mimic such jumps.
     """
     found = []
-    kept = tuple(term for term in model.terms if term.effect.name != courses[0].effect.name)
+    kept = tuple(term for term in model.terms if term.effect.name != bases[0].effect.name)
     begin = model if kept == model.terms else fitting.refitted(kept, model)
     for start in (begin, simpler) if begin.terms else (begin,):
-        terms = [term for course in courses if (term := _multiples(course, start)) is not None]
+        terms = [term for basis in bases if (term := _segmented(basis, start)) is not None]
         begun = [fitting.begun((*start.terms, term), start, [off_steps(term, start.fit.jumps)]) for term in terms]
         best = min(begun, key=lambda one: one.score, default=start)
         if start.score - best.score > LEAST_SHARE * max(start.score - model.score, 0.0):
@@ -164,8 +164,8 @@ def _best_with(fitting: Fitting, model: Model, simpler: Model, courses: Sequence
 
 
 @dataclass(frozen=True, slots=True)
-class _Course:
-    """What a stretch of time has a multiple of: |ω|, or what is left of a jump that relaxes with a time constant."""
+class _Basis:
+    """The function of time that each segment has its own multiple of: |ω|, or exponential decay from its beginning."""
 
     problem: Problem
     seconds: float = np.inf
@@ -179,9 +179,9 @@ class _Course:
         return RelaxingJumps if self.relaxes else SlopeJumps
 
     def since(self, begin: IntArray | int, at: IntArray) -> FloatArray:
-        """Return it at joined samples of one record, in units of what it is at the sample where a stretch begins.
+        """Return |ω| [rad/s], or the decay since the sample where a segment begins, at joined samples of one record.
 
-        What relaxes is 1 before that sample: a pause of hours there would be more than any number.
+        The decay is 1 before that sample: extrapolated back over a pause of hours it would overflow.
         """
         if not self.relaxes:
             return self.problem.speed[at]
@@ -189,79 +189,79 @@ class _Course:
         return np.asarray(np.exp(-slots * self.problem.records[0].channels.sample_period_s / self.seconds))
 
     def keep(self, first: IntArray) -> FloatArray:
-        """Return what is left of each stretch's unit where the next begins, float64 (stretches - 1,)."""
+        """Return the basis function's factor from each segment's start to the next one's, float64 (segments - 1,)."""
         if not self.relaxes:
             return np.ones(first.size - 1)
         of = np.searchsorted(self.problem.starts, first, side="right")
         return np.where(np.diff(of) == 0, self.since(first[:-1], first[1:]), 0.0)
 
 
-def _multiples(course: _Course, model: Model) -> Term | None:
-    """Return the stretches of time with another multiple, as columns; None where it is one all over."""
-    problem = course.problem
+def _segmented(basis: _Basis, model: Model) -> Term | None:
+    """Return the changes of the multiple as a term; None where there are none or more than MOST_CHANGES."""
+    problem = basis.problem
     values, price = model.fit.level + model.fit.residual, jump_price(problem)
     cuts: list[int] = []
     for begin, end in pairwise(problem.starts.tolist()):
         if end > begin:
             width = max((end - begin) // BLOCKS, 1)
             first = np.arange(begin, end, width)
-            found = first[optimal_curves(_sums(course, values, first, end), np.append(course.keep(first), 1.0), price)]
-            cuts += [begin, *_placed(course, values, np.concatenate([[begin], found, [end]]), width)]
-    places = _merged(course, values, np.array(cuts, dtype=np.int64), price)
-    return _term(course, places) if 0 < places.size <= MOST_CHANGES else None
+            found = first[optimal_curves(_sums(basis, values, first, end), np.append(basis.keep(first), 1.0), price)]
+            cuts += [begin, *_refined_cuts(basis, values, np.concatenate([[begin], found, [end]]), width)]
+    places = _merged_changes(basis, values, np.array(cuts, dtype=np.int64), price)
+    return _term(basis, places) if 0 < places.size <= MOST_CHANGES else None
 
 
-def _sums(course: _Course, values: FloatArray, first: IntArray, end: int) -> FloatArray:
-    """Return the sums of 1, x, z, xx, xz, zz of each stretch, x from its first sample on, float64 (6, stretches)."""
+def _sums(basis: _Basis, values: FloatArray, first: IntArray, end: int) -> FloatArray:
+    """Return the sums of 1, x, z, xx, xz, zz over each segment, x from its first sample on, float64 (6, segments)."""
     at = np.arange(first[0], end)
-    x = course.since(np.repeat(first, np.diff(first, append=end)), at)
+    x = basis.since(np.repeat(first, np.diff(first, append=end)), at)
     z = values[at] - values[at].mean()  # sums of squares then lose few digits
     return np.add.reduceat([np.ones(at.size), x, z, x * x, x * z, z * z], first - first[0], axis=1)
 
 
-def _placed(course: _Course, values: FloatArray, edges: IntArray, width: int) -> list[int]:
-    """Move each cut to where the curves on both its sides fit best, in place of the blocks that hold some of either."""
+def _refined_cuts(basis: _Basis, values: FloatArray, edges: IntArray, width: int) -> list[int]:
+    """Drop segments of few blocks, which contain a jump; move each cut to where the curves on both sides fit best."""
     long = np.diff(edges) >= SHORTEST_BLOCKS * width
     begins, ends = edges[:-1][long].tolist(), edges[1:][long].tolist()
     placed = []
     for i in range(len(begins) - 1):
         near = np.arange(max(ends[i] - width, begins[i]), min(begins[i + 1] + width, ends[i + 1]))
         before, after = (
-            (values[near] - _curve(course, values, begins[side], ends[side], near)) ** 2 for side in (i, i + 1)
+            (values[near] - _fitted_curve(basis, values, begins[side], ends[side], near)) ** 2 for side in (i, i + 1)
         )
         placed.append(int(near[0]) + int(np.argmin(np.cumsum(np.append(0.0, before - after)))))
     return placed
 
 
-def _curve(course: _Course, values: FloatArray, begin: int, end: int, at: IntArray) -> FloatArray:
-    """Return the level and multiple of a stretch at samples."""
-    x = course.since(begin, np.arange(begin, end))
+def _fitted_curve(basis: _Basis, values: FloatArray, begin: int, end: int, at: IntArray) -> FloatArray:
+    """Return the fitted level plus multiple of a segment, at samples."""
+    x = basis.since(begin, np.arange(begin, end))
     middle, x = x.mean(), x - x.mean()
     multiple = float(x @ values[begin:end]) / max(float(x @ x), TINY)
-    return np.asarray(values[begin:end].mean() + multiple * (course.since(begin, at) - middle))
+    return np.asarray(values[begin:end].mean() + multiple * (basis.since(begin, at) - middle))
 
 
-def _merged(course: _Course, values: FloatArray, first: IntArray, price: float) -> IntArray:
-    """Return where the multiple changes: neighbours are merged while one for both costs less than a change does.
+def _merged_changes(basis: _Basis, values: FloatArray, first: IntArray, price: float) -> IntArray:
+    """Return where the multiple changes: neighbours are merged while a common multiple costs less than a change does.
 
-    Of drag that relaxes, only where it jumps up: what is run over adds drag.
+    Of drag that relaxes, only upward jumps: a pocket of oil that is run over adds drag.
     """
-    n, x, z, xx, xz, _ = _sums(course, values, first, values.size)
-    energy, moment, keep = xx - x * x / n, xz - x * z / n, course.keep(first)  # in units of each one's own beginning
+    n, x, z, xx, xz, _ = _sums(basis, values, first, values.size)
+    energy, moment, keep = xx - x * x / n, xz - x * z / n, basis.keep(first)  # relative to each segment's beginning
     known = KNOWN * energy.max()
-    if course.relaxes:  # before the first jump there is nothing to relax
+    if basis.relaxes:  # before the first jump there is nothing to relax
         first, keep = np.append(-1, first), np.append(0.0, keep)
         energy, moment = np.append(known, energy), np.append(0.0, moment)
     while first.size > 1:
-        lost = keep < FORGOTTEN
-        before = np.where(lost, known, np.minimum(energy[:-1] / np.where(lost, 1.0, keep**2), known))
-        of_before = np.where(lost, 0.0, moment[:-1] / np.where(lost, 1.0, keep))
+        vanished = keep < FORGOTTEN
+        before = np.where(vanished, known, np.minimum(energy[:-1] / np.where(vanished, 1.0, keep**2), known))
+        of_before = np.where(vanished, 0.0, moment[:-1] / np.where(vanished, 1.0, keep))
         both = before * energy[1:]
         change = np.where(both > 0.0, moment[1:] * before - of_before * energy[1:], 0.0)
         costs = change**2 / np.where(both > 0.0, both * (before + energy[1:]), 1.0)
         i = int(np.argmin(costs))
         if costs[i] >= price:
-            return first[1:][change > 0.0] if course.relaxes else first[1:]
+            return first[1:][change > 0.0] if basis.relaxes else first[1:]
         energy[i] += keep[i] ** 2 * energy[i + 1]
         moment[i] += keep[i] * moment[i + 1]
         keep[i + 1 : i + 2] *= keep[i]
@@ -270,28 +270,28 @@ def _merged(course: _Course, values: FloatArray, first: IntArray, price: float) 
     return first[1:]
 
 
-def _term(course: _Course, places: IntArray) -> Term:
-    """Return a change of the multiple at each place, as columns."""
-    problem, at = course.problem, np.arange(course.problem.size)
+def _term(basis: _Basis, places: IntArray) -> Term:
+    """Return a term with a column for the change of the multiple at each place."""
+    problem, at = basis.problem, np.arange(basis.problem.size)
     columns = np.zeros((problem.size, places.size))
-    if course.relaxes:
+    if basis.relaxes:
         ends = problem.starts[np.searchsorted(problem.starts, places, side="right")]
         for j, (begin, end) in enumerate(zip(places.tolist(), ends.tolist(), strict=True)):
-            columns[begin:end, j] = course.since(begin, at[begin:end])
+            columns[begin:end, j] = basis.since(begin, at[begin:end])
     else:
-        stretch = np.searchsorted(places, at, side="right")
-        # Beside the slope of the stretch that shows it best: it must be known without any block that is held out.
-        base = int(np.argmax(np.bincount(stretch, problem.speed**2, places.size + 1)))
-        columns = problem.speed[:, None] * (stretch[:, None] == np.delete(np.arange(places.size + 1), base))
-    unit, least, price = ("N m", 0.0, 1.0) if course.relaxes else ("N m s/rad", -np.inf, 0.0)
+        segment = np.searchsorted(places, at, side="right")
+        # Relative to the slope of the segment that determines it best, which is known with any block held out.
+        base = int(np.argmax(np.bincount(segment, problem.speed**2, places.size + 1)))
+        columns = problem.speed[:, None] * (segment[:, None] == np.delete(np.arange(places.size + 1), base))
+    unit, least, price = ("N m", 0.0, 1.0) if basis.relaxes else ("N m s/rad", -np.inf, 0.0)
     parameters = tuple(Parameter(f"change_{j + 1}", unit, least, np.inf, 0.0, linear=True) for j in range(places.size))
-    effect = type("OwnJumps", (course.effect,), {"parameters": parameters, "places": places, "seconds": course.seconds})
+    effect = type("OwnJumps", (basis.effect,), {"parameters": parameters, "places": places, "seconds": basis.seconds})
     low, high = np.full(places.size, least), np.full(places.size, np.inf)
     return Term(effect, {}, columns, low, high, price + JUMP_PENALTY * places.size)
 
 
 def _drifting(problem: Problem, term: Term) -> Term:
-    """Return a coefficient that drifts through as many knots, in place of one that jumps as often."""
+    """Return a coefficient that drifts, piecewise linear with as many knots, in place of one that jumps as often."""
     assert issubclass(term.effect, SlopeJumps)
     edges = np.concatenate([[0], term.effect.places, [problem.size]])
     knots, at = 0.5 * (edges[1:] + edges[:-1]), np.arange(problem.size)
