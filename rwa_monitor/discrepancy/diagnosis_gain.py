@@ -1,7 +1,7 @@
-"""What an extension does to the diagnosis: the same labelled windows, diagnosed without it and with it.
+"""Effect of an extension on the diagnosis: the same labelled windows, diagnosed without it and with it.
 
-The windows are simulated with the effects found in them, half nominal, half with one anomaly in turn, on a motion like
-the recorded one. Seeds are fixed: the same extension gives the same rates.
+The windows are simulated with the effects found, half nominal, half with one anomaly each in turn, on a motion similar
+to the recorded one. Seeds are fixed: the same extension gives the same rates.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 SEED: Final = 41_000  # of the first window; no other part of the project uses 41,000 … 41,999
 WINDOWS: Final = 16
-PLACED_WITHIN: Final = 5  # samples of a true jump within which a changepoint reports it
-# Clear anomalies, so that what is lost is lost to the missing effect: those of the data set recipe `mild`, doubled.
+PLACED_WITHIN: Final = 5  # samples between a true jump and a changepoint that reports it
+# Clear anomalies, so that one is missed only because of the missing effect: those of the recipe `mild`, doubled.
 FACTORS: Final = {"dry": 1.6, "viscous": 1.3}
 FACTOR_OF_SYSTEMS: Final = 2.0
 
@@ -35,14 +35,14 @@ FACTOR_OF_SYSTEMS: Final = 2.0
 def diagnosis_gain(search: Search, diagnose: Diagnose) -> DiagnosisGain | None:
     """Return detection, false-positive rate and false changepoints before and after the extension.
 
-    None where the wheel's file does not allow it to be simulated and classified, or nothing was added.
+    None where the wheel file is too incomplete for simulation and classification, or nothing was added.
 
     Parameters
     ----------
     search
         A finished search.
     diagnose
-        Diagnoses the samples of one window of a wheel, as the monitor does, whose room lies above this one.
+        Diagnoses the samples of one window of a wheel, as the monitor does, whose package lies above this one.
     """
     wheel, extended = search.wheel, extended_wheel(search)
     complete = None not in (wheel.nominal, wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
@@ -70,7 +70,7 @@ def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, diagnose: Dia
 
 
 def _count(telemetry: Telemetry, diagnosis: Diagnosis, wheel: Wheel, status: str) -> Counts:
-    """Return anomalies present, those detected, anomalies absent, those named all the same, and false changepoints."""
+    """Return the counts of anomalies present, those detected, anomalies absent, those reported, false changepoints."""
     active = {name for name, entry in diagnosis.anomalies.items() if entry.active}
     present = {status} - {"nominal"}
     absent = set(wheel.anomalies) - present

@@ -1,6 +1,6 @@
-"""Effects of the jumps that are torques too: once there are jumps, they have columns and compete with mean effects.
+"""Switching effects that are also torques: once jumps are found, they have columns and compete with mean effects.
 
-Otherwise smooth mean effects would take their place: an exponential after each jump looks like a lag or a drift.
+Otherwise smooth mean effects would be named in their place: exponential decays after jumps mimic a lag or a drift.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from rwa_monitor.wheel.effects.torque_balance_errors import CurrentDelay
 class JumpTerm(MeanEffect):
     """A switching effect as columns; its jumps are those of the dry level.
 
-    A subclass gives the effect that it `wraps`, and has its name, its words and its parameters.
+    A subclass gives the effect that it `wraps`, and takes over its name, texts and parameters.
     """
 
     wraps: ClassVar[type[SwitchingEffect]]
@@ -41,7 +41,7 @@ class JumpTerm(MeanEffect):
         del memory
         level = channels.optional("dry_level_Nm")
         change = np.nan_to_num(np.diff(level))
-        # Levels are differences of sums: what is smaller than rounding is no jump.
+        # Levels are computed as differences of sums: a change within rounding errors is no jump.
         index = np.flatnonzero(np.abs(change) > 1e-9 * np.max(np.abs(np.nan_to_num(level)), initial=TINY)) + 1
         return cls.wraps.columns(channels, Jumps(index.astype(np.int64), change[index - 1]), shape), None
 
@@ -61,7 +61,7 @@ JUMP_TERMS: Final = (DecayingJumpTerm, ViscousJumpTerm)
 # Friction jumps between two slots, and the current with it. To first order a current that is read d seconds later than
 # the speed adds a pulse there, of d/Δt times the jump: in the slot before the jump where it is read later, in the slot
 # after it where it is read earlier, and in equal parts where a sample averages over its slot. Where all samples are
-# known to be averages, a jump falls anywhere in its slot, and the sample between both levels shows no delay.
+# known to be averages, a jump falls anywhere in its slot, and the sample between both levels reveals no delay.
 
 
 LEAD: Final = "lead_slots"
@@ -76,7 +76,7 @@ class DelayTerm(CurrentDelay):
 
     @classmethod
     def columns(cls, channels: Channels, shape: Shape, memory: Memory = None) -> tuple[FloatArray, Memory]:
-        """Return the pulses beside the jumps of the dry level and the slope of what else the torque is, over time."""
+        """Return the pulses at the jumps of the dry level plus the time derivative of the rest of the torque."""
         del memory
         dry = channels.direction * channels.optional("dry_level_Nm")
         step = np.nan_to_num(np.diff(dry))
@@ -92,7 +92,7 @@ class DelayTerm(CurrentDelay):
 
 
 def without_pulses(level: FloatArray, lead: float) -> FloatArray:
-    """Return a level with its pulses taken out, float64 (n,): what comes before a jump belongs to the level before it.
+    """Return a level without its pulses, float64 (n,): each takes the level before it, or after it where `lead` < 0.
 
     Parameters
     ----------

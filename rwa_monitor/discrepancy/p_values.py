@@ -1,14 +1,14 @@
-"""p-values from a table of null distributions: what the best of all candidates gains on records that lack nothing.
+"""p-values from a table of null distributions: the largest gain over all candidates on records without any effect.
 
-Each family (mean effects with the jump terms, noise effects, switching effects) has the largest gain over all its
-candidates on simulated records without any effect, so that a p-value counts the whole search and not the one test that
-won. `make nulls` makes the table; `benchmarks/nulls.py` has the records.
+For each family (mean effects with the jump terms, noise effects, switching effects) the table holds the largest gain
+over all its candidates on simulated records without any effect, so that a p-value accounts for the whole search and not
+only for the test that won. `make nulls` makes the table; `benchmarks/nulls.py` defines the records.
 
-A gain is a deviance less log N for each parameter. With one log N put back the law of the largest gain hardly changes
-with N; what change there is, is interpolated in log N. As far as the simulated gains go the table is counted. Beyond
-the largest an exponential goes on, with the mean excess of the upper tenth: the law of the largest of many χ² (a Gumbel
-tail; Knijnenburg, Wessels, Reinders, Shmulevich, Bioinformatics 25, 2009, on p-values below one in so many
-permutations). It is trusted for two decades and no further: a p-value is never smaller.
+A gain is a deviance less log N for each parameter. With one log N added back the distribution of the largest gain
+hardly depends on N; the remaining dependence is interpolated in log N. Up to the largest simulated gain p-values are
+shares of the table. Beyond it the tail is exponential, its mean estimated from the excesses of the upper tenth: the
+distribution of the largest of many χ² (a Gumbel tail; Knijnenburg, Wessels, Reinders, Shmulevich, Bioinformatics 25,
+2009, on p-values below the reciprocal number of permutations). It is trusted for two decades: no p-value is smaller.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.wheel.file_content import packaged
 
 TABLE_FILE: Final = "nulls.json"
-TAIL: Final = 0.1  # share of the nulls from which on the exponential stands in
+TAIL: Final = 0.1  # upper share of the nulls to which the exponential is fitted
 BEYOND: Final = 100.0  # times rarer than one of all simulated records: as far as the tail is trusted
-CHI_SQUARE_TAIL: Final = 2.0  # mean excess of a χ² far out: no law of gains falls faster
-FAMILIES: Final = 3  # that are searched one after the other: any may give a false name
+CHI_SQUARE_TAIL: Final = 2.0  # mean excess far in the tail of a χ²: no distribution of gains falls faster
+FAMILIES: Final = 3  # that are searched one after the other: each may give a false positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +44,8 @@ class Nulls:
     log_size
         Mean log N of the records.
     statistics
-        float64 (n,), ascending: largest penalised gain plus log N; below every real one where no candidate was worth a
-        full fit.
+        float64 (n,), ascending: largest penalised gain plus log N; a value below every real one where no candidate was
+        promising enough for a full fit.
     """
 
     log_size: float
@@ -58,13 +58,13 @@ class Nulls:
 
     @property
     def scale(self) -> float:
-        """Return the mean of the exponential that the upper tenth of the nulls follows, from its median."""
+        """Return the mean of the exponential fitted to the upper tenth of the nulls, from their median excess."""
         inside = int(self.statistics.size * TAIL)
         excess = self.statistics[-inside:] - self.statistics[-inside - 1]
         return max(float(np.median(excess)) / float(np.log(2)), CHI_SQUARE_TAIL)
 
     def p_value(self, statistic: float) -> float:
-        """Return the share of nulls that reach a statistic, the observed one counted in; extrapolated beyond them."""
+        """Return the share of nulls that reach a statistic, the observed one included; extrapolated beyond all."""
         n = self.statistics.size
         reached = n - int(np.searchsorted(self.statistics, statistic, side="left"))
         if reached:
@@ -77,23 +77,23 @@ class Nulls:
 class NullTable:
     """Nulls by family and by whether friction was derived, at increasing lengths.
 
-    Derived friction has noise of its own, and fails in its own way: where a slew bends faster than the derivative
-    follows.
+    Derived friction has noise of its own and model errors of its own, where the acceleration changes faster than the
+    derivative's filter follows.
     """
 
     families: Mapping[tuple[Family, bool], tuple[Nulls, ...]]
 
     def p_value(self, family: Family, gain: float, log_size: float, *, derived: bool) -> float:
-        """Return the probability of as large a gain, over all candidates of all families, where nothing is missing.
+        """Return the probability of as large a gain, over all candidates of all families, on a record without effects.
 
         Parameters
         ----------
         family
-            Of the effect named.
+            Of the effect found.
         gain
             Deviance less log N for each parameter.
         log_size
-            log N of the record; beyond the lengths of the table those at its end count.
+            log N of the record; beyond the lengths of the table its nearest length counts.
         derived
             Whether friction was derived from current and speed.
         """
@@ -103,7 +103,7 @@ class NullTable:
         return _of_any_family(float(np.exp(np.interp(log_size, sizes, logs))))
 
     def floor(self, family: Family, *, derived: bool) -> float:
-        """Return the smallest p-value that the table gives; what is as small is "at most" that."""
+        """Return the smallest p-value that the table gives: such a p-value is an upper limit."""
         return _of_any_family(max(nulls.floor for nulls in self.families[family, derived]))
 
 
@@ -131,9 +131,9 @@ def built_in_null_distribution() -> NullTable:
 
 
 # ---- p-values by simulation ------------------------------------------------------------------------------------------
-# For each effect found, records are made from the model without it: fitted levels, slope and other effects, plus the
-# residual resampled in blocks, which keeps its colour and its tails. The best candidate's gain on each is a draw from
-# the law of chance. Costs B searches for each effect.
+# For each effect found, records are simulated from the model without it: fitted levels, slope and other effects, plus
+# the residual resampled in blocks, which keeps its autocorrelation and its tails. The best candidate's gain on each is
+# a draw from the null distribution. Costs B searches for each effect.
 
 
 BLOCK_SLOTS: Final = 200  # longer than any correlation that the noise model allows
@@ -143,7 +143,7 @@ SEED: Final = 20260126  # fixed: the same record gives the same p-values
 def with_bootstrap(search: Search, draws: int, progress: Progress) -> Search:
     """Return the search with the p-values of its mean effects from `draws` simulated records each.
 
-    p = (1 + records that gain as much) / (1 + records): never zero, whatever B.
+    p = (1 + draws that gain as much) / (1 + draws): never zero.
     """
     rng = np.random.default_rng(SEED)
     found = {entry.name: entry.gain for entry in search.mean.found}
@@ -177,7 +177,7 @@ def _null_gains(search: Search, name: str, draws: int, rng: np.random.Generator,
 
 
 def _resampled(residual: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return the residual put together anew from random blocks of itself."""
+    """Return the residual reassembled from random blocks of itself (block bootstrap)."""
     length = min(BLOCK_SLOTS, residual.size)
     starts = rng.integers(0, residual.size - length + 1, size=residual.size // length + 1)
     return np.concatenate([residual[s : s + length] for s in starts])[: residual.size]

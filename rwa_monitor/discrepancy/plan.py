@@ -1,8 +1,8 @@
 """Which manoeuvre to fly next: the one that would best separate the leading causes.
 
-For each manoeuvre of a small library the motion is laid out, the torque that each leading cause would make there is
-computed, and the best imitation of it by each alternative is fitted (shape profiled, level and slope free). What the
-imitation leaves, over 2σ², is the expected difference of log-likelihood.
+For each manoeuvre of a small library the motion is computed, the torque that each leading cause would make there is
+computed, and the best imitation of it by each alternative is fitted (shape profiled, level and slope free). The
+residual sum of squares of the imitation, over 2σ², is the expected difference of log-likelihood.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from rwa_monitor.wheel.wheel import Wheel
 DURATION_S: Final = 2400.0  # of a manoeuvre: less than half an orbit
 UNINFORMATIVE: Final = 0.1  # nats: odds of 1.1 to 1
 DECIDES: Final = 5.0  # nats: one cause is then 150 times as likely as the other
-UNTESTED_SHARE: Final = 0.02  # of all friction (rms): the size at which an effect not tested yet is looked for
-MAX_SLOTS: Final = 20_000  # longer ones are laid out with longer slots
+UNTESTED_SHARE: Final = 0.02  # of all friction (rms): the assumed size of an effect that is not tested yet
+MAX_SLOTS: Final = 20_000  # longer manoeuvres have longer slots
 RAMP_S: Final = 20.0  # over which a wheel can change its speed by a good part of its range
-IMITATION_SHARE: Final = 0.01  # of the found effect's energy that an alternative must be able to make to be one
+IMITATION_SHARE: Final = 0.01  # of the found effect's energy that an alternative must be able to reproduce
 THERMAL_SWING_K: Final = 3.0  # of the bearing over an orbit; 1–5 K are common
 
 
@@ -44,7 +44,7 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class PlannedManoeuvre:
-    """A manoeuvre and what it is worth.
+    """A manoeuvre and how well it separates causes.
 
     Attributes
     ----------
@@ -56,9 +56,9 @@ class PlannedManoeuvre:
         Smallest expected log-likelihood difference between any two causes that are still open [nats]; above
         `DECIDES` the data decide.
     worst_pair
-        The two causes that stay closest; the second "" for the simulation without the first.
+        The two causes with that separation; the second "" for the simulation without the first.
     shows
-        Where it is about effects not tested yet: those that it would show.
+        Where manoeuvres are ranked for effects not tested yet: those that it would make identifiable.
     """
 
     name: str
@@ -70,7 +70,7 @@ class PlannedManoeuvre:
 
     @property
     def nats_per_hour(self) -> float:
-        """What it is worth for its time."""
+        """Separation per hour of flying it."""
         return self.separation * SECONDS_PER_HOUR / self.duration_s
 
 
@@ -87,7 +87,7 @@ class Manoeuvre:
     duration_s
         How long it takes.
     jump_at
-        Share of the manoeuvre after which dry friction jumps: it is flown until it does. None: no jump is counted on.
+        Share of the manoeuvre after which dry friction jumps: it is flown until it does. None: no jump is expected.
     """
 
     name: str
@@ -100,7 +100,7 @@ class Manoeuvre:
 def rank_manoeuvres(
     problem: Problem, model: Model, alternatives: Sequence[str], wheel: Wheel
 ) -> list[PlannedManoeuvre]:
-    """Rank the library's manoeuvres by how well they separate the leading causes, as far as any does, best first.
+    """Rank the library's manoeuvres by how well they separate the leading causes, best first.
 
     Parameters
     ----------
@@ -114,10 +114,10 @@ def rank_manoeuvres(
     """
     worth = {
         manoeuvre: _separations(problem, model, laid_out, level, alternatives)
-        for manoeuvre, laid_out, level in _flown(problem, model, wheel)
+        for manoeuvre, laid_out, level in _as_problems(problem, model, wheel)
     }
     pairs = {pair for of_pairs in worth.values() for pair in of_pairs}
-    # What no manoeuvre separates, as two that are one from these channels, shows nothing of which is the best.
+    # Pairs that no manoeuvre separates, as these channels cannot distinguish them, do not count in the ranking.
     separable = {pair for pair in pairs if any(one.get(pair, 0.0) >= UNINFORMATIVE for one in worth.values())}
     planned = []
     for manoeuvre, of_pairs in worth.items():
@@ -130,7 +130,7 @@ def rank_manoeuvres(
 def _separations(
     problem: Problem, model: Model, laid_out: Problem, level: FloatArray, alternatives: Sequence[str]
 ) -> dict[Pair, float]:
-    """Return the least separation of each two causes, or of one from the simulation without it [nats]."""
+    """Return the separation of each pair of causes, the smaller of both ways, or of one cause from none [nats]."""
     torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in alternatives}
     separations: dict[Pair, float] = {}
     for cause, torque in torques.items():
@@ -143,14 +143,14 @@ def _separations(
 
 
 def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
-    """Rank the manoeuvres by how many of the effects that the records could not test they would show, best first.
+    """Rank the manoeuvres by how many effects that the records could not test they would make identifiable, best first.
 
-    Each at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can show. The separation is
-    that of the effect that shows least among those that show at all.
+    Each effect at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can identify. The
+    separation is the least among the effects that are identifiable.
     """
     size = UNTESTED_SHARE * float(np.sqrt(np.mean(problem.z**2)))
     planned = []
-    for manoeuvre, laid_out, level in _flown(problem, model, wheel):
+    for manoeuvre, laid_out, level in _as_problems(problem, model, wheel):
         shown = []
         for name in untested:
             effect = MEAN_EFFECTS[name]
@@ -168,13 +168,13 @@ def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], w
     return sorted(planned, key=lambda entry: (-len(entry.shows), -entry.separation))
 
 
-def _flown(problem: Problem, model: Model, wheel: Wheel) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
-    """Yield each manoeuvre, laid out, with its dry level, float64 (n,) [N m]; none that waits for what never comes."""
+def _as_problems(problem: Problem, model: Model, wheel: Wheel) -> Iterator[tuple[Manoeuvre, Problem, FloatArray]]:
+    """Yield each manoeuvre, as a problem, with its dry level, float64 (n,) [N m]; none that awaits a jump in vain."""
     top, jump = float(problem.speed.max()), _typical_jump(model, wheel)
     for manoeuvre in MANOEUVRES:
         if manoeuvre.jump_at is not None and jump == 0:
-            continue  # nothing shows that this friction jumps
-        laid_out = _lay_out(problem, manoeuvre, top, wheel)
+            continue  # neither records nor wheel file have jumps
+        laid_out = _as_problem(problem, manoeuvre, top, wheel)
         level = np.full(laid_out.size, float(np.median(model.fit.level)))
         if manoeuvre.jump_at is not None:
             level[int(manoeuvre.jump_at * laid_out.size) :] += jump
@@ -190,14 +190,14 @@ def _typical_jump(model: Model, wheel: Wheel) -> float:
 
 
 def _separation(laid_out: Problem, torque: FloatArray, alternative: str, level: FloatArray) -> float:
-    """Return what the best imitation by `alternative` ("": none) leaves of a torque, over 2σ²."""
+    """Return the residual sum of squares of a torque's best imitation by `alternative` ("": none), over 2σ²."""
     beside = _noiseless(laid_out, torque + level, np.flatnonzero(np.diff(level)) + 1)
     equations = beside.equations_with(*([profile(beside, level, MEAN_EFFECTS[alternative])[0]] if alternative else []))
     return float(equations.rss(equations.solve()[0])) / (2 * laid_out.noise.long_run_variance)
 
 
 def _noiseless(problem: Problem, z: FloatArray, jumps: IntArray = NO_JUMPS) -> Background:
-    """Return the base law beside friction without noise; with some viscous drag, which an imitation may take away."""
+    """Return the base law for friction without noise; with some viscous drag added, which an imitation may reduce."""
     drag = float(np.max(np.abs(z))) * problem.speed / problem.top_speed
     return Background.of(replace(problem, z=z + drag, columns=problem.columns), (), NoiseLaw(), jumps)
 
@@ -205,15 +205,15 @@ def _noiseless(problem: Problem, z: FloatArray, jumps: IntArray = NO_JUMPS) -> B
 def _expected_torque(
     problem: Problem, model: Model, laid_out: Problem, cause: str, level: FloatArray
 ) -> FloatArray | None:
-    """Return s·torque of a cause in the manoeuvre, as strong as found or as it must be to stand in.
+    """Return s·torque of a cause in the manoeuvre, as strong as found, or as needed to imitate the strongest effect.
 
-    None where the cause cannot make what was found.
+    None where the cause cannot imitate that effect.
     """
     effect = MEAN_EFFECTS[cause]
     if cause in model.names:
         index = model.names.index(cause)
         return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
-    # an alternative: fitted to what the strongest found effect makes in the recorded data.
+    # An alternative: fitted to the torque of the strongest found effect in the recorded data.
     known = model.terms[0].columns @ model.strengths(0)
     fitted, _ = profile(_noiseless(problem, known + model.fit.level.mean()), model.fit.level, effect)
     design = np.column_stack([np.ones(problem.size), problem.speed, fitted.columns])
@@ -225,8 +225,8 @@ def _expected_torque(
     return torque
 
 
-def _lay_out(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel) -> Problem:
-    """Return the manoeuvre as a problem without noise in it: motion, and the noise model of the record."""
+def _as_problem(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel) -> Problem:
+    """Return the manoeuvre as a search problem: noise-free motion, zero friction, and the noise model of the record."""
     period = max(wheel.sample_period_s, manoeuvre.duration_s / MAX_SLOTS)
     time_s = np.arange(0.0, manoeuvre.duration_s, period)
     speed = uniform_filter1d(manoeuvre.speed(time_s, top), max(int(RAMP_S / period), 1))
@@ -339,7 +339,7 @@ MANOEUVRES: Final = (
 
 
 CERTAIN: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no confirmation
-# What would show the shape of something that no effect explains, by a word of its signature.
+# What would reveal the law of an unexplained torque, by a word of its signature.
 SHAPE_SHOWN_BY: Final = (
     (
         "wheel's angle",
@@ -367,14 +367,14 @@ SHAPE_SHOWN_BY: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is open and what would answer it.
+    """An open question and what would answer it.
 
     Attributes
     ----------
     question
         What the manoeuvres are ranked by, in words.
     manoeuvres
-        Best for its time first, without those that separate nothing; empty where none would help.
+        Best per unit of time first, without those that separate nothing; empty where none would help.
     advice
         What no manoeuvre of the library answers, in words.
     """
@@ -390,7 +390,7 @@ def plan(search: Search) -> Plan:
     First the causes that the data cannot separate; else an effect that is not certain; else, or where no
     manoeuvre would confirm that, the effects that the data could not test.
     """
-    advice = [] if search.result.unexplained is None else [_shown_by(search.result.unexplained)]
+    advice = [] if search.result.unexplained is None else [_advice_for(search.result.unexplained)]
     mean = [effect for effect in search.result.effects if effect.name in MEAN_EFFECTS]
     sets = [
         [effect.name, *others]
@@ -409,7 +409,7 @@ def plan(search: Search) -> Plan:
         if manoeuvres or sets:
             return Plan(question, manoeuvres, advice)
     untested = [name for name, _ in search.result.untested if name in MEAN_EFFECTS]
-    # A manoeuvre does not measure what no channel measures.
+    # No manoeuvre replaces a channel that is not recorded.
     channels = not_testable(search.problem, CANDIDATES, search.result.untested)
     lacking = [name for name in untested if name in channels]
     untested = [name for name in untested if name not in channels]
@@ -426,11 +426,11 @@ def plan(search: Search) -> Plan:
 
 
 def _worth_flying(manoeuvres: list[PlannedManoeuvre]) -> list[PlannedManoeuvre]:
-    """Return the manoeuvres that separate anything, in the order of how much in the same time: effects, then nats."""
+    """Return the manoeuvres that separate anything, ordered by effects identified per time, then by nats per time."""
     informative = [entry for entry in manoeuvres if entry.separation >= UNINFORMATIVE]
     return sorted(informative, key=lambda entry: (-len(entry.shows) / entry.duration_s, -entry.nats_per_hour))
 
 
-def _shown_by(left: Unexplained) -> str:
+def _advice_for(left: Unexplained) -> str:
     words = next((shown for word, shown in SHAPE_SHOWN_BY if word in left.signature), "the same manoeuvre again")
     return f"{left.signature}, that no effect explains: {words}"

@@ -1,9 +1,10 @@
-"""Switching effects: what could have made the jumps that are left, judged by one likelihood.
+"""Switching effects: possible causes of the jumps that the mean effects leave, judged by one likelihood.
 
 The diagnosis's own search attributes the jumps to the wheel's switching systems and returns the log-likelihood of its
-best attribution. With one system more, or with other laws of duration, it attributes them anew and returns the
-likelihood of the same data: the two compare as models do. Each alternative's parameters and attribution are found in
-turns (hard expectation maximisation, as in Viterbi training: Juang & Rabiner, IEEE Trans. ASSP 38, 1990).
+best attribution. With an additional system, or with other laws of duration, it attributes them anew and returns the
+log-likelihood of the same data, so that the hypotheses compare as models do. Each alternative's parameters and
+attribution are found alternately (hard expectation maximisation, as in Viterbi training: Juang & Rabiner, IEEE Trans.
+ASSP 38, 1990).
 """
 
 from __future__ import annotations
@@ -36,22 +37,22 @@ from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 EXTRA: Final = "extra_switching_system"
 WRONG_LAW: Final = "wrong_duration_law"
 SPEED: Final = "speed_triggered_jumps"
-MOST_JUMPS: Final = 400  # more are no jumps, and their attribution means nothing
-DOUBTFUL: Final = 2.0  # times as many candidates of the diagnosis as jumps of the search: the two do not agree
+MOST_JUMPS: Final = 400  # more are no jumps, and their attribution is meaningless
+DOUBTFUL: Final = 2.0  # candidates of the diagnosis per jump of the search: with more, the two do not agree
 FEW_MORE: Final = 8  # candidates that chance may add
-FEWEST_OF_EXTRA: Final = 3  # odd jumps that suggest a system
+FEWEST_OF_EXTRA: Final = 3  # jumps that suggest an additional system
 ROUNDS: Final = 4  # of attribution and parameters in turn
-WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
-FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: where the turns begin
-SIZES_OF_EXTRA: Final = (0.75, 1.25)  # of the middle one: those of the catalogue
-TYPICAL_OF_EXTRA: Final = (0.1, 0.9)  # quantiles of the sizes seen: some are of several jumps at once
-SIZE_MARGIN: Final = 0.05  # beyond those
-EXTRA_PARAMETERS: Final = 6  # two durations and their shape, two ends of the sizes, and that there is one
+WORTH_A_ROUND: Final = 0.5  # increase of the log-likelihood
+FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: starts of the iteration
+SIZES_OF_EXTRA: Final = (0.75, 1.25)  # times the median size: the range in the catalogue
+TYPICAL_OF_EXTRA: Final = (0.1, 0.9)  # quantiles of the sizes found: some are of several simultaneous jumps
+SIZE_MARGIN: Final = 0.05  # relative, beyond those quantiles or the sizes of the wheel file
+EXTRA_PARAMETERS: Final = 6  # two durations and their shape, two limits of the sizes, and the system's existence
 
 
 @dataclass(frozen=True, slots=True)
 class _Attributed:
-    """A wheel, changed by hypothesis, and the result of the attribution with it."""
+    """A wheel as a hypothesis changes it, and the result of the attribution with it."""
 
     wheel: Wheel
     assignment: Assignment
@@ -61,7 +62,7 @@ class _Attributed:
         return self.assignment.log_score
 
     def under(self, wheel: Wheel, slots: int) -> _Attributed:
-        """Return the same sojourns under other laws of duration, of the same systems."""
+        """Return the same sojourns, scored under other laws of duration of the same systems."""
         score = self.score + self._log_durations(wheel, slots) - self._log_durations(self.wheel, slots)
         return _Attributed(wheel, replace(self.assignment, log_score=score))
 
@@ -70,7 +71,7 @@ class _Attributed:
         return sum(log_probability(system, q, starts, slots, None) for system, q, starts in sojourns)
 
     def sojourns(self, system: int) -> Sojourns:
-        """Return the complete sojourns of one system; the first and the last are cut by the record's ends."""
+        """Return the complete sojourns of one system, without the first and the last, which are truncated."""
         starts, q = self.assignment.starts[system], self.assignment.configurations[system]
         return Sojourns(starts[1:-1], q[1:-1], np.diff(starts)[1:])
 
@@ -78,10 +79,10 @@ class _Attributed:
 def switching_effects(
     problem: Problem, model: Model, wheel: Wheel, in_band: Sequence[BoolArray] = ()
 ) -> list[FoundEffect]:
-    """Return the switching effect that the jumps show best; those as good in its place are its equivalents.
+    """Return the switching effect that explains the jumps best; those that explain them as well are its equivalents.
 
     `in_band`: for each record bool (slots,), the band of a cage. There the drag comes and goes with its bursts, and a
-    sojourn that ends there unseen looks too long: nothing is judged but whether there is one system more.
+    sojourn that ends there unobserved seems too long: only an additional system is tested.
     """
     found = accepted(problem, fits_of_jumps(problem, model, wheel, in_band))
     if not found:
@@ -124,7 +125,7 @@ def _fit_record(
     if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
         gathered = _gather(problem, model, plain, index, hidden)
         if len(gathered.candidates) > DOUBTFUL * found.size + FEW_MORE:
-            # What the one takes for a jump the other takes for noise: fast slews that the derivative does not follow.
+            # The diagnosis takes for jumps what the search takes for noise: slews too fast for the derivative.
             return nothing
         if len(gathered.candidates):
             return nothing | _compare(evidence, gathered, plain, max(record.derivative_slots, REVERSAL))
@@ -132,7 +133,7 @@ def _fit_record(
 
 
 def _gather(problem: Problem, model: Model, plain: Wheel, index: int, hidden: BoolArray) -> Evidence:
-    """Return what the diagnosis is given of the friction that the model's effects leave to the base law."""
+    """Return the diagnosis's evidence from the friction less the model's effects, hidden samples left out."""
     record = problem.records[index]
     base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.motion
     torque = on_slots(problem, np.where(hidden, np.nan, base * problem.sign))[index]
@@ -142,9 +143,9 @@ def _gather(problem: Problem, model: Model, plain: Wheel, index: int, hidden: Bo
 
 
 def _is_between_levels(problem: Problem, model: Model) -> BoolArray:
-    """Return which samples show no level, bool (n,): beside a change of direction, and means over a jump.
+    """Return which samples are at no level, bool (n,): those near a change of direction, and averages across a jump.
 
-    A sensor that averages over the sample takes a jump in two steps, the first of them in a single sample.
+    A sensor that averages over the sample turns a jump into two steps of the same sign, one sample apart.
     """
     jumps, step = model.fit.jumps, np.diff(model.fit.level, prepend=0.0)
     between = problem.to_reversal < REVERSAL
@@ -153,9 +154,9 @@ def _is_between_levels(problem: Problem, model: Model) -> BoolArray:
 
 
 def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel, shortest: int) -> dict[str, LikelihoodFit]:
-    """Return the fits of the three alternatives: gains of one likelihood, that of the known wheel subtracted.
+    """Return the fits of the three alternatives: gains of one likelihood over that of the known wheel.
 
-    No attribution is sure to be the best: the known laws are given those that others lead to, too.
+    No attribution is certain to be the best: the known laws are also scored on attributions found with other laws.
     """
     base = _attribute(gathered, plain)
     fits: dict[str, LikelihoodFit] = {}
@@ -180,9 +181,9 @@ def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel, shor
 
 
 def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
-    """Return the best attribution; jumps of no system come at the rate at which they are found.
+    """Return the best attribution; the rate of unattributed jumps is that at which they are found.
 
-    Where a system's sizes may be anomalous, a search takes nearly any jump for one of its own: with and without.
+    Where a system's sizes may be anomalous, the search attributes nearly any jump to it: tried with and without.
     """
     known = window_priors(gathered, wheel)
     healthy = known._replace(anomaly=tuple(cases[:1] for cases in known.anomaly))
@@ -200,18 +201,18 @@ def _attribute(gathered: Evidence, wheel: Wheel) -> _Attributed:
 
 def _attribute_given(gathered: Evidence, wheel: Wheel, priors: Priors) -> _Attributed:
     found = assign(gathered, wheel, priors=priors)[0]
-    # Jumps of no system are a Poisson process; each one's own part is in the attribution already.
+    # Unattributed jumps are a Poisson process; the factor of each single jump is already in the attribution.
     return _Attributed(wheel, replace(found, log_score=found.log_score - priors.unattributed))
 
 
-# ---- one system more -------------------------------------------------------------------------------------------------
+# ---- an additional system --------------------------------------------------------------------------------------------
 
 
 def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> _Attributed | None:
-    """Return the best attribution with one system more; None where hardly a jump is its own.
+    """Return the best attribution with an additional system; None where too few jumps are attributed to it.
 
-    Nor where its sojourns last fewer slots than `shortest`, which are what a filter makes of a jump. Jumps of its size
-    are those that no known system makes, or where known ones make such as well, the commonest of all.
+    Or where its mean sojourns last fewer than `shortest` slots, as artefacts of a filter do. Its size is the commonest
+    of the jumps that no known system makes, or of all jumps, in case known ones make that size, too.
     """
     found = base.assignment
     sizes = (np.sort(np.abs(found.jump[jumps])) for jumps in (_is_odd(base), found.direction != 0))
@@ -221,7 +222,7 @@ def _with_extra_system(gathered: Evidence, base: _Attributed, shortest: int) -> 
 
 
 def _commonest(sizes: FloatArray) -> FloatArray:
-    """Return those of increasing sizes, float64 (n,), that are about the same as as many others as possible."""
+    """Return the largest group of sizes that are about the same, from increasing ones, float64 (n,)."""
     low, high = SIZES_OF_EXTRA
     last = np.searchsorted(sizes, sizes * high / low, side="right")
     first = int(np.argmax(last - np.arange(sizes.size)))
@@ -229,9 +230,10 @@ def _commonest(sizes: FloatArray) -> FloatArray:
 
 
 def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _Attributed | None:
-    """Return the best attribution with a system more whose jumps are about as large as some, float64 (n,).
+    """Return the best attribution with an additional system whose jumps are about as large as `alike`, float64 (n,).
 
-    Its sizes, mean durations and the Weibull shape of both are found in turns; None where hardly a jump is left to it.
+    Its sizes, mean durations and their Weibull shape are found alternately with the attribution; None where too few
+    jumps are attributed to it.
     """
     least, most = sizes = tuple(share * float(np.median(alike)) for share in SIZES_OF_EXTRA)
     rest = active = max(gathered.slots / (alike.size + 1), 1.0)
@@ -250,7 +252,7 @@ def _fitted_extra(gathered: Evidence, base: _Attributed, alike: FloatArray) -> _
             return None
         low, high = np.quantile(seen, TYPICAL_OF_EXTRA).tolist()
         sizes = max((1.0 - SIZE_MARGIN) * low, least), min((1.0 + SIZE_MARGIN) * high, most)
-        if sizes[0] >= sizes[1]:  # others were left to it
+        if sizes[0] >= sizes[1]:  # only jumps of other sizes were attributed to it
             return None
         rest, active = (_mean_length(attributed, q) or mean for q, mean in ((0, rest), (1, active)))
         shape = _shape_of(attributed) or shape
@@ -277,7 +279,7 @@ def _sizes_of_extra(attributed: _Attributed) -> FloatArray:
 def _mean_length(attributed: _Attributed, configuration: int) -> float | None:
     """Return the mean sojourn of the extra system in a configuration [slots], at least one; None where there is none.
 
-    Sojourns that the record's ends cut enter with what is seen of them, the first ones beginning with the record.
+    The first sojourn counts from the record's beginning; the last one, whose end is not observed, does not count.
     """
     lengths = np.diff(attributed.assignment.starts[-1])
     at = lengths[attributed.assignment.configurations[-1][:-1] == configuration]
@@ -285,9 +287,9 @@ def _mean_length(attributed: _Attributed, configuration: int) -> float | None:
 
 
 def _shape_of(attributed: _Attributed) -> float | None:
-    """Return the Weibull shape that the sojourns of the extra system follow best; None where they are too few.
+    """Return the Weibull shape that fits the sojourns of the extra system best; None where they are too few.
 
-    Memoryless or more regular: jumps that come in clusters are of the noise.
+    At least 1, which is memoryless: a smaller one means jumps in clusters, which are noise.
     """
     sojourns = attributed.sojourns(-1)
     if sojourns.slots.size < FEWEST_SOJOURNS:
@@ -300,7 +302,7 @@ def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: 
     count = max(sizes.size, 1)
     rest, active = (law.mean() * evidence.channels.sample_period_s for law in attributed.wheel.fss[-1].durations)
     values = {"strength_Nm": float(np.median(sizes)) if sizes.size else 0.0, "rest_s": rest, "active_s": active}
-    # The mean of a memoryless law has a standard deviation of itself over the root of the count, half of the jumps.
+    # The mean of a memoryless law has a relative standard deviation of 1/√count; the count is half that of the jumps.
     of_means = float(np.sqrt(2.0 / count))
     std = {
         "strength_Nm": float(np.std(sizes) / np.sqrt(count)),
@@ -315,7 +317,7 @@ def _describe_extra(evidence: SwitchingEvidence, attributed: _Attributed, base: 
 
 
 def _with_other_laws(gathered: Evidence, base: _Attributed) -> list[_Attributed]:
-    """Return attributions with Weibull laws in place of the known ones; none with hardly a sojourn."""
+    """Return attributions with Weibull laws in place of the known ones; none where there are too few jumps."""
     if np.count_nonzero(base.assignment.direction) < FEWEST_SOJOURNS:
         return []
     systems = base.wheel.fss
@@ -335,7 +337,7 @@ def _with_other_laws(gathered: Evidence, base: _Attributed) -> list[_Attributed]
 
 @dataclass(frozen=True, slots=True)
 class _Law:
-    """A Weibull law by factor of the known mean and shape, of the configurations that it holds for."""
+    """A Weibull law: factor on the known mean, shape, and the configurations that it applies to."""
 
     factor: float
     shape: float
@@ -355,10 +357,10 @@ def _with_laws(wheel: Wheel, laws: Sequence[_Law]) -> Wheel:
 
 
 def _best_law(plain: Wheel, attributed: _Attributed, system: int) -> tuple[_Law | None, LikelihoodFit]:
-    """Return the law that the sojourns of a system follow best, and its fit; None where they are too few.
+    """Return the law that fits the sojourns of a system best, and its fit; None where they are too few.
 
-    All of the system's configurations may last otherwise, or one alone: what makes a system rest longer need not touch
-    how long it acts.
+    Either all configurations of the system follow another law, or a single one: what makes a system rest longer need
+    not change how long it acts.
     """
     known, sojourns = plain.fss[system], attributed.sojourns(system)
     every = tuple(range(len(known.durations)))
@@ -374,10 +376,10 @@ def _best_law(plain: Wheel, attributed: _Attributed, system: int) -> tuple[_Law 
 
 
 def _speed_fit(evidence: SwitchingEvidence, base: _Attributed, other: _Attributed, of_laws: float) -> LikelihoodFit:
-    """Fit a rate that depends on speed or temperature: the known laws, on the rate's own clock.
+    """Fit a rate that depends on speed or temperature: the known laws, on a clock that runs at this rate.
 
-    On the attribution that the known laws give and on the one that free laws give. The latter uses nothing of the
-    clock: its likelihood less what the free laws gain for these sojourns, and what the clock gains for them instead.
+    Tried on the attribution found with the known laws and on that found with free laws. The latter does not use the
+    clock: the gain of the free laws on these sojourns is subtracted from its likelihood, and the clock's gain added.
     """
     fits = []
     for attributed, offset in ((base, 0.0), (other, other.score - base.score - of_laws)):
