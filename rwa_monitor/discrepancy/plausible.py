@@ -1,4 +1,4 @@
-"""What a table of samples must agree with before it is made a record: limits, end stops, units; constants it shows."""
+"""Checks of a table of samples before it becomes a record: limits, end stops, units; constants that it determines."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from rwa_monitor.wheel.effects.catalogue import mean_effects
 from rwa_monitor.wheel.torque_balance import FRICTION_CHANNELS
 from rwa_monitor.wheel.wheel import Wheel
 
-# Of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns.
+# Times nominal friction: mN m read as N m are a factor of a thousand; no bearing reaches a hundred and still turns.
 WRONG_UNIT_FACTOR: Final = 100.0
-UNUSUAL_FACTOR: Final = 5.0  # of nominal friction: a wheel that has gone bad, or another wheel
+UNUSUAL_FACTOR: Final = 5.0  # times nominal friction: a degraded wheel, or another wheel
 
 
 def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
@@ -44,7 +44,7 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
     if voltage is not None and current is not None and resistance is not None and back_emf is not None:
         expected = resistance * current + back_emf * (wheel.gear_ratio or 1.0) * samples.speed_rad_s
         both = np.isfinite(expected) & np.isfinite(voltage)
-        # Half of the signal: a sensor may be off by per cents, a unit is off by factors.
+        # Half of the signal: a sensor's error is a few per cent, a wrong unit is a factor.
         if np.linalg.norm((voltage - expected)[both]) > 0.5 * np.linalg.norm(expected[both]) > 0:
             raise InputError(
                 source,
@@ -54,7 +54,7 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
 
 
 def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
-    """Return the median of friction as measured over nominal friction at that speed [-]; None where one is not known.
+    """Return the median ratio of measured to nominal friction at the same speed [-]; None where one is not known.
 
     Samples near rest, at a tenth of the median speed or less, do not count: there friction has no sign.
     """
@@ -70,7 +70,7 @@ def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
 
 
 def remarks(samples: Samples, wheel: Wheel) -> list[str]:
-    """Return in words what is unusual about a table that is not refused, and what becomes of channels at end stops."""
+    """Return in words what is unusual about a table that is not refused, and how channels at end stops are treated."""
     ratio = friction_over_nominal(samples, wheel)
     words = [
         f"{name} is at its end stop in {np.mean(stopped):.1%} of the samples; "
@@ -84,15 +84,15 @@ def remarks(samples: Samples, wheel: Wheel) -> list[str]:
 
 
 # ---- channels at the end of their range ------------------------------------------------------------------------------
-# A measured value hardly ever repeats to the last digit; at an end stop it does. Channels that hold few values at
-# all, commanded torques or coarse converters, are left as they are: there a repeated largest value shows nothing.
+# A measured value hardly ever repeats to the last digit; at an end stop it does. Channels with few distinct values,
+# commanded torques or coarse converters, are left unchanged: there a repeated largest value means nothing.
 
 
-SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: too many to do without them
-FEWEST_AT_END: Final = 20  # samples: fewer change nothing
+SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: more are too many to leave them out
+FEWEST_AT_END: Final = 20  # samples: fewer have no influence
 LEAST_SHARE: Final = 0.005
 NEIGHBOURS: Final = 33  # samples: two at the end stop are a share of 6 %, where noise is cut at 1.5 standard deviations
-DISTINCT_SHARE: Final = 0.5  # of the values between the ends: a measurement with noise in it
+DISTINCT_SHARE: Final = 0.5  # of the values between the ends that are distinct: a measurement with noise
 
 
 def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArray:
@@ -103,8 +103,8 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
     values
         float64 (n,), of a channel.
     speed
-        float64 (n,) [rad/s], where values that are the same at many speeds are an end stop even if there are no others:
-        friction always follows the speed. At one speed, friction without noise may well be one value.
+        float64 (n,) [rad/s]. If given, a channel with no value between its extremes at many speeds is at its end stops
+        throughout: friction always depends on the speed. At one speed, friction without noise may well be one value.
     """
     stopped = np.zeros(values.size, dtype=bool)
     known = np.isfinite(values)
@@ -121,9 +121,9 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
 
 
 def without_end_stops(samples: Samples, source: str) -> Samples:
-    """Return the samples with what a channel reads at its end stop taken out; unchanged where none does.
+    """Return the samples with NaN for what a channel reads at its end stop; unchanged where none does.
 
-    A channel that is at its end stop most of the time is left out where friction does not hang on it.
+    A channel that is at its end stop in more than `SATURATED_SHARE` of them is left out unless friction needs it.
 
     Raises
     ------
@@ -133,7 +133,7 @@ def without_end_stops(samples: Samples, source: str) -> Samples:
     for name, values, stopped in _saturated(samples):
         share, kept = float(np.mean(stopped)), None
         if share <= SATURATED_SHARE:
-            # What lies where several neighbours are at the end stop, and is not, is there by its noise.
+            # Other values with several neighbours at the end stop are off it only by their noise.
             among = np.convolve(stopped, np.ones(NEIGHBOURS), "same") > 1.0
             kept = np.where(stopped | among, np.nan, values)
         elif name == "friction_torque_Nm" or samples.friction_torque_Nm is None:
@@ -154,22 +154,22 @@ def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:
                 yield name, values, stopped
 
 
-# ---- the inertia and the viscous friction that the channels show -----------------------------------------------------
-# Over a stretch of time the torque's impulse is J·Δω and what friction took: the slope of the impulses over Δω,
-# beside those of dry and viscous friction, is the inertia that the two channels show. Impulses of many slots know
-# little of the noise of single ones, and of where between two of them a torque acts. Where friction is given its
-# slope over the speed shows the same, but a bearing may have changed: a question, and no refusal.
+# ---- the inertia and the viscous friction that the channels imply ----------------------------------------------------
+# Over a segment of time the torque's impulse is J·Δω plus the impulse of friction: the regression coefficient of the
+# impulses on Δω, given dry and viscous friction, is the inertia that the two channels imply. Impulses over many slots
+# depend little on the noise of single slots, and on where between two slots a torque acts. Where friction is given, its
+# slope over the speed implies the same, but a bearing may have changed: that raises a question, and is no refusal.
 
 
-FEWEST_STRETCHES: Final = 20
-STRETCHES: Final = 200  # of a record
-LEAST_SLOTS: Final = 8  # of a stretch
-SAME_WITHIN: Final = 0.05  # of a ratio of units: ten for 9.55 is an inertia with its point misplaced, reported as well
+FEWEST_STRETCHES: Final = 20  # segments
+STRETCHES: Final = 200  # segments of a record
+LEAST_SLOTS: Final = 8  # of a segment
+SAME_WITHIN: Final = 0.05  # of a ratio of units: 10 for 9.55 is an inertia with its point misplaced, reported as well
 STANDARD_ERRORS: Final = 3.0
-KNOWN_WITHIN: Final = 0.1  # of what is shown, STANDARD_ERRORS of it: what is known less well raises no question
+KNOWN_WITHIN: Final = 0.1  # of a value: if STANDARD_ERRORS standard errors are more, it raises no question
 RPM: Final = 30.0 / np.pi  # revolutions a minute in one rad/s
 DEGREES: Final = 180.0 / np.pi  # in a radian
-# Inertia shown over that of the wheel file, by what the column of the speed holds.
+# Implied inertia over that of the wheel file, by what the column of the speed contains.
 SPEED_UNITS: Final = (
     (1.0 / RPM, "in rpm"),
     (RPM, "converted twice from rpm"),
@@ -181,20 +181,20 @@ MILLI: Final = 1e3
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """A coefficient that the channels show, and its standard deviation: an inertia [kg m²], or a slope [N m s/rad]."""
+    """A coefficient that the channels imply, and its standard deviation: an inertia [kg m²], or a slope [N m s/rad]."""
 
     value: float
     std: float
 
     def is_about(self, expected: float) -> bool:
-        """Return whether it is what is expected, within its error; no, where it is hardly known."""
+        """Return whether it agrees with the expected value within its error; False where it is poorly known."""
         within = STANDARD_ERRORS * self.std
         known = within < KNOWN_WITHIN * abs(self.value)
         return known and abs(self.value - expected) < max(SAME_WITHIN * expected, within)
 
 
 def shown_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_s: float) -> Shown | None:
-    """Return the inertia that speed and motor torque show; None where too little of both is known.
+    """Return the inertia that speed and motor torque imply; None where too little of both is known.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def shown_inertia(speed_rad_s: FloatArray, torque_Nm: FloatArray, sample_period_
 def check_inertia(
     speed_rad_s: FloatArray, torque_Nm: FloatArray, wheel: Wheel, source: str, torque_channel: str
 ) -> None:
-    """Refuse channels that show the wheel file's inertia in other units.
+    """Refuse channels that imply the wheel file's inertia in other units.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def check_inertia(
 
 
 def slope_in_question(viscous: Shown, nominal_Nm_s_rad: float) -> str | None:
-    """Ask about the unit of the speed where friction rises with it as nominal friction would in that unit; else None.
+    """Ask about the unit of the speed if friction rises with it as nominal friction would in that unit; else None.
 
     Parameters
     ----------
@@ -282,36 +282,36 @@ def first_slope(design: FloatArray, target: FloatArray) -> tuple[float, float]:
     inner = design / scale
     inverse = np.linalg.pinv(inner.T @ inner, rcond=1e-12, hermitian=True)
     slopes = inverse @ inner.T @ target
-    left = target - inner @ slopes
-    variance = float(left @ left) / (target.size - scale.size)
+    residual = target - inner @ slopes
+    variance = float(residual @ residual) / (target.size - scale.size)
     return float(slopes[0] / scale[0]), float(np.sqrt(variance * inverse[0, 0]) / scale[0])
 
 
-# ---- torque constant and inertia as channels show them ---------------------------------------------------------------
-# In current and speed an error of K_T and one of J are one column, up to a factor on all friction. The motor's voltage
-# and the drive's power show K_T, the momentum that the body takes up shows J, each by a law of its own in which there
-# is no friction. To the search that is a Gaussian statement on the strength of the effect that is such an error: a
-# model pays for what it contradicts.
+# ---- torque constant and inertia as other channels determine them ----------------------------------------------------
+# In current and speed an error of K_T and one of J have the same column, up to a factor on all friction. The motor's
+# voltage and the drive's power determine K_T, the momentum that the body takes up determines J, each by a law of its
+# own without friction. The search takes that as a Gaussian prior on the strength of the effect that is such an error:
+# a model that contradicts it is penalised.
 
 
-# Relative errors of the sensors' gains, which no motion shows: voltage dividers 0.5 %, power meters 1 %, the body's
+# Relative errors of the sensors' gains, which no motion reveals: voltage dividers 0.5 %, power meters 1 %, the body's
 # inertia 1 % (working assumptions).
 GAIN_STD: Final = {"motor_voltage_V": 0.005, "drive_power_W": 0.01, "body_momentum_Nms": 0.01}
-FURTHEST: Final = 0.5  # from the wheel file, as a part: further off is another unit, or momentum with the wheel's own
+FURTHEST: Final = 0.5  # relative, from the wheel file: further off is another unit, or momentum with the wheel's own
 
 
 @dataclass(frozen=True, slots=True)
 class ShownConstant:
-    """How far a constant of the wheel file is off, as a channel shows it.
+    """A constant of the wheel file as a channel determines it.
 
     Attributes
     ----------
     quantity
         Which constant.
     unit, stated
-        Of the constant, and what it is in the wheel file with its effects.
+        Of the constant, and its value in the wheel file with its effects.
     channel, shown, std
-        The channel that shows it, what it is there, and the standard deviation of that by noise alone.
+        The channel that determines it, the value from there, and the standard deviation of that by noise alone.
     """
 
     quantity: Quantity
@@ -333,13 +333,13 @@ class ShownConstant:
 
     @property
     def strength(self) -> tuple[float, float]:
-        """Return the strength of the effect that it measures, and its standard deviation."""
+        """Return the strength of the effect that is this error, and its standard deviation."""
         if self.quantity == "inertia":
             return self.shown - self.stated, self.whole_std
         return 1.0 - self.shown / self.stated, self.whole_std / self.stated
 
     def in_words(self) -> str:
-        """Return it in words."""
+        """Return the constant in words."""
         words = (
             f"{self.channel} shows a {self.quantity} of {self.shown:.4g} ± {self.whole_std:.1g} {self.unit},"
             f" {self.shown / self.stated:.4g} times that of the wheel file"
@@ -348,7 +348,7 @@ class ShownConstant:
 
 
 def shown_constants(samples: Samples, wheel: Wheel) -> tuple[ShownConstant, ...]:
-    """Return the constants that the channels of a recording show.
+    """Return the constants that the channels of a recording determine.
 
     Parameters
     ----------
@@ -367,7 +367,7 @@ def shown_constants(samples: Samples, wheel: Wheel) -> tuple[ShownConstant, ...]
 
 
 def combined(per_record: Iterable[tuple[ShownConstant, ...]]) -> tuple[ShownConstant, ...]:
-    """Return what several recordings show by each channel: means by their noise; the gain's error is common to all."""
+    """Return the constants that several recordings give, per channel: means by noise; the gain's error is in common."""
     of_channel: dict[str, list[ShownConstant]] = {}
     for constants in per_record:
         for one in constants:
@@ -386,7 +386,7 @@ Law = tuple[Quantity, str, float, str, FloatArray, FloatArray]
 
 
 def _laws(samples: Samples, wheel: Wheel) -> Iterator[Law]:
-    """Yield quantity, unit, stated constant, channel, rows with the constant's column first, and what they explain."""
+    """Yield quantity, unit, stated constant, channel, regressors with the constant's column first, and the response."""
     width = max(len(samples) // STRETCHES, LEAST_SLOTS)
     cuts = np.arange(0, len(samples), width)
     if cuts.size < FEWEST_STRETCHES:
@@ -408,7 +408,7 @@ def _laws(samples: Samples, wheel: Wheel) -> Iterator[Law]:
         if power is not None:  # P = P_0 + R·I² + K_T·I·ω
             yield *of_motor, "drive_power_W", means(ratio * current * speed, current**2, one), means(power)[:, 0]
     momentum = samples.body_momentum_Nms
-    if momentum is not None and wheel.inertia_kg_m2 is not None:  # Δh = -J·Δω + T·Δt, the torque T of all else drifts
+    if momentum is not None and wheel.inertia_kg_m2 is not None:  # Δh = -J·Δω + T·Δt, other torques T drift
         time = (samples.time_ns - samples.time_ns[0])[cuts] * 1e-9
         step = np.diff(time)
         rows = np.stack([np.diff(speed[cuts]), step, step * time[1:]], axis=1)

@@ -1,4 +1,4 @@
-"""Results of the search for discrepancies: plain and immutable, their parts as they stand in its message."""
+"""Results of the search for discrepancies: plain and immutable, with parts as in its message."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class ParameterValue:
 
     @classmethod
     def of(cls, value: float, std: float, unit: str, low: float, high: float) -> ParameterValue:
-        """Return a fitted value [unit] as its standard deviation, NaN where there is none, and its bounds have it."""
+        """Return a fitted value [unit]; without error where that is NaN or the value may be at a bound."""
         error = std if math.isfinite(std) else None
         for bound in (low, high):
             if _is_at(value, bound, low, high):
                 return cls(value, None, unit, f"at its bound {bound:.4g}: not determined")
-            # A strength beside zero is what its error implies; any other end is one of what was tried.
+            # A strength near zero is described by its error; any other bound is only the end of what was tried.
             if bound != 0.0 and error is not None and abs(value - bound) < INDISTINGUISHABLE * error:
                 return cls(value, None, unit, f"not distinguishable from its bound {bound:.4g}: not determined")
         return cls(value, error, unit)
@@ -56,9 +56,9 @@ class ParameterValue:
 
 
 def _is_at(value: float, bound: float, low: float, high: float) -> bool:
-    """Return whether a value is at a bound: to a thousandth of the range, or of the bound if the range is decades."""
+    """Return whether a value is at a bound, to a thousandth of the range; of the bound if that is less and low > 0."""
     if bound == 0.0 or not math.isfinite(bound):
-        return value == bound  # small is not zero
+        return value == bound  # a small value is not at zero
     width = high - low if math.isfinite(high - low) else abs(bound)
     return abs(value - bound) <= AT_A_BOUND * (min(width, abs(bound)) if low > 0 else width)
 
@@ -74,15 +74,15 @@ class FoundEffect:
     equivalent
         Names that the data cannot distinguish from it.
     separate_by
-        The manoeuvre or channel that would.
+        The manoeuvre or channel that would distinguish them.
     parameters
         By name, in the order of wheel.toml.
     p_value
         Probability of as large a gain, over all effects tried, on a record without any.
     delta_deviance
-        Gain of the score, twice the log likelihood less the price.
+        Gain: twice the increase of the log likelihood, less the penalty of the parameters.
     formula
-        Of a law that has no name: what it is, with its constants and units; "" of an effect of the catalogue.
+        Of a law that has no name: its terms, with their constants and units; "" for an effect of the catalogue.
     """
 
     name: str
@@ -95,7 +95,7 @@ class FoundEffect:
     formula: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """Return the fields of the message `rwa.Discrepancy`; what has a formula has no name of the catalogue."""
+        """Return the fields of the message `rwa.Discrepancy`; an effect with a formula is named "formula"."""
         parameters = {name: value.to_json() for name, value in self.parameters.items()}
         changed = {"equivalent": list(self.equivalent), "parameters": parameters, "formula": self.formula or None}
         return asdict(self) | changed | {"name": "formula" if self.formula else self.name}
@@ -132,19 +132,19 @@ class DiscrepancyResult:
         }
 
 
-# ---- a finished search: all that reports, pictures and the extended wheel are drawn from -----------------------------
+# ---- a finished search: the source of reports, figures and the extended wheel ----------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """Everything a report draws from: the data, the models tried, the answer."""
+    """Everything that a report uses: the data, the nested models, the answer."""
 
     wheel: Wheel
     problem: Problem
     mean: SearchResult
     scores: tuple[HeldOut, ...]  # of each nested model
     result: DiscrepancyResult
-    taken_out: tuple[Effect, ...] = ()  # before the search, since the channels show them
+    taken_out: tuple[Effect, ...] = ()  # before the search, since channels determine them
 
     @property
     def base(self) -> Model:
@@ -170,14 +170,14 @@ class NestedModel:
     Attributes
     ----------
     name
-        The effect that it adds, by its catalogue name.
+        "+ " and the catalogue name of the effect that it adds; "simulation as it is" for the first.
     rmse_Nm, excess_Nm
-        Root mean square residual, and what of it is beyond the noise [N m].
+        Root mean square residual, and its part in excess of the noise [N m].
     log_score
         Mean log density per sample [nats].
     gain, gain_half
-        Over the model before, and half of its 95 % interval by the spread over blocks [nats per sample]; None for the
-        first.
+        Gain over the model before, and half of its 95 % interval by the spread over blocks [nats per sample]; None for
+        the first.
     total, total_half
         The same over the first model.
     jumps

@@ -1,8 +1,8 @@
-"""What no known effect explains: free curves over each quantity, as alternatives of the catalogue's formulas.
+"""Torque that no known effect explains: nonparametric curves over each quantity, as alternatives to the catalogue.
 
-A named formula must explain what it is accepted for. After the search, free curves over |ω|, temperature, time, …
-compete for what is left: one that still gains much is *unexplained*, with the quantity as its signature; and a named
-effect that is not needed beside the curve was a wrong name for it and is withdrawn.
+A named formula must explain what it is accepted for. After the search, piecewise linear curves over |ω|, temperature,
+time, … compete for the residual: one that still gains much is *unexplained*, with the quantity as its signature; and a
+named effect that is not needed given the curve only mimicked it, and is withdrawn.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from rwa_monitor.discrepancy.unnamed import CURVES, UNNAMED, Periodic, PeriodicD
 from rwa_monitor.messages import Unexplained
 from rwa_monitor.samples import TINY, FloatArray
 
-EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
-NEARLY_ALL: Final = 0.9  # of the sum of squares that another explains
-BESIDE_SHARE: Final = 0.1  # of the gain of what has no name that a name beside it must reach: no law is exact
+EXPLAINED_SHARE: Final = 0.7  # of a curve's gain: a law that gains so much with fewer parameters is kept
+NEARLY_ALL: Final = 0.9  # of the sum of squares that another model explains
+BESIDE_SHARE: Final = 0.1  # of an unnamed hypothesis's gain that a name found with it must reach: no law is exact
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
-STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
-LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
+STEPS_TO_JUMPS: Final = 2.0  # ratio of small steps to jumps
+LASTING_LAGS: Final = range(64, 129, 4)  # slots: the autocorrelation of the catalogue's noise has decayed to 4 %
 LASTING_SHARE: Final = 0.2  # of the residual's variance
-FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is seen
-FEWEST_PERIODS: Final = 5  # in a record: a drag that wanders looks like fewer
-REPEATED_SHARE: Final = 0.9  # of the motion's variance: where it repeats, it does so but for noise and drift
-FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
+FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is resolved
+FEWEST_PERIODS: Final = 5  # in a record: a drag that drifts as a random walk mimics fewer
+REPEATED_SHARE: Final = 0.9  # of the motion's variance: motion that repeats does so but for noise and drift
+FOLDED_SHARE: Final = 0.9  # of the largest power that folding at any period gives
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
 
 def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
-    """Let free curves compete for what the search left.
+    """Let nonparametric curves compete for the residual of the search.
 
     Returns
     -------
     found, unexplained, complete
-        The search's result without the names that a free curve makes superfluous; what is left, or None; and the model
-        with the curve in it, whose residual is noise.
+        The search's result without the effects that a curve makes superfluous; what remains unexplained, or None; and
+        the model with the curve in it, whose residual is noise.
     """
     problem, model = fitting.problem, found.nested[-1]
     alternatives = with_free_curves(fitting, model)
@@ -57,39 +57,39 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
     size = _size(problem, best, len(best.terms) - 1)
     unexplained = Unexplained(signature=curve.effect.signature, size_Nm=size)
     if issubclass(curve.effect, Periodic):
-        unexplained = _folded(problem, model, curve)
+        unexplained = _periodic_finding(problem, model, curve)
     if len(kept) == len(model.terms):
         return found, unexplained, best
     terms = tuple(model.terms[i] for i in kept)
     reduced = fitting.refitted(terms, best)
     alone = fitting.refitted((*terms, curve), best, [best.fit.jumps])
-    # A curve over the same quantity makes any law needless, the right one, too.
+    # A curve over the same quantity makes any law superfluous, even the right one.
     if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
         return found, unexplained, best
     if does_nearly_all(reduced, model, alone):
-        return found, unexplained, best  # what it lacks shows because the noise is far less
+        return found, unexplained, best  # its small misfit is significant only as the noise is far less
     left = tuple(entry for entry in found.found if entry.name in reduced.names)
     return replace(found, nested=(*shorter(found.nested, reduced), reduced), found=left), unexplained, best
 
 
 def both(one: Unexplained | None, other: Unexplained | None) -> Unexplained | None:
-    """Return what is left unexplained by two findings, the second of them named first."""
+    """Return two unexplained torques as one, the second of them named first; either may be None."""
     return one.beside(other.signature, other.size_Nm) if one and other else one or other
 
 
 def does_nearly_all(simpler: Model, law: Model, other: Model) -> bool:
-    """Return whether a law lowers the sum of squares by nearly as much as another explanation of the same does."""
+    """Return whether a law lowers the sum of squares by nearly as much as another explanation does."""
     lower = simpler.fit.rss - law.fit.rss
     return lower > 0.0 and lower > NEARLY_ALL * (simpler.fit.rss - other.fit.rss)
 
 
 def with_free_curves(fitting: Fitting, model: Model) -> list[Model]:
-    """Return a model extended by each of the free curves."""
-    return fitting.problem.each(lambda term: fitting.refitted((*model.terms, term), model), _free_terms(fitting, model))
+    """Return a model extended by each of the nonparametric curves."""
+    return fitting.problem.each(lambda term: fitting.refitted((*model.terms, term), model), _curves(fitting, model))
 
 
-def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:
-    """Return what repeats in time with its period, how long it lasts in each, and its size."""
+def _periodic_finding(problem: Problem, model: Model, curve: Term) -> Unexplained:
+    """Return an unexplained periodic torque: its period, how long it lasts in each period, and its size."""
     flips, frequency_Hz = curve.effect.flips, curve.shape["frequency_Hz"]  # type: ignore[attr-defined]
     period, mean, residual = _repeated(problem, model, frequency_Hz, flips=flips)
     power, mean = float(np.mean(mean**2)), mean - np.median(mean)
@@ -106,16 +106,16 @@ def _repeated(
     """Return the period [s], the mean over FOLD_BINS parts of it, and the residual of the first record.
 
     The largest peak of a periodogram may be a harmonic, as of a short rub in a long period: the residual is folded at
-    multiples of the peak's period, and the shortest that holds nearly all there is to fold is the period.
+    multiples of the peak's period, and the shortest whose folded power is nearly the largest is the period.
     """
-    residual = _of_time(problem, model, flips=flips)
+    residual = _residual_over_time(problem, model, flips=flips)
     time_s = problem.records[0].channels.time_s[problem.slot[: residual.size]]
     longest = max(int(frequency_Hz * float(np.ptp(time_s)) / FEWEST_PERIODS), 1)
     periods = [k / frequency_Hz for k in range(1, min(longest, PeriodicRub.harmonics) + 1)]
     folds = [_fold(time_s, residual, period) for period in periods]
     powers = [float(np.mean(mean**2)) for mean in folds]
     period = periods[next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))]
-    # A peak is as wide as a period more or less in the record: a short rub shows its period better.
+    # A peak is as wide as one period more or less in the record: folding determines the period of a short rub better.
     near = period * (1.0 + min(period / float(np.ptp(time_s)), 1.0) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
     folds = [_fold(time_s, residual, one) for one in near]
     best = int(np.argmax([float(np.mean(mean**2)) for mean in folds]))
@@ -130,11 +130,11 @@ def _fold(time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray
 
 
 def wandering(problem: Problem, model: Model) -> Unexplained | None:
-    """Return the slow drag that small steps of the level follow, or the noise would have to be: neither is a cause.
+    """Return the slow drag that the level follows in small steps or that stays in the residual; None without either.
 
-    A switching system jumps, it does not creep: steps that are worth many times their price are jumps, and where most
-    are not, the level wanders. Noise decorrelates: that of the catalogue (autocorrelation up to 0.95 from slot to slot)
-    within some sixty slots. What lasts longer is drag, and no effect explains it.
+    A switching system jumps, it does not creep: steps worth many times their penalty are jumps, and where most are not,
+    the level drifts as a random walk. Noise decorrelates: that of the catalogue (autocorrelation up to 0.95 from slot
+    to slot) within some sixty slots. What lasts longer is drag that no effect explains.
     """
     strong = strong_jumps(problem, model.fit.level + model.fit.residual).size
     weak = model.fit.jumps.size - strong
@@ -149,7 +149,7 @@ def wandering(problem: Problem, model: Model) -> Unexplained | None:
 
 
 def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
-    """Return the mean autocovariance of a residual over LASTING_LAGS, within records, where it is positive [N² m²]."""
+    """Return the mean autocovariance of a residual over LASTING_LAGS, within records, at least zero [N² m²]."""
     products, pairs = 0.0, 0
     for begin, end in pairwise(problem.starts):
         piece = residual[begin:end] - residual[begin:end].sum() / max(end - begin, 1)
@@ -160,13 +160,13 @@ def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     return max(products / max(pairs, 1), 0.0)
 
 
-def _free_terms(fitting: Fitting, model: Model) -> list[Term]:
-    """Return the free curves that these records allow, periodic ones at the best frequency."""
+def _curves(fitting: Fitting, model: Model) -> list[Term]:
+    """Return the nonparametric curves that these records can test, periodic ones at the best frequency."""
     problem = fitting.problem
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
     shown, _ = fitting.sort_out(known, model)
     terms = [make_term(problem, curve, {}, None) for curve in shown]
-    if problem.is_command:  # nothing over time is an error of it
+    if problem.is_command:  # a command has no error that varies with time
         return terms
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
@@ -178,7 +178,7 @@ def _free_terms(fitting: Fitting, model: Model) -> list[Term]:
 
 def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float:
     """Return the frequency of the largest peak of the residual's periodogram, first record [Hz]."""
-    record, residual = problem.records[0], _of_time(problem, model, flips=flips)
+    record, residual = problem.records[0], _residual_over_time(problem, model, flips=flips)
     values = np.zeros(record.used.size)
     values[problem.slot[: residual.size]] = residual
     power = np.abs(np.fft.rfft(values, 4 * values.size))
@@ -187,37 +187,37 @@ def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float:
     return float(frequency[slowest + np.argmax(power[slowest:])])
 
 
-def _of_time(problem: Problem, model: Model, *, flips: bool) -> FloatArray:
-    """Return the residual of the first record, without what repeats with its motion: that follows the motion."""
+def _residual_over_time(problem: Problem, model: Model, *, flips: bool) -> FloatArray:
+    """Return the residual of the first record without what repeats with its motion, a function of the motion."""
     end = int(problem.starts[1])
     residual = model.fit.residual[:end] * (1.0 if flips else problem.sign[:end])
-    period = _repeats_after(np.nan_to_num(problem.records[0].channels.speed_rad_s))
+    period = _repetition_slots(np.nan_to_num(problem.records[0].channels.speed_rad_s))
     if period is None:
         return residual
     phase = problem.slot[:end] % period
     return residual - (np.bincount(phase, residual) / np.maximum(np.bincount(phase), 1))[phase]
 
 
-def _repeats_after(speed: FloatArray) -> int | None:
-    """Return after how many slots a motion repeats, by its autocorrelation; None where it does not, float64 (n,)."""
+def _repetition_slots(speed: FloatArray) -> int | None:
+    """Return after how many slots a speed, float64 (n,), repeats by its autocorrelation; None where it does not."""
     n, speed = speed.size, speed - speed.mean()
     lags = np.arange(n // FEWEST_PERIODS)
     covariance = np.fft.irfft(np.abs(np.fft.rfft(speed, 2 * n)) ** 2)[lags] / (n - lags)
-    first = int(np.argmax(covariance < 0.0))  # before that it is the motion of a moment ago
+    first = int(np.argmax(covariance < 0.0))  # at shorter lags any smooth motion correlates
     best = first + int(np.argmax(covariance[first:]))
     return best if first and covariance[best] >= REPEATED_SHARE * covariance[0] else None
 
 
-# ---- hypotheses without a name that won ------------------------------------------------------------------------------
+# ---- unnamed hypotheses that won -------------------------------------------------------------------------------------
 
 
 def without_unnamed(
     fitting: Fitting, found: SearchResult, left: Unexplained | None
 ) -> tuple[SearchResult, Unexplained | None]:
-    """Take hypotheses without a name out of what was found, and report them as unexplained.
+    """Take unnamed hypotheses out of what was found, and report them as unexplained.
 
-    Where one could stand for a named effect, the effect that it would be with a channel more is listed in its place:
-    without the channel only as a possibility. Names beside it that gain little are what its own form lacks.
+    Where one is equivalent to a named effect, the effect that it would be with an additional channel is listed instead:
+    without that channel it is only a possibility. Effects found with it that gain little correct its form: left out.
     """
     would_be = {one.name: one.named_with_channel for one in UNNAMED}
     possible = [
@@ -242,14 +242,14 @@ def without_unnamed(
 
 
 def shorter(nested: Sequence[Model], model: Model) -> list[Model]:
-    """Return the nested models that have fewer effects than another, all of them its own."""
+    """Return the nested models that have fewer effects than another, and none that it has not."""
     return [one for one in nested if set(one.names) <= set(model.names) and len(one.terms) < len(model.terms)]
 
 
 def _size(problem: Problem, model: Model, index: int) -> float:
-    """Return the RMS of a term's torque beyond levels and slope [N m]."""
+    """Return the RMS of a term's torque after removal of levels and slope [N m]."""
     first = segment_starts(problem, model.fit.jumps)
     torque = remove_levels(model.terms[index].columns @ model.strengths(index), first)
-    along = remove_levels(problem.speed, first)
-    torque = torque - along * float(along @ torque) / max(float(along @ along), TINY)
+    speed_part = remove_levels(problem.speed, first)
+    torque = torque - speed_part * float(speed_part @ torque) / max(float(speed_part @ speed_part), TINY)
     return float(np.sqrt(np.mean(torque**2)))
