@@ -213,9 +213,9 @@ class Spread:
 
 
 def spread(problem: Problem, model: Model) -> Spread:
-    """Return the standard deviations of the slope and of all strengths and shapes, given that all others are free.
+    """Return the standard deviations of the slope and of all strengths and shapes, each with all others free.
 
-    But for shapes at a value that physics expects: those count as fixed for all others.
+    Except shapes at a value that physics expects: those are fixed in the standard deviations of all others.
     """
     problem = with_noise_of(problem, model.fit.residual)  # the base model's residual still contains the effects
     # The slope counts as free even at its bound: a shape that only this bound determines counts as not determined.
