@@ -20,7 +20,7 @@ from rwa_monitor.wheel.wheel import Wheel
 
 
 class SlopePrior(NamedTuple):
-    """What is known of the viscous coefficient before the window: Gaussian, normalised.
+    """Gaussian prior of the viscous coefficient, before the window is seen; normalised.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class SlopePrior(NamedTuple):
 
 
 NOTHING_KNOWN: Final = SlopePrior()
-# A viscous anomaly raises f_v by tens of per cent; the prior must not hide it from a window that can show it.
+# A viscous anomaly raises f_v by tens of per cent; the prior must not mask it where the window identifies f_v.
 NOMINAL_SLOPE_SPREAD: Final = 0.3  # [of the nominal coefficient]
 
 
@@ -45,9 +45,9 @@ def nominal_viscous(wheel: Wheel) -> float | None:
 
 
 def nominal_slope_prior(wheel: Wheel, spread: float = NOMINAL_SLOPE_SPREAD) -> SlopePrior:
-    """Return the prior of f_v that the wheel's nominal values give; nothing is known where there are none."""
+    """Return the prior of f_v from the wheel's nominal values; `NOTHING_KNOWN` where it has none."""
     nominal = nominal_viscous(wheel)
-    # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
+    # A wheel may have next to no viscous friction; a tenth of the nominal dry torque then sets the spread.
     return NOTHING_KNOWN if nominal is None else SlopePrior(nominal, spread * max(nominal, 0.1))
 
 
@@ -61,16 +61,16 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
     index
         int64 (m,), changepoints, strictly ascending, within 1 … slots - 1.
     prior
-        What is known of the slope. Needed where the window cannot show it (constant speed).
+        Prior of the slope. Needed where the window does not identify it (constant speed).
 
     Returns
     -------
     Estimate. An interval without any used sample takes the level of its left neighbour (the first: the right one's),
-    with infinite standard deviation. Where neither the data nor a prior show anything of the slope, it is 0 with
-    infinite standard deviation, and the levels' standard deviations are infinite wherever the speed is not zero.
+    with infinite standard deviation. Where neither the data nor a prior determine the slope, it is 0 with infinite
+    standard deviation, and the levels' standard deviations are infinite wherever the mean speed is not zero.
     """
     index = np.asarray(index, dtype=np.int64)
-    noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are left out beside a changepoint
+    noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are excluded around a changepoint
     variance = noise.std**2 * noise.long_run_factor
     slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *prior)
     count, x, z, xx, xz, zz = evidence.sums.intervals(index)
@@ -80,12 +80,12 @@ def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior = NOTHING_KN
     sxx, sxz = np.maximum(xx - x * x_mean, 0.0), xz - x * z_mean
     errors = np.maximum(zz - z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
     level = np.where(seen, z_mean - slope * x_mean, np.nan)
-    # An interval at zero speed does not feel the slope, however unknown.
+    # At zero mean speed the slope does not affect the level, even if its standard deviation is infinite.
     felt = np.where(x_mean != 0.0, slope_std, 0.0)
     step = np.diff(x_mean)
     shared = step * step * np.where(step != 0.0, slope_std, 0.0) ** 2
     jump_std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
-    # An interval without samples has the level of the last seen one before it, or of the first.
+    # An interval without samples takes the level of the last interval with samples before it, or else of the first.
     place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     total = float(count.sum())
     rmse = math.sqrt(max(float(np.cumsum(errors)[-1]), 0.0) / total) if total else 0.0
@@ -117,7 +117,7 @@ class Blocks(NamedTuple):
     friction
         Their mean friction less the viscous part, normalised.
     residual
-        The same less the level of their interval.
+        The same less the mean of the usable blocks in their interval.
     interval
         Number of the interval between changepoints that the block lies in.
     usable
@@ -137,15 +137,15 @@ class Blocks(NamedTuple):
 
 
 def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks:
-    """Cut a window into blocks and return what the friction model leaves of them.
+    """Cut a window into blocks and return each block's residual of the friction model.
 
     Parameters
     ----------
     evidence, estimate
         The window, and its levels and slope between the accepted changepoints.
     size
-        Slots of a block; with a multiple of the running sums' stride no sample is read. The rest of the window that
-        fills no block is left out.
+        Slots of a block; with a multiple of the running sums' stride no sample is read. An incomplete block at the
+        window's end is left out.
     """
     index, count = estimate.index, estimate.index.size + 1
     edges = size * np.arange(evidence.slots // size + 1)
@@ -154,8 +154,8 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
     friction = (z - estimate.viscous * x) / n
     interval = np.searchsorted(index, edges[:-1], side="right")
     usable = (used >= size // 2) & (interval == np.searchsorted(index, edges[1:]))
-    # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
-    # in all blocks.
+    # The level is computed from the usable blocks: `estimate.level` also averages the samples of blocks that a jump
+    # cuts, which would offset all residuals of an interval alike.
     total, level = (np.bincount(interval, usable * n * values, count) for values in (np.ones(n.size), friction))
     residual = friction - (level / np.maximum(total, 1.0))[interval]
     return Blocks(size, n, x / n, friction, residual, interval, usable, count)
@@ -166,28 +166,29 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
 
 REACH: Final = (4, 32)  # by how many slots a position is refined at least and at most
 LEVEL_SCATTER: Final = 0.15  # of levels that should be equal, in standard deviations of a sample's noise
-WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is open
+WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is uncertain
 
 
 class Level(NamedTuple):
-    """The window at given positions of the candidates: all that scores need.
+    """Statistics of the window for given positions of the candidates: all that the scores of paths need.
 
     Attributes
     ----------
     at
         int64 (m,), the positions [slots].
     nodes
-        int64, the nodes of the segments between accepted candidates: both ends of the window, j + 1 of candidate j.
+        int64, the nodes that bound the segments between accepted candidates: 0 and m + 1 for the window's ends, j + 1
+        for candidate j.
     pairs
         float64 (6, m + 2, m + 2), sufficient statistics between all pairs of nodes; zero on and below the diagonal.
     slope, information
-        The slope that the segments between accepted candidates share beside their own levels, and its information (the
-        inverse of its variance), with a Gaussian prior.
+        Slope common to the segments between accepted candidates, each of which has its own level, and its information
+        (inverse variance); both include the Gaussian prior.
     spread
         Width of the prior of a level.
     jump, jump_variance
-        float64 (m,), of the jump at each candidate between the accepted nodes beside it; 0 and inf beside a segment
-        without samples.
+        float64 (m,), size and variance of the jump at each candidate, measured between the adjacent accepted nodes; 0
+        and inf where a side has no samples.
     """
 
     at: IntArray
@@ -201,10 +202,10 @@ class Level(NamedTuple):
 
 
 def effective_variance(noise: NoiseEstimate) -> float:
-    """Return the variance by which squared errors are scaled: that of a mean of n samples, times n, at its largest n.
+    """Return the variance by which squared errors are scaled: n·Var(mean of n samples), maximised over n.
 
-    White noise gives σ²; AR(1) its long-run variance; noise from differencing, whose long means are much quieter than
-    its short ones, the variance of the short ones, so that no short run of noise passes for a level.
+    White noise gives σ²; AR(1) its long-run variance; noise from differencing, whose long means scatter much less than
+    its short ones, that of the short ones, so that no short run of noise is mistaken for a level.
     """
     longest = 2 * noise.autocovariance.size
     factor = mean_variance_factor(noise, np.arange(1.0, longest + 1.0)) if noise.autocovariance[0] > 0 else np.ones(1)
@@ -225,14 +226,14 @@ def measure_level(
     sums
         The window's running sums.
     variance, prior_mean, prior_std
-        Of the noise; mean and standard deviation of the slope's Gaussian prior.
+        Variance of the noise; mean and standard deviation of the slope's Gaussian prior.
     """
     nodes = np.concatenate(([0], accepted + 1, [index.size + 1]))
     slots = np.concatenate(([0], index, [sums.slots]))
     pairs = sums.between(*np.meshgrid(slots, slots, indexing="ij"))
     n, x, z, xx, xz = pairs[:5, nodes[:-1], nodes[1:]]
     n, weight = np.maximum(n, 1.0), variance / (prior_std * prior_std)
-    # Added up in order: the last digit must not depend on how many there are.
+    # `cumsum` adds in order: unlike in a pairwise sum, rounding does not depend on the number of terms.
     sxx = float(np.cumsum([weight, *(xx - x * x / n)])[-1])
     slope = float(np.cumsum([weight * prior_mean, *(xz - x * z / n)])[-1]) / sxx
     levels = levels_of(pairs, nodes, slope)
@@ -247,7 +248,7 @@ def jumps_of(
 ) -> tuple[FloatArray, FloatArray]:
     """Return size and variance of the jump at each candidate, see `Level`.
 
-    The variance holds that of both means, of their slope, and of levels that are not quite constant.
+    The variance is that of both means, plus those of the slope and of levels that are not quite constant.
     """
     at = np.arange(1, pairs.shape[1] - 1)
     left, x_left, z_left = pairs[:3, nodes[np.searchsorted(nodes, at) - 1], at]
@@ -265,7 +266,7 @@ def levels_of(pairs: FloatArray, nodes: IntArray, slope: float) -> FloatArray:
 
 
 def level_scatter(variance: float) -> float:
-    """Return the variance of levels about the friction model's, which no number of samples averages out."""
+    """Return the variance of the true levels about the friction model's, which no number of samples averages out."""
     return LEVEL_SCATTER**2 * variance
 
 
@@ -279,7 +280,7 @@ def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, va
     index
         int64 (m,), positions, strictly increasing.
     reach
-        int64 (m,), how far each may move; never beyond half way to a neighbour, so that none meet.
+        int64 (m,), how far each may move [slots]; never beyond half way to a neighbour, so that no two meet.
     slope, variance
         Shared slope and variance of the noise.
     """
@@ -287,23 +288,23 @@ def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, va
 
 
 def typical_jump(jump: FloatArray) -> float:
-    """Return the median size of jumps, those that are finite; 0 without any."""
+    """Return the median absolute size of the finite jumps; 0 without any."""
     return median_size(jump[np.isfinite(jump)])
 
 
 def reach_of(candidates: Candidates) -> IntArray:
-    """Return how far each candidate's position may be off [slots]: half the window that found it."""
+    """Return how far each candidate's position may be off [slots]: half the half-width w that found it, in `REACH`."""
     return np.clip(candidates.scale // 2, *REACH)
 
 
 def possible_signs(candidates: Candidates, level: Level) -> BoolArray:
-    """Return whether the level may fall, may rise at each candidate, bool (m, 2).
+    """Return for each candidate whether the level may fall there, and whether it may rise, bool (m, 2).
 
-    The contrast that found a candidate and the levels between accepted candidates usually agree; where they do not, or
-    the contrast is weak, both directions stay open.
+    The contrast that found a candidate and the levels between accepted candidates usually agree in sign; where they do
+    not, or the contrast is weak, both directions are allowed.
     """
     levels = levels_of(level.pairs, level.nodes, level.slope)
-    # Without samples a segment has the level of the one before it.
+    # A segment without samples takes the level of the one before it.
     seen = np.maximum.accumulate(np.where(np.isfinite(levels), np.arange(levels.size), 0))
     step = np.zeros(len(candidates))
     step[level.nodes[1:-1] - 1] = np.diff(levels[seen])

@@ -1,10 +1,10 @@
 """The evidence of one window, gathered sample by sample: stage 1 as it runs live.
 
-A `WindowAccumulator` takes the slots of one window in any pieces and keeps their running sums, the wGLR's peaks at all
-scales and what is known of the noise, in memory of fixed size. `close` makes the window's `Evidence` of them without
-another look at the samples, but for a few around each candidate.
+A `WindowAccumulator` takes the slots of one window in batches of any size and keeps their running sums, the wGLR's
+peaks at all scales and statistics of the noise, in memory of fixed size. `close` computes the window's `Evidence` from
+these; it reads again only a few samples around each candidate.
 
-Nothing depends on how the slots arrive: work is done in steps that end at fixed slots of the window, with settings
+The result does not depend on the batches: work is done in steps that end at fixed slots of the window, with settings
 (variances, floors) that change at fixed slots only.
 """
 
@@ -39,30 +39,30 @@ from rwa_monitor.wheel.wheel import Wheel
 
 SCALES: Final = tuple(1 << k for k in range(MAX_SCALE.bit_length()))  # half-widths [slots] (errata 5)
 
-PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
-# Samples around an outlier add this to it at most, at some slot and scale: set on Student-t noise with 4 degrees of
-# freedom, of which the run length is then what is asked for (docs/false_alarms.md).
+PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests per slot to which the peaks of all scales amount: about Σ 1/w
+# The most that the samples around an outlier add to its contrast, over slots and scales: calibrated on Student-t noise
+# with 4 degrees of freedom, so that its run length is the one requested (docs/false_alarms.md).
 BESIDE_OUTLIER: Final = 2.7
-UNKNOWN_TAIL: Final = 2.0  # the factor to which a tail is known, where no run length is asked for
-FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
-UNKNOWN_K: Final = 1.0  # K: with a larger error a temperature counts as unknown, viscosity as off by 2 to 8 %
-# Speed, torque and whether they are good, and what viscous friction is in proportion to: as `Window.gather` takes them.
+UNKNOWN_TAIL: Final = 2.0  # safety factor on the largest outlier by chance, where no run length is requested
+FALSE_CANDIDATES: Final = 0.3  # tolerated on average in a window without a jump; the assignment rejects them
+UNKNOWN_K: Final = 1.0  # K: a temperature with this error or more counts as unknown: viscosity is off by 2 to 8 %
+# Speed, torque, whether they are good, and the speed of `ViscousSpeed` (or no values), as `Window.gather` takes them.
 _Slots = tuple[FloatArray, FloatArray, BoolArray, FloatArray]
 _NO_VALUES: Final[FloatArray] = np.empty(0)
 _NO_SLOTS: Final[_Slots] = (_NO_VALUES, _NO_VALUES, np.empty(0, dtype=np.bool_), _NO_VALUES)
 
 
 class ViscousSpeed(NamedTuple):
-    """What viscous friction is in proportion to, slot by slot, where that is not the speed itself; float64 (n,).
+    """The quantity to which viscous friction is proportional, slot by slot, where not the speed itself; float64 (n,).
 
     Attributes
     ----------
     speed_rad_s
         ω·ν(T)/ν(T₀) and the like, of the sign of ω [rad/s]; finite wherever the speed is.
     temperature_degC
-        The bearing's temperature that it was taken at [°C]; NaN where the wheel's viscous friction follows none.
+        The bearing temperature used for it [°C]; NaN where the wheel's viscous friction depends on none.
     error_K
-        How uncertain that temperature is [K]: it may be held from earlier slots.
+        Uncertainty of that temperature [K], which may be held over from earlier slots.
     """
 
     speed_rad_s: FloatArray
@@ -92,7 +92,7 @@ class ConfirmedCandidate:
 
 @dataclass(frozen=True, slots=True)
 class Gathered:
-    """The samples that a window has gathered: all that another accumulator needs to go on alike.
+    """The samples that a window has gathered: all that another accumulator needs to continue with the same results.
 
     Attributes
     ----------
@@ -102,7 +102,7 @@ class Gathered:
         int64 (blocks,), see `StructureSums.turns`.
     heat
         float64 (n,) each: |ω|, normalised, and temperature and its error of `ViscousSpeed`; None where viscous friction
-        is in proportion to |ω|, which is x then.
+        is proportional to |ω| itself, which is then x.
     """
 
     x: FloatArray
@@ -114,7 +114,7 @@ class Gathered:
 
 
 class WindowSettings(NamedTuple):
-    """How a window's slots are taken, as kernels take it. What is not known is NaN.
+    """Settings with which the kernels process a window's slots; NaN where unknown.
 
     Attributes
     ----------
@@ -123,15 +123,15 @@ class WindowSettings(NamedTuple):
     angle_per_x
         Angle by which the wheel turns in one slot at x = 1 [rad].
     block_hop, stretch_hop
-        Slots from one block of the noise, and one stretch of the structure, to the next.
+        Slots from one block of the noise estimate, and from one segment of the ripple estimate, to the next.
     dead_band
-        Below it samples are not used, normalised; NaN: `SPEED_NOISES` of the kernel.
+        Speed below which samples are not used, normalised; NaN: `SPEED_NOISES` of the kernel.
     start_std
         Standard deviation of the noise expected before any data, normalised.
     prior_mean, prior_std
-        What is known of the slope before the window.
+        Gaussian prior of the slope.
     nominal_slope
-        0 where there is none.
+        Nominal viscous coefficient, normalised; 0 where there is none.
     outlier, sure_outlier
         Largest outlier by chance of Gaussian noise, and the size from which one is reported at once, in standard
         deviations.
@@ -170,7 +170,7 @@ class WindowAccumulator:
     Attributes
     ----------
     settings
-        What the kernel goes by.
+        Settings passed to the kernel.
 
     Examples
     --------
@@ -195,7 +195,7 @@ class WindowAccumulator:
         self.slope_prior = nominal_slope_prior(wheel)
 
         self._x: FloatArray = np.empty(self.slots)
-        # |ω|, and where viscous friction is in proportion to something else, at which temperature, known how well.
+        # |ω|; where viscous friction is proportional to another quantity (x), also the temperature and its error.
         self._own_viscous = bool(viscous_effects(wheel))
         self._motion: FloatArray = np.empty(self.slots) if self._own_viscous else self._x
         self._heat: FloatArray = np.empty((2, self.slots if self._own_viscous else 0))
@@ -207,7 +207,7 @@ class WindowAccumulator:
         self._done = 0  # slots that detection has seen
         self._closed = False
 
-        # Without any idea of the slope, two neighbouring samples show nothing of a jump.
+        # Without a prior of the slope, two neighbouring samples carry no information on a jump: no scale of 1 slot.
         prior = self.slope_prior
         known = math.isfinite(prior.std)
         self._scales: IntArray = np.array(SCALES if known else SCALES[1:], dtype=np.int64)
@@ -249,12 +249,12 @@ class WindowAccumulator:
         Parameters
         ----------
         speed_rad_s, torque_Nm
-            float64 (n,), speed and resisting friction torque of consecutive slots; anything where not good.
+            float64 (n,), speed and resisting friction torque of consecutive slots; any value where not good.
         good
             bool (n,), slots that hold a good sample; a value that is not finite, or absurd, is not good.
         viscous
-            What viscous friction is in proportion to, where the wheel's effects make that another than the speed; None:
-            the speed.
+            The quantity to which viscous friction is proportional, where the wheel's effects make it differ from the
+            speed; None: the speed.
 
         Raises
         ------
@@ -279,12 +279,12 @@ class WindowAccumulator:
         return Gathered(x, z, self._structure.turns(self.filled), heat)
 
     def resume(self, gathered: Gathered) -> None:
-        """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was reported.
+        """Take the samples that another accumulator gathered, in place of `append`; report none of their jumps again.
 
         Raises
         ------
         ValueError
-            If samples were taken before, or the window cannot hold so many.
+            If samples were taken before, the window cannot hold so many, or the arrays do not match.
         """
         count = gathered.x.size
         heat = gathered.heat or ()
@@ -334,7 +334,7 @@ class WindowAccumulator:
         return evidence._replace(candidates=candidates)
 
     def _temperature(self) -> Temperature | None:
-        """Return the temperature at which the window's viscous friction was taken; None where it follows none."""
+        """Return the temperature with which the window's viscous friction was computed; None where none is known."""
         temperature, error = self._heat[:, : self._done]
         used = self._sums.arrays.used[: temperature.size] & np.isfinite(temperature)
         if not used.any():
@@ -346,7 +346,7 @@ class WindowAccumulator:
     # ---- detection -------------------------------------------------------------------------------------------------
 
     def _gather(self, slots: _Slots = _NO_SLOTS, *, last: bool = False) -> list[ConfirmedCandidate]:
-        """Take new slots and detect in all that are there; return the jumps that became certain."""
+        """Take new slots and run detection on all slots present; return the jumps that became certain."""
         events: list[ConfirmedCandidate] = []
         heavy = True
         while heavy:
@@ -362,7 +362,7 @@ class WindowAccumulator:
         return events
 
     def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> tuple[float, float]:
-        """Return the largest outlier by chance, and the size from which one is reported at once."""
+        """Return the size of the largest outlier by chance, and that from which one is reported at once."""
         variance, asked = float(variances[0]), self.wheel.window.run_length
         if not math.isfinite(variance):
             return 0.0, 0.0
@@ -378,22 +378,22 @@ class WindowAccumulator:
 
 
 # ---- from the peaks of all scales, kept compact and of bounded size, to the candidates of a closed window ------------
-# A big jump shows at every scale, with side lobes at half the scale's distance (errata 4), and two near jumps blur each
-# other at scales wider than their distance (errata 5). So peaks are taken narrow scale first, and each is judged
-# *given* the candidates already accepted: its halves end at its neighbours, the slope is the window's own. Positions
-# are refined by likelihood, and at last the weakest candidates are taken away until all that stay are significant by
+# A large jump gives a peak at every scale, with side lobes at half the scale's distance (errata 4), and two close jumps
+# blur each other at scales wider than their distance (errata 5). So peaks are taken narrow scale first, and each is
+# tested *given* the candidates already accepted: its halves end at its neighbours, the slope is the window's own.
+# Positions are refined by likelihood; last, the weakest candidates are removed until all that remain are significant by
 # themselves. Everything comes from running sums; a few samples are read around each candidate.
 
 
-# Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
-# candidate must also stand between its final neighbours: simulated windows without a jump show this many.
+# Independent tests per slot to which the choice of candidates amounts. The peaks of all scales are about 1.5, but a
+# candidate must also stay significant between its final neighbours: found on simulated windows without a jump.
 TESTS_PER_SLOT: Final = 0.25
 _BOUNDS: Final = (2.0, 12.0, 10_001)  # standard deviations: run lengths of 10 to 1e30 samples
 _LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
 
 
 class Threshold(NamedTuple):
-    """What a jump must clear to be a candidate.
+    """What a jump must exceed to be a candidate.
 
     Attributes
     ----------
@@ -413,7 +413,7 @@ class Threshold(NamedTuple):
 def choose(
     evidence: Evidence, scales: IntArray, variances: FloatArray, outlier: float, slope_prior: SlopePrior
 ) -> Candidates:
-    """Choose among the peaks of a window, and the jumps behind its gaps.
+    """Choose the candidates among the peaks of a window and the possible jumps behind its gaps.
 
     Parameters
     ----------
@@ -425,7 +425,7 @@ def choose(
     outlier
         See `noise.largest_outlier`.
     slope_prior
-        What is known of the slope before the window.
+        Prior of the slope.
     """
     known = np.isfinite(variances)
     found, behind = evidence.candidates, peaks_behind_gaps(evidence.sums)
@@ -454,12 +454,12 @@ def threshold_for(false_alarms: float, tests: float) -> float:
 
 @lru_cache
 def threshold_of_run_length(run_length: float, half_widths: tuple[int, ...]) -> float:
-    """Return the χ² threshold that the wGLR at these half-widths exceeds once in so many samples without a jump.
+    """Return the χ² threshold that the wGLR at these half-widths exceeds once in `run_length` samples without a jump.
 
     At half-width w the contrast of both means is, over its standard deviation, a stationary process whose
-    autocorrelation falls by α = 3/(2w) from slot to slot. Its maxima beyond ±b come 2·α·b·φ(b)·ν(b·√(2α)) times a slot,
-    ν for the slots between which it is not seen (D. Siegmund, B. Yakir, The Statistics of Gene Mapping, Springer 2007,
-    section 5.3).
+    autocorrelation falls by α = 3/(2w) from slot to slot. Its maxima beyond ±b occur at a rate of 2·α·b·φ(b)·ν(b·√(2α))
+    per slot, where ν corrects for sampling the process at slots only (D. Siegmund, B. Yakir, The Statistics of Gene
+    Mapping, Springer 2007, section 5.3).
     """
     b = np.linspace(*_BOUNDS)
     rate = np.zeros(b.size)
@@ -467,22 +467,22 @@ def threshold_of_run_length(run_length: float, half_widths: tuple[int, ...]) -> 
         alpha = 1.5 / w
         x = b * np.sqrt(2.0 * alpha)
         density, share = np.exp(-x * x / 8.0) / np.sqrt(2.0 * np.pi), special.ndtr(x / 2.0)
-        unseen = (2.0 / x) * (share - 0.5) / (x / 2.0 * share + density)
-        rate += 2.0 * alpha * b * np.exp(-b * b / 2.0) / np.sqrt(2.0 * np.pi) * unseen
+        nu = (2.0 / x) * (share - 0.5) / (x / 2.0 * share + density)
+        rate += 2.0 * alpha * b * np.exp(-b * b / 2.0) / np.sqrt(2.0 * np.pi) * nu
     return float(np.interp(-np.log(run_length), np.log(rate[::-1]), b[::-1])) ** 2
 
 
 def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
-    """Return v for a shorter half of 0 … MAX_SCALE used samples: the scales' variances, interpolated in log n."""
+    """Return the contrast's variance for a shorter half of n = 0 … MAX_SCALE used samples, interpolated in log n."""
     return np.exp(np.interp(_LOG_USED, np.log(scales), np.log(variances)))
 
 
 def peaks_behind_gaps(sums: RunningSums) -> Candidates:
-    """Return a peak behind each long stretch without a used sample: gaps of telemetry, the dead band around zero.
+    """Return a peak behind each long gap without a used sample: missing telemetry, the dead band around zero.
 
-    No contrast of the fixed scales spans such a stretch, so that a jump in it would never be seen. Its scale reaches
-    MAX_SCALE slots beyond the stretch; whether there is a jump is for the selection to decide. The statistic is
-    infinite, which only makes it the first of its scale to be tried.
+    No contrast of the fixed scales spans such a gap, so that a jump in it would never be detected. The peak's scale
+    reaches MAX_SCALE slots beyond the gap; `choose` tests whether there is a jump. The statistic is infinite, which
+    only makes it the first of its scale to be tried.
 
     Parameters
     ----------

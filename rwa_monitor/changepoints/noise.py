@@ -1,14 +1,14 @@
-"""The noise of a window, measured beside its jumps: variance of each scale's contrast, autocovariance.
+"""The noise of a window, estimated despite its jumps: variance of each scale's contrast, autocovariance.
 
-Two robust views, both incremental and of fixed size:
+Two robust estimates, both incremental and in memory of fixed size:
 
-* The wGLR of each scale goes into a histogram. Where nothing jumps it is v·χ² with one degree of freedom, whatever the
-  colour of the noise, so the histogram's lower part gives v, the variance of this scale's own contrast (errata 17).
+* The wGLR of each scale goes into a histogram. Where nothing jumps it is distributed as v·χ² with one degree of
+  freedom, whatever the autocorrelation of the noise, so the histogram's lower part gives v, the variance of this
+  scale's contrast (errata 17).
 * Differences (e_{k+l} - e_k)² at lags 1 … 64, averaged over short blocks, give the autocovariance: their level at long
-  lags is the variance, what short lags lack is the covariance. A block with a jump in it stands out and is left out.
+  lags is the variance, the deficit at a short lag the covariance there. A block with a jump is an outlier and left out.
 
-How heavy its tails are, and so how large the largest outlier of a window is by chance, is in the histogram of neighbour
-differences.
+The histogram of neighbour differences gives the weight of the tails, and so the largest outlier of a window by chance.
 """
 
 import math
@@ -36,14 +36,14 @@ from rwa_monitor.samples import FloatArray, IntArray
 NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
 _TRIED: Final = 3 * LAGS // 4  # lags at which the noise may be correlated
 _LEAST_VARIANCE: Final = SMALLEST_STD * SMALLEST_STD
-_LEAST_COLOUR: Final = 0.1  # correlation of neighbours below which noise counts as white
+_LEAST_CORRELATION: Final = 0.1  # correlation of neighbours below which noise counts as white
 _AR_TOLERANCE: Final = 0.15  # of ρ(2) = ρ(1)²: a few standard errors in a long window
 
 
 def chi_variance(statistic: FloatArray) -> float:
-    """Return v of statistics that are v·χ² with one degree of freedom but for some jumps: from their lower part.
+    """Estimate v from the lower part of statistics that are v·χ² with one degree of freedom, except at some jumps.
 
-    As `scale_variances`, for all statistics of a window at hand: float64 (n,), n > 0.
+    As `scale_variances`, from the statistics of a window themselves: float64 (n,), n > 0.
     """
     jumped = 0.0
     variance = 0.0
@@ -57,7 +57,7 @@ def chi_variance(statistic: FloatArray) -> float:
 
 
 def median_size(values: FloatArray) -> float:
-    """Return the median of absolute values: as `numpy.median`, the checks of which cost more than it. 0 of none."""
+    """Return the median of absolute values, 0 of none; `numpy.median` spends more time on checks than on the median."""
     middle = [(values.size - 1) // 2, values.size // 2]
     return 0.5 * float(np.partition(np.abs(values), middle)[middle].sum()) if values.size else 0.0
 
@@ -70,7 +70,7 @@ def estimate_noise(
     samples: int,
     start_std: float,
 ) -> NoiseEstimate:
-    """Combine the block differences and the scales' variances to the noise of the window.
+    """Combine the block differences and the scales' variances into an estimate of the window's noise.
 
     Parameters
     ----------
@@ -88,12 +88,12 @@ def estimate_noise(
         variance = max(known[0] if known else 0.0, _LEAST_VARIANCE)
         return NoiseEstimate(math.sqrt(variance), np.append(variance, np.zeros(LAGS - 1)), 1.0)
     variance, last = _white_level(levels, counts)
-    # Beyond the last certain lag the autocovariance is noise of the estimate: 63 such lags would swamp the long run.
+    # Beyond the last significant lag the autocovariance is estimation error: 63 such lags would swamp the factor.
     autocovariance = np.zeros(LAGS)
     autocovariance[0], autocovariance[1 : last + 1] = variance, variance - levels[:last]
     factor = 1.0 + 2.0 * float(autocovariance[1:].sum()) / variance
-    # The widest scale with enough independent contrasts bounds the long run from its own side. A short window has only
-    # narrow ones, which cannot deny a long memory.
+    # The widest scale with enough independent contrasts bounds the long-run factor on its own. A short window has only
+    # narrow scales with few contrasts, which cannot exclude long memory: they give no upper bound.
     for scale, measured in zip(scales[::-1].tolist(), variances[::-1].tolist(), strict=True):
         independent = samples / scale
         if math.isfinite(measured) and scale >= 8 and independent >= (100 if scale > 16 else 20):
@@ -105,7 +105,7 @@ def estimate_noise(
 
 
 def _white_level(levels: FloatArray, counts: FloatArray) -> tuple[float, int]:
-    """Return the level of the differences at long lags, the variance; and the last lag whose correlation is certain."""
+    """Return the level of the differences at long lags, which is the variance, and the last significant lag."""
     variance, last = float(levels[_TRIED:].sum()) / (LAGS - _TRIED), 0
     tried, weighted = counts[:_TRIED], levels * counts
     for _ in range(2):
@@ -120,7 +120,7 @@ def _white_level(levels: FloatArray, counts: FloatArray) -> tuple[float, int]:
 def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
     """Return n·Var(mean of n neighbouring samples) / variance, float64, the shape of `count`; 1 for white noise.
 
-    1 + 2 Σ (1 - l/n) ρ(l), and beyond the lags known towards the long-run factor.
+    1 + 2 Σ (1 - l/n) ρ(l) over the known lags; for n beyond them it tends to the long-run factor.
     """
     n = np.maximum(count, 1.0)
     shorter, missing = np.float64(1.0), noise.long_run_factor - 1.0
@@ -129,24 +129,24 @@ def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
         if covariance != 0.0:
             shorter = shorter + np.maximum(2.0 * (1.0 - lag / n), 0.0) * (covariance / variance)
             missing -= 2.0 * (covariance / variance)
-    # What the autocovariance does not show of the long run comes in once a range is longer than its lags.
+    # The part of the long-run factor that the known lags do not explain comes in as n exceeds their number.
     return np.asarray(np.maximum(shorter + missing * n / (n + noise.autocovariance.size), 1e-3))
 
 
 def ar_coefficient(noise: NoiseEstimate) -> float:
-    """Return φ where the noise looks like AR(1) with a positive φ, else 0."""
+    """Return φ where ρ(1) and ρ(2) agree with AR(1) noise of positive φ, else 0."""
     if noise.autocovariance.size < 3 or not noise.autocovariance[0] > 0.0:
         return 0.0
     variance, first, second = noise.autocovariance[:3].tolist()
     phi = first / variance
-    return phi if phi > _LEAST_COLOUR and abs(second / variance - phi**2) < _AR_TOLERANCE else 0.0
+    return phi if phi > _LEAST_CORRELATION and abs(second / variance - phi**2) < _AR_TOLERANCE else 0.0
 
 
 # ---- outliers --------------------------------------------------------------------------------------------------------
 
 
 FALSE_POSITIVE: Final = 1e-9  # probability that a sample is reported as a jump at once and is none (paper, section V-A)
-OUTLIERS: Final = 0.2  # outliers by chance in a window that are bearable; each looks like two jumps
+OUTLIERS: Final = 0.2  # outliers by chance tolerated per window, on average; each mimics two jumps
 
 # Differences of two Student-t variables: 99.5 % quantile of the square over its median, against the degrees of
 # freedom (numerical convolution), and the t's scale over the difference's robust standard deviation of one sample.
@@ -158,7 +158,7 @@ _TAIL_INVERSE_FREEDOM: Final = 1.0 / np.array([np.inf, 30, 20, 15, 10, 8, 6, 5, 
 
 
 def largest_outlier(quantiles: tuple[float, float, float], variance: float, chance: float) -> float:
-    """Return the size that a sample exceeds with a given probability, normalised, by how heavy the tails are.
+    """Return the size that a sample exceeds with a given probability, normalised, given the weight of the tails.
 
     Parameters
     ----------
@@ -186,5 +186,5 @@ def gaussian_outlier(chance: float) -> float:
 
 
 def outlier_chance(samples: int) -> float:
-    """Return the probability with which one of so many samples is an outlier, OUTLIERS of all."""
+    """Return the probability per sample that makes OUTLIERS outliers expected in all; at least FALSE_POSITIVE."""
     return max(OUTLIERS / max(samples, 2), FALSE_POSITIVE)

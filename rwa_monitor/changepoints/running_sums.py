@@ -1,9 +1,9 @@
 """Running sums of a window: the sufficient statistics of any range of slots in constant time, from little memory.
 
 Prefix sums of (n, x, z, x², xz, z²) over the used samples are kept at every 16th slot only. A range's statistics
-are the difference of two of them, mended by at most 15 samples at each end. All sums are taken in slot order from the
-window's first slot, so that they do not depend on how the samples arrived; x and z are centred on the window's first
-samples, so that an offset far larger than the noise costs no digits.
+are the difference of two of them, corrected by at most 15 samples at each end. All sums are taken in slot order from
+the window's first slot, so that they do not depend on how the samples arrived; x and z are centred on the window's
+first samples, so that an offset far larger than the noise costs no digits.
 """
 
 from typing import Final, NamedTuple, Self
@@ -36,7 +36,7 @@ class SumArrays(NamedTuple):
 
 
 class RunningSums:
-    """Sufficient statistics of any range of a window's slots; all that the later stages see of its samples.
+    """Sufficient statistics of any range of a window's slots; all that the later stages use of its samples.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class RunningSums:
 # ---- structure -------------------------------------------------------------------------------------------------------
 # The running sums hold neither the direction of rotation, nor the samples in the dead band, nor the wheel's angle. Here
 # each is kept in little memory while the samples come in: the direction of every block of slots, the statistics of the
-# dead band's samples, and how much of the friction repeats with the wheel's angle in some short stretches.
+# dead band's samples, and the power of the friction that is periodic in the wheel's angle, in some short segments.
 
 
 STRETCHES: Final = 20
@@ -135,8 +135,8 @@ class Structure(NamedTuple):
     near_zero
         float64 (4, blocks): n, Σx, Σz, Σz² of the good samples in the dead band whose sign of ω is certain.
     ripple
-        float64 (stretches, harmonics), power of the friction at 1 … 96 times the wheel's angle in each stretch without
-        a masked slot, in units that are 2 on average for white noise; NaN where slow friction would look like it.
+        float64 (segments, harmonics), power of the friction at 1 … 96 times the wheel's angle in each segment without
+        a masked slot, scaled to a mean of 2 for white noise; NaN where slow variation of friction would mimic it.
     zero_runs, plateaus
         Runs of speed readings of exactly zero, and how many of them end like a tachometer's dead zone.
     """
@@ -149,23 +149,23 @@ class Structure(NamedTuple):
 
 
 def stretch_hop(slots: int) -> int:
-    """Return the slots from one stretch that is compared with the angle to the next, in a window of so many."""
+    """Return the slots from the begin of one segment of the ripple estimate to the next, in a window of `slots`."""
     return max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
 
 
 class StructureSums(NamedTuple):
-    """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
+    """Gathers a window's `Structure` in slot order; the result does not depend on the steps in which slots arrive.
 
     Attributes
     ----------
     signs, counts
-        int64 (blocks,): slots forward less those backward, and good slots.
+        int64 (blocks,): number of slots turning forward less those turning backward, and of good slots.
     near_zero
         As in `Structure`.
     zeros
         float64 (5,): zeros in a row, the first and the second reading after them, zero runs and plateaus so far.
     ripple
-        As in `Structure`; NaN for a stretch that is not complete or holds a masked slot.
+        As in `Structure`; NaN for a segment that is not complete or holds a masked slot.
     """
 
     signs: IntArray
@@ -176,7 +176,7 @@ class StructureSums(NamedTuple):
 
     @classmethod
     def of(cls, slots: int) -> Self:
-        """Return those of a window of so many slots, before the first."""
+        """Return the sums of a window of `slots` slots before the first of them."""
         blocks, stretches = -(-slots // BLOCK), max(0, (slots - STRETCH) // stretch_hop(slots) + 1)
         return cls(
             signs=np.zeros(blocks, dtype=np.int64),
@@ -187,11 +187,11 @@ class StructureSums(NamedTuple):
         )
 
     def turns(self, filled: int) -> IntArray:
-        """Return, of the blocks that hold the slots [0, filled), the slots forward less those backward; int64."""
+        """Return `signs` of the blocks that hold the slots [0, filled); int64."""
         return self.signs[: -(-filled // BLOCK)].copy()
 
     def resume(self, turns: IntArray, good: BoolArray) -> None:
-        """Go on from what `turns` returned and the slots that are good so far, bool (n,)."""
+        """Continue from the result of `turns` and the good slots so far, bool (n,)."""
         self.signs[: turns.size] = turns
         self.counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
 

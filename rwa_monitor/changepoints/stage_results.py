@@ -4,8 +4,8 @@ Inside the diagnosis everything is normalised (errata 1, 2): with s = sign(ω), 
 
     x = |ω| g / nominal speed,      z = s · friction torque / nominal dry torque
 
-follows z = level + f_v · x + noise in both directions of rotation. g is 1, or what the wheel's effects that scale with
-viscous friction make of it, ν(T)/ν(T₀) first (`wheel.effects.catalogue.effect_torque`). Samples in the dead band or
+follows z = level + f_v · x + noise in both directions of rotation. g is 1, or the factor by which the wheel's effects
+scale viscous friction, such as ν(T)/ν(T₀) (`wheel.effects.catalogue.effect_torque`). Samples in the dead band or
 without a good value are *unused*: they hold a slot but enter no sum. Slots are counted within the window; a
 changepoint's index is the first slot of the new level.
 """
@@ -45,7 +45,7 @@ class NoiseEstimate(NamedTuple):
 
     @property
     def long_variance(self) -> float:
-        """Variance by which means of many samples scatter, times their number; no less than that of a sample."""
+        """Variance of a mean of many samples, times their number; no less than that of a single sample."""
         return self.std**2 * max(self.long_run_factor, 1.0)
 
 
@@ -76,16 +76,16 @@ class Candidates:
 
 
 class Temperature(NamedTuple):
-    """The bearing's temperature in a window, as viscous friction was taken at it.
+    """The bearing temperature in a window, as used for its viscous friction.
 
     Attributes
     ----------
     mean_degC, low_degC, high_degC
         Over the used samples [°C].
     error_K
-        How uncertain it is on the average [K].
+        Its mean uncertainty [K].
     unknown
-        Share of the used samples for which it is not known: missing, or stuck, for long.
+        Share of these samples for which it counts as unknown: missing or stuck for long.
     """
 
     mean_degC: float
@@ -155,7 +155,7 @@ class Estimate:
 
 
 class SwitchingPath(NamedTuple):
-    """Who jumped when: all that the friction model needs of an assignment, as kernels take it.
+    """Which system jumped at which slot: all that the friction model needs of an assignment, as kernels take it.
 
     Attributes
     ----------
@@ -177,13 +177,13 @@ class SwitchingPath(NamedTuple):
     def of(
         cls, configurations: tuple[IntArray, ...], starts: tuple[IntArray, ...], unattributed: IntArray
     ) -> SwitchingPath:
-        """Return the path of sojourns by system."""
+        """Return the path made of each system's sojourns."""
         none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
         sojourns = np.array([one.size for one in starts], dtype=np.int64)
         return cls(np.concatenate((none, *configurations)), np.concatenate((none, *starts)), sojourns, unattributed)
 
     def visited(self) -> bytes:
-        """Return a key of what it is but for when the systems jumped: of their configurations and the other jumps."""
+        """Return a key of the configurations and the unattributed jumps, without the times at which systems jumped."""
         return b"|".join(part.tobytes() for part in (self.configurations, self.sojourns, self.unattributed))
 
     def split(self, values: IntArray) -> tuple[IntArray, ...]:
@@ -194,12 +194,12 @@ class SwitchingPath(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """A switching path that the samples do not rule out beside the best one.
+    """A switching path that the samples do not rule out in favour of the best one.
 
     Attributes
     ----------
     path
-        Who jumped when.
+        Which system jumped at which slot.
     index
         int64, slots of all its jumps, without repeats.
     log_durations

@@ -2,7 +2,7 @@
 
 In closed form, for white noise at constant speed: with halves of w samples GLR/σ² is the square of a normal variable of
 variance 1, whose mean at a jump Δ is √λ, λ = (Δ/σ)² · w/2, and elsewhere 0. The check by simulation assumes a steady
-acceleration too, which costs information (errata 3): within a window a step and a ramp of the speed are alike.
+acceleration too, which costs information (errata 3): within a window a step and a ramp of the speed are correlated.
 """
 
 from dataclasses import dataclass
@@ -15,14 +15,14 @@ from scipy import signal, special
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
 
-LONGEST_HALF: Final = 100_000  # slots; a longer window is no answer
-# W_b, as strong as an error of the nominal viscous coefficient by 0.3 allows, normalised, where noise has a σ of 0.024:
-# a tenth of the statistic's unit.
+LONGEST_HALF: Final = 100_000  # slots; a longer window is of no practical use
+# W_b, normalised: an error of 0.3 in the viscous coefficient then costs W_b·0.3², a tenth of σ² (the unit of the
+# statistic), for noise with a σ of 0.024.
 PRIOR_WEIGHT: Final = 0.1 * (0.024 / 0.3) ** 2
 TRIALS: Final = 20_000  # of the check
 SIMULATED: Final = 6_000_000  # samples at most that the check simulates for each rate
-TOLERANCE: Final = 2.5  # half-widths of a 95 % interval: five standard errors, that a check does not fail by chance
-CONTEXT: Final = 2  # halves of a window on each side of a false alarm, to see how long it lasts
+TOLERANCE: Final = 2.5  # half-widths of a 95 % interval: five standard errors, so that no check fails by chance
+CONTEXT: Final = 2  # half-windows on each side of a false alarm, to measure its duration
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,17 +140,16 @@ def check(
 ) -> TuningCheck:
     """Measure the rates of a tuning by simulation, however rare the events are.
 
-    Windows of noise are drawn where misses and false alarms happen, and weighted back (importance sampling): with the
-    noise moved along the contrast so that the statistic lies about its threshold. The contrast comes from the two
-    regressions themselves, solved numerically. How long a false alarm lasts is seen by sliding the window: an alarm of
-    C samples in a row counts 1/C at each of them.
+    Importance sampling: the noise is shifted along the contrast so that the statistic scatters about its threshold,
+    and each draw is weighted by its likelihood ratio. The contrast comes from the two regressions themselves, solved
+    numerically. Sliding the window gives the duration of a false alarm: one of C samples in a row counts 1/C at each.
 
     Parameters
     ----------
     tuning, jump_sigmas
-        What was tuned, and the jump that it was tuned for.
+        The tuning, and the jump that it was made for [standard deviations of the noise].
     acceleration
-        Steady change of the normalised speed from sample to sample [-]; the prior slope is right.
+        Steady change of the normalised speed from sample to sample [-]; the prior slope is correct.
     rng
         For the noise.
     trials
@@ -190,7 +189,7 @@ def _false_alarms(
 ) -> tuple[FloatArray, FloatArray]:
     """Return for each trial its weighted count of samples above the threshold and of alarms; float64 (trials,) each."""
     w, norm = contrast.size // 2, float(np.linalg.norm(contrast))
-    begin = length // 2 - w  # of the window in the middle of a stretch
+    begin = length // 2 - w  # of the window in the middle of the simulated segment
     toward = rng.choice([-1.0, 1.0], trials)
     tilt = toward * threshold / norm  # both sides of the threshold are drawn, each as often
     noise = rng.standard_normal((trials, length))
@@ -201,7 +200,7 @@ def _false_alarms(
     statistic = np.abs(signal.fftconvolve(noise, contrast[None, ::-1], mode="valid", axes=1)) > threshold
     above = statistic[:, begin]
     # The run of samples above the threshold that holds the middle one.
-    ended = np.pad(statistic, ((0, 0), (1, 1)))  # a run longer than what was looked at counts with the length seen
+    ended = np.pad(statistic, ((0, 0), (1, 1)))  # a run beyond the simulated segment is cut to it
     after, before = (np.argmin(ended[:, begin + 1 :: step], axis=1) for step in (1, -1))
     run = np.maximum(after + before - 1, 1)
     return weight * above, weight * above / run
